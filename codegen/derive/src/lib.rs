@@ -1,0 +1,1 @@
+//! From a device to its named equations of motion, by computer algebra.

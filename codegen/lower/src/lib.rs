@@ -1,0 +1,1 @@
+//! From named equations to Rust kernels, without computer algebra.

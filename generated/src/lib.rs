@@ -1,0 +1,1 @@
+//! The kernels: straight-line functions of every configuration of every device, and of every effect.

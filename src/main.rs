@@ -1,0 +1,2 @@
+//! The `dynid` command.
+fn main() {}

@@ -1,1 +1,5 @@
 //! dynid.
+
+pub mod experiment;
+pub mod log;
+pub mod signal;

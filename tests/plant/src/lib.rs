@@ -4,8 +4,11 @@
 //! ([`Mechanism`]), so that agreement with the generated kernels means that two derivations agree. Slices hold one
 //! entry per joint of the device, matrices are row-major, units are SI.
 
+pub mod effects;
 pub mod jet;
 pub mod mechanism;
+pub mod random;
+pub mod recipe;
 
 use dynid_model::Device;
 

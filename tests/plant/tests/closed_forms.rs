@@ -326,3 +326,57 @@ fn keeps_energy() {
     }
     assert!((total(&state) - start).abs() < 1e-10 * start.abs().max(1.0), "{} is not {start}", total(&state));
 }
+
+/// A played log of a damped oscillator, row by row, against `e^(-a t) (cos wt + a/w sin wt)`.
+#[test]
+fn played_log_follows_the_closed_form() {
+    use dynid_plant::effects::EffectEntry;
+    use dynid_plant::recipe::{Recipe, RunEntry, make};
+
+    let frames = vec![frame(None, [symbol("q0"), number(0.0), number(0.0), number(0.0)])];
+    let device = device(Convention::Standard, &[REVOLUTE], frames, &[0], [0.0, 0.0, 1.0]);
+    let effect = |id: &str, values: &[(&str, f64)]| EffectEntry {
+        id: id.to_owned(),
+        joint: 0,
+        from: None,
+        values: values.iter().map(|&(name, value)| (name.to_owned(), value)).collect(),
+    };
+    let (inertia, rotor, stiffness, damping, rest, start) = (0.02, 0.01, 0.9, 0.03, 0.1, 0.6);
+    let recipe = Recipe {
+        device: "test".to_owned(),
+        seed: 1,
+        sample_s: 0.01,
+        steps_per_sample: 20,
+        noise_rms: 0.0,
+        quantum: 0.0,
+        start: vec![start],
+        parameters: [("link.1.m".to_owned(), 1.0), ("link.1.Izz".to_owned(), inertia)].into(),
+        effects: vec![
+            effect("spring", &[("Ks", stiffness), ("qeq", rest)]),
+            effect("viscous", &[("Fv", damping)]),
+            effect("rotor_inertia", &[("Ia", rotor)]),
+        ],
+        runs: vec![RunEntry {
+            file: "swing.csv".to_owned(),
+            free: vec![0],
+            role: "fit".to_owned(),
+            duration_s: 2.0,
+            torque: Vec::new(),
+        }],
+    };
+    let files = make(&recipe, &device).unwrap();
+    assert!(files["experiment.toml"].contains("file = \"swing.csv\"\nfree = [0]\nrole = \"fit\""));
+    let log = &files["swing.csv"];
+    assert_eq!(log.lines().next(), Some("t,tau0,q0"));
+    assert_eq!(log.lines().count(), 202);
+    let total = inertia + rotor;
+    let decay = damping / (2.0 * total);
+    let frequency = (stiffness / total - decay * decay).sqrt();
+    for line in log.lines().skip(1) {
+        let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let (t, q) = (cells[0], cells[2]);
+        let swing = (frequency * t).cos() + decay / frequency * (frequency * t).sin();
+        let want = rest + (start - rest) * (-decay * t).exp() * swing;
+        assert!((q - want).abs() < 2e-9, "t = {t}: {q} is not {want}");
+    }
+}

@@ -2,4 +2,6 @@
 
 pub mod experiment;
 pub mod log;
+pub mod plot;
+pub mod report;
 pub mod signal;

@@ -1,1 +1,7 @@
 //! dynid.
+
+pub mod experiment;
+pub mod log;
+pub mod plot;
+pub mod report;
+pub mod signal;

@@ -1,5 +1,6 @@
 //! dynid.
 
 pub mod experiment;
+pub mod fit;
 pub mod log;
 pub mod signal;

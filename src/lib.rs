@@ -1,1 +1,4 @@
 //! dynid.
+pub mod fit;
+pub mod simulate;
+pub mod system;

@@ -1,0 +1,2 @@
+//! Fits.
+pub mod sensitivity;

@@ -1,4 +1,8 @@
 //! dynid.
+
+pub mod experiment;
 pub mod fit;
+pub mod log;
+pub mod signal;
 pub mod simulate;
 pub mod system;

@@ -3,17 +3,8 @@
 //! Classical Runge-Kutta of fourth order with a fixed step, a fraction of the sample time. Torques are held over the
 //! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
 
+pub use crate::experiment::Hold;
 use crate::system::{Scratch, System};
-
-/// How a commanded torque goes on between two samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Hold {
-    /// Row k acts from t_k to t_k+1.
-    #[default]
-    Zero,
-    /// A straight line from row k to row k+1.
-    Linear,
-}
 
 /// What drives a simulation.
 #[derive(Debug, Clone, Copy)]

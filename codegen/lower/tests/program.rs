@@ -1,0 +1,190 @@
+//! The graph of operations: its text, its passes and its derivatives.
+
+use std::path::Path;
+
+use dynid_lower::{Input, Kir, Node, Program};
+use dynid_model::expression::{Comparison, Function};
+use proptest::prelude::*;
+
+const PLANAR2R: &str = include_str!("kir/planar2r.kir");
+
+fn planar2r() -> Kir {
+    Kir::parse(PLANAR2R, Path::new("planar2r.kir")).unwrap()
+}
+
+/// A value for each input, without any pattern.
+fn value(input: &Input) -> f64 {
+    let seed = input.identifier().bytes().fold(7u64, |seed, byte| seed.wrapping_mul(31).wrapping_add(byte.into()));
+    0.2 + (seed % 1009) as f64 / 1009.0
+}
+
+#[test]
+fn text_survives_a_round_trip() {
+    assert_eq!(planar2r().to_string(), PLANAR2R);
+}
+
+#[test]
+fn broken_lines_are_pointed_at() {
+    let error = |from: &str, to: &str| {
+        let broken = PLANAR2R.replace(from, to);
+        assert_ne!(broken, PLANAR2R);
+        Kir::parse(&broken, Path::new("c01.kir")).unwrap_err().to_string()
+    };
+    insta::assert_snapshot!(error("s1 = sin(q1)", "s1 = sin(q2)"), @"c01.kir:22:14: `q2` is not defined above this line; write the file anew with `cargo xtask gen`");
+    insta::assert_snapshot!(error("s1 = sin(q1)", "s1 = sine(q1)"), @"c01.kir:22:10: `sine` is no known function; write the file anew with `cargo xtask gen`");
+    insta::assert_snapshot!(error("let c1", "let s1"), @"c01.kir:23:5: `s1` is defined twice; write the file anew with `cargo xtask gen`");
+    insta::assert_snapshot!(error("free 0 1", "free 0 x"), @"c01.kir:4:6: `x`: expected a number; write the file anew with `cargo xtask gen`");
+    insta::assert_snapshot!(error("device planar2r\n", ""), @"c01.kir:48:1: the header line `device <id>` is missing; write the file anew with `cargo xtask gen`");
+    insta::assert_snapshot!(error("= d00;", "= d00"), @"c01.kir:43:8: expected `name = expression;`; write the file anew with `cargo xtask gen`");
+    insta::assert_snapshot!(error("mx2 * link_2_x;", "mx2 ** link_2_x;"), @"c01.kir:28:34: expected a number, a name, a sum, a product, a call or `if .. { .. } else { .. }`; write the file anew with `cargo xtask gen`");
+}
+
+#[test]
+fn only_live_terms_are_counted_and_each_once() {
+    let counts = planar2r().program.operations_for(&["D_0_0", "D_0_1", "D_1_1"]);
+    // mx2, inertia2 (2), coupling, inertia1 (7), coupling_cos, d00 (2), d01
+    assert_eq!((counts.adds, counts.muls, counts.sincos), (6, 9, 1));
+}
+
+#[test]
+fn split_computes_the_same() {
+    let program = planar2r().program;
+    let split = program.split();
+    let prepared = split.prepare.evaluate(value);
+    let outputs = split.eval.evaluate(|input| match input {
+        Input::Prepared(name) => prepared[split.prepared.iter().position(|known| known == name).unwrap()],
+        other => value(other),
+    });
+    assert_eq!(outputs, program.evaluate(value));
+    assert_eq!(split.prepared, ["inertia2", "coupling", "inertia1", "gravity1", "gravity2"]);
+    assert_eq!(split.n_lumps, 5);
+    assert!(split.eval.inputs().iter().all(|(input, _)| !matches!(input, Input::Parameter(_))));
+}
+
+#[test]
+fn substitution_of_rest_leaves_gravity() {
+    let program = planar2r().program;
+    let still = program.substitute(|input, copy| matches!(input, Input::Velocity(_)).then(|| copy.number(0.0)));
+    let h0 = still.find_output("h_0").unwrap();
+    assert_eq!(still.name_of(h0), Some("phi0"));
+}
+
+#[test]
+fn torque_is_linear_in_the_lumps() {
+    let mut eval = planar2r().program.split().eval;
+    let tau: Vec<Node> = ["tau_0", "tau_1"].iter().map(|name| eval.find_output(name).unwrap()).collect();
+    let lumps: Vec<Node> = eval
+        .inputs()
+        .to_vec()
+        .iter()
+        .filter(|(input, _)| matches!(input, Input::Prepared(_)))
+        .map(|(input, _)| eval.find_input(input).unwrap())
+        .collect();
+    for (row, &tau) in tau.iter().enumerate() {
+        let terms: Vec<Node> = lumps
+            .iter()
+            .map(|&lump| {
+                let slope = eval.derivative(&[tau], lump)[0];
+                assert_eq!(eval.derivative(&[slope], lump).len(), 1);
+                eval.multiply(slope, lump)
+            })
+            .collect();
+        let sum = eval.sum(&terms);
+        eval.output(&format!("sum_{row}"), sum);
+    }
+    let outputs = eval.evaluate(value);
+    let at = |name: &str| outputs[eval.outputs().iter().position(|(known, _)| known == name).unwrap()];
+    for row in 0..2 {
+        let (tau, sum) = (at(&format!("tau_{row}")), at(&format!("sum_{row}")));
+        assert!((tau - sum).abs() <= 1e-14 * tau.abs(), "{tau} {sum}");
+    }
+}
+
+/// Builds a random smooth program of three inputs from a list of choices.
+fn random_program(choices: &[(u8, u8, u8)]) -> (Program, Node) {
+    let mut program = Program::new();
+    let mut nodes: Vec<Node> = (0..3).map(|joint| program.position(joint, "rad")).collect();
+    nodes.push(program.number(1.5));
+    for &(kind, a, b) in choices {
+        let (a, b) = (nodes[a as usize % nodes.len()], nodes[b as usize % nodes.len()]);
+        let node = match kind % 12 {
+            0 | 1 => program.add(a, b),
+            2 | 3 => program.subtract(a, b),
+            4 | 5 => {
+                // Bounded factors keep the finite differences honest.
+                let (a, b) = (program.call(Function::Tanh, a), program.sin(b));
+                program.multiply(a, b)
+            }
+            6 => program.sin(a),
+            7 => program.cos(a),
+            8 => program.negate(a),
+            9 => {
+                let (two, sine) = (program.number(2.0), program.sin(b));
+                let denominator = program.add(two, sine);
+                program.divide(a, denominator)
+            }
+            10 => {
+                let sine = program.sin(a);
+                program.call(Function::Exp, sine)
+            }
+            _ => {
+                let zero = program.number(0.0);
+                program.select(Comparison::Less, [a, zero, a, b])
+            }
+        };
+        nodes.push(node);
+    }
+    let last = nodes[nodes.len() - 1];
+    program.name(last, "last");
+    program.output("y", last);
+    (program, last)
+}
+
+fn at(q: [f64; 3]) -> impl FnMut(&Input) -> f64 {
+    move |input| match input {
+        Input::Position(joint) => q[*joint],
+        _ => f64::NAN,
+    }
+}
+
+proptest! {
+    /// Writing, reading and writing again changes no character, and reading changes no bit of any output.
+    #[test]
+    fn random_programs_survive_a_round_trip(choices: Vec<(u8, u8, u8)>, q in [-2.0..2.0, -2.0..2.0, -2.0..2.0f64]) {
+        let kir = Kir { program: random_program(&choices).0, ..planar2r() };
+        let text = kir.to_string();
+        let read = Kir::parse(&text, Path::new("random.kir")).unwrap();
+        prop_assert_eq!(&read.to_string(), &text);
+        let (before, after) = (kir.program.evaluate(at(q))[0], read.program.evaluate(at(q))[0]);
+        prop_assert!(before == after || before.is_nan() && after.is_nan());
+        prop_assert_eq!(kir.program.operations(), read.program.operations());
+    }
+
+    #[test]
+    fn derivative_is_the_central_difference(
+        choices in prop::collection::vec(any::<(u8, u8, u8)>(), 1..25),
+        q in [-2.0..2.0, -2.0..2.0, -2.0..2.0f64],
+    ) {
+        let (mut program, last) = random_program(&choices);
+        for joint in 0..3 {
+            let by = program.position(joint, "rad");
+            let slope = program.derivative(&[last], by)[0];
+            program.output(&format!("slope_{joint}"), slope);
+        }
+        let step = 1e-5;
+        let slopes = program.evaluate(at(q));
+        for joint in 0..3 {
+            let shifted = |by: f64| {
+                let mut q = q;
+                q[joint] += by;
+                program.evaluate(at(q))[0]
+            };
+            // Second differences tell where a kink or a strong curvature lies within the step.
+            let (below, middle, above) = (shifted(-step), shifted(0.0), shifted(step));
+            prop_assume!((above - 2.0 * middle + below).abs() < 1e-7);
+            let difference = (above - below) / (2.0 * step);
+            let slope = slopes[1 + joint];
+            prop_assert!((difference - slope).abs() <= 1e-5 * (1.0 + slope.abs()), "{difference} {slope}");
+        }
+    }
+}

@@ -1,0 +1,150 @@
+use std::{fs, sync::OnceLock};
+
+use dynid_model::{Configuration, Convention, Device, Joint, JointKind};
+use insta::assert_snapshot;
+use tempfile::TempDir;
+
+use super::*;
+
+/// Two joints; what these tests need of a device, no more.
+fn devices() -> &'static [Device] {
+    static DEVICES: OnceLock<Vec<Device>> = OnceLock::new();
+    DEVICES.get_or_init(|| {
+        let joint = Joint {
+            kind: JointKind::Revolute,
+            title: String::new(),
+            position_limits: [-3.0, 3.0],
+            speed_limit: f64::INFINITY,
+            torque_limit: f64::INFINITY,
+        };
+        vec![Device {
+            id: "arm".to_owned(),
+            title: String::new(),
+            source: String::new(),
+            convention: Convention::Standard,
+            gravity: 9.81,
+            up: [0.0, 0.0, 1.0],
+            lengths: Vec::new(),
+            joints: vec![joint.clone(), joint],
+            frames: Vec::new(),
+            links: Vec::new(),
+            configurations: vec![Configuration { free: vec![1] }, Configuration { free: vec![0, 1] }],
+            methods: Vec::new(),
+            effects: Vec::new(),
+        }]
+    })
+}
+
+const GOOD_LOG: &str = "t,tau0,tau1,q0,q1\n0,1,2,3,4\n0.1,1,2,3,4.5\n0.2,1,2,3,5\n";
+const GOOD: &str = "device = \"arm\"\n[[run]]\nfile = \"log.csv\"\nfree = [0, 1]\nrole = \"fit\"\n";
+
+fn read(experiment: &str, log: &str) -> (TempDir, Result<Experiment, ExperimentError>) {
+    let folder = TempDir::new().expect("a temporary folder");
+    fs::write(folder.path().join("experiment.toml"), experiment).expect("the folder is writable");
+    fs::write(folder.path().join("log.csv"), log).expect("the folder is writable");
+    let result = Experiment::read_with(&folder.path().join("experiment.toml"), devices());
+    (folder, result)
+}
+
+/// The error, without the temporary folder's name.
+fn refusal(experiment: &str, log: &str) -> String {
+    let (folder, result) = read(experiment, log);
+    let text = result.expect_err("the experiment is not usable").to_string();
+    text.replace(&format!("{}/", folder.path().display()), "")
+}
+
+#[test]
+fn reads_columns_scale_rows_mask_and_settings() {
+    let experiment = "
+        device = \"arm\"
+        cutoff_hz = 8
+        min_speed = [0.1, 0.2]
+        [[run]]
+        file = \"log.csv\"
+        free = [1]
+        role = \"validate\"
+        columns = { tau1 = \"current\", q1 = \"angle\" }
+        scale = { tau1 = 10.0, q1 = 0.5 }
+        rows = [1, 3]
+        mask = \"on\"
+        decimate = 2
+        hold = \"linear\"
+        min_speed = [0.3]
+    ";
+    let log = " t , current, q0, angle, on, text\n0,1,7,2,1,a\n1,2,7,4,0,b\n3,3,7,6,1,c\nignored,,,,,\n";
+    let (_folder, result) = read(experiment, log);
+    let experiment = result.expect("the experiment is good");
+    let run = &experiment.runs[0];
+    assert_eq!((run.configuration, run.role, run.file.as_str()), (1, Role::Validate, "log.csv"));
+    assert_eq!(run.log.t, [1.0, 3.0]);
+    assert_eq!(run.log.tau, [vec![0.0, 0.0], vec![20.0, 30.0]]);
+    assert_eq!(run.log.q, [vec![7.0, 7.0], vec![2.0, 3.0]]);
+    assert_eq!(run.log.mask, Some(vec![false, true]));
+    assert_eq!(run.log.reference, None);
+    assert_eq!(run.log.sample_time(), 2.0);
+    assert_eq!(
+        run.settings,
+        Settings { cutoff_hz: Some(8.0), decimate: 2, min_speed: vec![0.0, 0.3], hold: Hold::Linear, controller: None }
+    );
+    assert_eq!(experiment.runs_of(Role::Fit).count(), 0);
+}
+
+#[test]
+fn reads_references_where_every_free_joint_has_one() {
+    let experiment = GOOD.replace("[0, 1]", "[1]");
+    let (_folder, result) = read(&experiment, "t,tau1,q0,q1,ref1\n0,1,2,3,4\n1,1,2,3,5\n");
+    let reference = result.expect("the experiment is good").runs[0].log.reference.clone();
+    assert_eq!(reference, Some(vec![vec![2.0, 2.0], vec![4.0, 5.0]]));
+    let (_folder, result) = read(GOOD, "t,tau0,tau1,q0,q1,ref1\n0,1,2,3,4,5\n1,1,2,3,4,5\n");
+    assert_eq!(result.expect("the experiment is good").runs[0].log.reference, None);
+}
+
+#[test]
+fn digest_follows_the_numbers_only() {
+    let digest = |experiment: &str, log: &str| read(experiment, log).1.expect("good").digest;
+    let good = digest(GOOD, GOOD_LOG);
+    assert_eq!(good.len(), 64);
+    assert_eq!(good, digest(&GOOD.replace("free", "# said so\nfree"), GOOD_LOG));
+    assert_ne!(good, digest(GOOD, &GOOD_LOG.replace("4.5", "4.6")));
+    assert_ne!(good, digest(&GOOD.replace("\"fit\"", "\"validate\""), GOOD_LOG));
+}
+
+#[test]
+fn bad_experiments_are_refused_with_place_and_remedy() {
+    let refused = |experiment: &str| refusal(experiment, GOOD_LOG);
+    assert_snapshot!(refused("device = arm"), @"experiment.toml:1:10: string values must be quoted, expected literal string; write it as TOML: `key = value`, runs under `[[run]]`");
+    assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller");
+    assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @"experiment.toml:1:10: there is no device `arn`; did you mean `arm`? the devices are arm");
+    assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
+    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0]")), @"experiment.toml:4:8: free = [0] is no configuration of `arm`; its configurations are 1 [1], 2 [0, 1]; add one to the device file for another set");
+    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: expected joints of `arm` (0 to 1); name each free joint by its index");
+    assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
+    assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);
+    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller");
+    assert_snapshot!(refused(&format!("{GOOD}cutoff_hz = -3.0\n")), @"experiment.toml:6:13: cutoff_hz: expected a positive frequency [Hz], found `-3.0`; correct the value");
+    assert_snapshot!(refused(&format!("{GOOD}decimate = 0\n")), @"experiment.toml:6:12: decimate: expected a whole number from 1, found `0`; correct the value");
+    assert_snapshot!(refused(&format!("{GOOD}min_speed = [0.1, 0.1, 0.1]\n")), @"experiment.toml:6:13: min_speed: found 3 speeds for 2 free joints; give one a free joint of the run, or one for each of the device's 2 joints");
+    assert_snapshot!(refused(&format!("{GOOD}columns = {{ tau2 = \"a\" }}\n")), @"experiment.toml:6:13: columns: there is no column `tau2` of `arm`; did you mean `tau0`? the columns are t, tau0, q0, ref0, tau1, q1, ref1");
+    assert_snapshot!(refused(&format!("{GOOD}scale = {{ tau0 = \"a\" }}\n")), @r#"experiment.toml:6:18: scale.tau0: expected a finite number other than 0, e.g. scale = { tau0 = 10.0 }, found `"a"`; correct the value"#);
+    assert_snapshot!(refused(&format!("{GOOD}rows = [1]\n")), @"experiment.toml:6:8: rows: expected two row numbers, rows = [from, to], to excluded, found `[1]`; correct the value");
+    assert_snapshot!(refused(&format!("{GOOD}hold = \"cubic\"\n")), @r#"experiment.toml:6:8: hold: expected "zero" or "linear", found "cubic"; say "zero" where the torque of a row acts until the next row, "linear" where it runs straight between them"#);
+    assert_snapshot!(refused(&format!("{GOOD}controller = \"control.toml\"\n")), @"experiment.toml:6:14: controller: there is no file control.toml; give the path of the controller file, relative to the experiment");
+}
+
+#[test]
+fn bad_logs_are_refused_with_row_column_and_remedy() {
+    let refused = |log: &str| refusal(GOOD, log);
+    assert_snapshot!(refused(""), @"log.csv: the log has no header; expected a header line and rows of numbers below it (run 1 of experiment.toml)");
+    assert_snapshot!(refused("t,tau0,tau1,q0,q1\n"), @"log.csv: the log has a header but no rows; expected a header line and rows of numbers below it (run 1 of experiment.toml)");
+    assert_snapshot!(refused("t,tau0,tau1,q0,q1\n0,1,2,3,4\n"), @"log.csv: the log has a single row; expected a header line and rows of numbers below it (run 1 of experiment.toml)");
+    assert_snapshot!(refused(&GOOD_LOG.replace("tau1", "tau_2")), @r#"log.csv: column `tau1` is missing; the log has `t`, `tau0`, `tau_2`, `q0`, `q1`; the nearest name is `tau_2`. If it has another name there, say so in the experiment: columns = { tau1 = "tau_2" } (run 1 of experiment.toml)"#);
+    assert_snapshot!(refused(&GOOD_LOG.replace("tau1", "tau0")), @"log.csv: column `tau0` stands twice in the header; rename one of them (run 1 of experiment.toml)");
+    assert_snapshot!(refused(&GOOD_LOG.replace("4.5", "NaN")), @"log.csv:3: column `q1`, row 1: expected a finite number, found `NaN`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
+    assert_snapshot!(refused(&GOOD_LOG.replace(",4.5", "")), @"log.csv:3: column `q1`, row 1: expected a finite number, found nothing; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
+    assert_snapshot!(refused(&GOOD_LOG.replace("4.5", "fast")), @"log.csv:3: column `q1`, row 1: expected a finite number, found `fast`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
+    assert_snapshot!(refused(&GOOD_LOG.replace("0.2,", "0.05,")), @"log.csv:4: column `t`, row 2: time runs backwards (0.1 s, then 0.05 s); sort the log, or split it where it restarts (rows = [from, to]) (run 1 of experiment.toml)");
+    assert_snapshot!(refused(&GOOD_LOG.replace("0.2,", "0.1,")), @"log.csv:4: column `t`, row 2: time stands still (0.1 s, then 0.1 s); sort the log, or split it where it restarts (rows = [from, to]) (run 1 of experiment.toml)");
+    assert_snapshot!(refusal(&format!("{GOOD}rows = [1, 4]\n"), GOOD_LOG), @"log.csv: rows = [1, 4] lies outside the log, which has 3 rows; expected 0 <= from < to <= 3 (run 1 of experiment.toml)");
+    assert_snapshot!(refusal(&format!("{GOOD}mask = \"used\"\n"), GOOD_LOG), @r#"log.csv: column `used` is missing; the log has `t`, `tau0`, `tau1`, `q0`, `q1`. If it has another name there, say so in the experiment: mask = "its name in the log" (run 1 of experiment.toml)"#);
+    assert_snapshot!(refusal(&GOOD.replace("log.csv", "lag.csv"), GOOD_LOG), @"lag.csv: cannot be read: No such file or directory (os error 2); give the path of a CSV file, relative to the experiment file (run 1 of experiment.toml)");
+}

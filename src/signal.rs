@@ -1,0 +1,13 @@
+//! Sampled signals: uniform resampling, zero-phase low-pass filtering, differentiation, spectra.
+//!
+//! The torque error needs velocities and accelerations that lag nothing. They come from a Butterworth low-pass that runs
+//! over the samples forwards and backwards (no phase, gain squared) and from central differences. What is compared
+//! with them passes the same filter.
+
+mod filter;
+mod resample;
+mod spectrum;
+
+pub use filter::{Lowpass, decimate, first_derivative, second_derivative};
+pub use resample::{Grid, held, straight};
+pub use spectrum::{PowerSpectrum, motion_bandwidth, power_spectrum};

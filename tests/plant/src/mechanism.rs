@@ -1,0 +1,384 @@
+//! Rigid-body dynamics of a tree of Denavit-Hartenberg frames, by virtual power.
+//!
+//! Every row of the frames table is four elementary motions, each along or about an axis of the frame it has reached.
+//! Position, velocity and acceleration are carried through them in base coordinates, so that a frame may turn with
+//! any expression of any joints. With the partial velocities `v_j = dv/d(dq_j)`, `w_j = dw/d(dq_j)` of each link
+//! (Kane & Levinson, Dynamics, 1985):
+//!
+//! `tau_j = sum over links of v_j . m (a + g) + w_j . (I alpha + omega x I omega)`
+//!
+//! Nothing here is symbolic, nothing is differenced, and nothing is shared with the code that derives the kernels.
+
+use dynid_model::{Convention, Device, Expression, Link};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::jet::{self, Jet};
+
+/// A device with numbers in it.
+#[derive(Debug, Clone)]
+pub struct Mechanism {
+    n_joints: usize,
+    convention: Convention,
+    rows: Vec<Row>,
+    bodies: Vec<Body>,
+    /// Up, times the magnitude of gravity [m/s^2], in the base frame.
+    gravity: Vector3<f64>,
+}
+
+#[derive(Debug, Clone)]
+struct Row {
+    parent: Option<usize>,
+    theta: Entry,
+    d: Entry,
+    a: Entry,
+    alpha: Entry,
+}
+
+/// An entry of the frames table, with lengths put in.
+#[derive(Debug, Clone)]
+enum Entry {
+    Constant(f64),
+    Moving(Expression),
+}
+
+#[derive(Debug, Clone)]
+struct Body {
+    frame: usize,
+    /// kg
+    mass: f64,
+    /// Centroid in the frame's axes [m].
+    centroid: Vector3<f64>,
+    /// About the centroid, in the frame's axes [kg m^2].
+    inertia: Matrix3<f64>,
+}
+
+/// How a frame stands and moves, in base coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// Turns coordinates of the frame into coordinates of the base.
+    pub rotation: Matrix3<f64>,
+    /// Of the frame's origin [m].
+    pub position: Vector3<f64>,
+    /// Of the frame's origin [m/s].
+    pub velocity: Vector3<f64>,
+    /// rad/s
+    pub angular_velocity: Vector3<f64>,
+    /// Of the frame's origin [m/s^2], without gravity.
+    pub acceleration: Vector3<f64>,
+    /// rad/s^2
+    pub angular_acceleration: Vector3<f64>,
+}
+
+impl Motion {
+    /// The base: at the origin, at rest.
+    pub fn at_rest() -> Self {
+        Self {
+            rotation: Matrix3::identity(),
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            angular_velocity: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
+            angular_acceleration: Vector3::zeros(),
+        }
+    }
+
+    /// Turned about its own axis by `angle`.
+    fn turned(self, axis: usize, angle: Jet) -> Self {
+        let direction = self.rotation.column(axis).into_owned();
+        Self {
+            rotation: self.rotation * elementary_rotation(axis, angle.value),
+            angular_velocity: self.angular_velocity + direction * angle.rate,
+            angular_acceleration: self.angular_acceleration
+                + direction * angle.acceleration
+                + self.angular_velocity.cross(&direction) * angle.rate,
+            ..self
+        }
+    }
+
+    /// Moved along its own axis by `distance`.
+    fn moved(self, axis: usize, distance: Jet) -> Self {
+        let direction = self.rotation.column(axis).into_owned();
+        let mut moved = self.at(direction * distance.value);
+        moved.velocity += direction * distance.rate;
+        moved.acceleration +=
+            direction * distance.acceleration + self.angular_velocity.cross(&direction) * (2.0 * distance.rate);
+        moved
+    }
+
+    /// The same body at another of its points, `offset` [m] away in base coordinates.
+    fn at(self, offset: Vector3<f64>) -> Self {
+        let swept = self.angular_velocity.cross(&offset);
+        Self {
+            position: self.position + offset,
+            velocity: self.velocity + swept,
+            acceleration: self.acceleration
+                + self.angular_acceleration.cross(&offset)
+                + self.angular_velocity.cross(&swept),
+            ..self
+        }
+    }
+}
+
+impl Mechanism {
+    /// Puts numbers into `device`: `parameters` is asked for `link.*`, `length.*` and `base.*` by name.
+    pub fn new(device: &Device, parameters: &dyn Fn(&str) -> f64) -> Self {
+        let entry = |expression: &Expression| {
+            let expression = with_lengths(expression, parameters);
+            if moves(&expression) {
+                Entry::Moving(expression)
+            } else {
+                Entry::Constant(jet::evaluate(&expression, &|_| Jet::default()).value)
+            }
+        };
+        let rows = device
+            .frames
+            .iter()
+            .map(|frame| Row {
+                parent: frame.parent,
+                theta: entry(&frame.theta),
+                d: entry(&frame.d),
+                a: entry(&frame.a),
+                alpha: entry(&frame.alpha),
+            })
+            .collect();
+        let bodies = device
+            .links
+            .iter()
+            .enumerate()
+            .map(|(index, link)| {
+                let [m, x, y, z, ixx, ixy, ixz, iyy, iyz, izz] =
+                    Link::SYMBOLS.map(|symbol| parameters(&format!("link.{}.{symbol}", index + 1)));
+                Body {
+                    frame: link.frame,
+                    mass: m,
+                    centroid: Vector3::new(x, y, z),
+                    inertia: Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz),
+                }
+            })
+            .collect();
+        let component = |axis: usize, name: &str| if device.up[axis] == 0.0 { 0.0 } else { parameters(name) };
+        let gravity = Vector3::new(component(0, "base.gx"), component(1, "base.gy"), component(2, "base.gz"));
+        Self { n_joints: device.joints.len(), convention: device.convention, rows, bodies, gravity }
+    }
+
+    /// Number of joint variables.
+    pub fn n_joints(&self) -> usize {
+        self.n_joints
+    }
+
+    /// How every frame moves, in the order of the device's frames.
+    pub fn motions(&self, q: &[f64], dq: &[f64], ddq: &[f64]) -> Vec<Motion> {
+        for slice in [q, dq, ddq] {
+            assert_eq!(slice.len(), self.n_joints, "a state has one entry per joint of the device");
+        }
+        let symbol = |name: &str| {
+            let joint = joint_of(name).expect("lengths are already numbers, so only joints are left");
+            Jet { value: q[joint], rate: dq[joint], acceleration: ddq[joint] }
+        };
+        let value = |entry: &Entry| match entry {
+            Entry::Constant(value) => Jet::constant(*value),
+            Entry::Moving(expression) => jet::evaluate(expression, &symbol),
+        };
+        let mut motions: Vec<Motion> = Vec::with_capacity(self.rows.len());
+        for row in &self.rows {
+            let parent = row.parent.map_or_else(Motion::at_rest, |parent| motions[parent]);
+            let [theta, d, a, alpha] = [&row.theta, &row.d, &row.a, &row.alpha].map(value);
+            motions.push(match self.convention {
+                Convention::Standard => parent.turned(Z, theta).moved(Z, d).moved(X, a).turned(X, alpha),
+                Convention::Modified => parent.turned(X, alpha).moved(X, a).turned(Z, theta).moved(Z, d),
+            });
+        }
+        motions
+    }
+
+    /// Torque (or force) at every joint for a motion: `D ddq + C dq + phi`.
+    pub fn inverse_dynamics(&self, q: &[f64], dq: &[f64], ddq: &[f64]) -> Vec<f64> {
+        let joints: Vec<usize> = (0..self.n_joints).collect();
+        self.torque(&joints, &self.partial_velocities(&joints, q), q, dq, ddq, self.gravity)
+    }
+
+    /// `C dq + phi` at every joint.
+    pub fn bias(&self, q: &[f64], dq: &[f64]) -> Vec<f64> {
+        self.inverse_dynamics(q, dq, &vec![0.0; self.n_joints])
+    }
+
+    /// `phi`: torque that holds every joint against gravity.
+    pub fn gravity(&self, q: &[f64]) -> Vec<f64> {
+        self.bias(q, &vec![0.0; self.n_joints])
+    }
+
+    /// `D`, row-major, `n_joints x n_joints`: thesis Eq. 3.2 with the partial velocities as Jacobian columns.
+    pub fn inertia(&self, q: &[f64]) -> Vec<f64> {
+        let joints: Vec<usize> = (0..self.n_joints).collect();
+        self.inertia_of(&joints, &self.partial_velocities(&joints, q), q)
+    }
+
+    /// `C` by Christoffel symbols (thesis Eq. 3.3), row-major.
+    ///
+    /// `C dq` is a quadratic form in `dq` whose coefficients are those symbols, `h_k = sum c_ijk dq_i dq_j` with
+    /// `c_ijk = c_jik`. So they follow from it by polarisation, `2 c_ijk = h_k(e_i + e_j) - h_k(e_i) - h_k(e_j)`,
+    /// without a difference quotient.
+    pub fn coriolis(&self, q: &[f64], dq: &[f64]) -> Vec<f64> {
+        let n = self.n_joints;
+        let joints: Vec<usize> = (0..n).collect();
+        let partial = self.partial_velocities(&joints, q);
+        let rest = vec![0.0; n];
+        let centrifugal = |speed: &[f64]| self.torque(&joints, &partial, q, speed, &rest, Vector3::zeros());
+        let alone: Vec<Vec<f64>> = (0..n).map(|joint| centrifugal(&unit(n, joint))).collect();
+        let mut coriolis = vec![0.0; n * n];
+        for i in 0..n {
+            for j in 0..n {
+                let mut both = unit(n, i);
+                both[j] += 1.0;
+                let together = centrifugal(&both);
+                for k in 0..n {
+                    let symbol = 0.5 * (together[k] - alone[i][k] - alone[j][k]);
+                    coriolis[k * n + j] += symbol * dq[i];
+                }
+            }
+        }
+        coriolis
+    }
+
+    /// Kinetic energy and potential `V = g up . sum(m p)` [J] (thesis Eq. B.4).
+    pub fn energy(&self, q: &[f64], dq: &[f64]) -> [f64; 2] {
+        let motions = self.motions(q, dq, &vec![0.0; self.n_joints]);
+        let mut energy = [0.0; 2];
+        for body in &self.bodies {
+            let frame = motions[body.frame];
+            let centroid = frame.at(frame.rotation * body.centroid);
+            let spin = frame.rotation.transpose() * frame.angular_velocity;
+            energy[0] += 0.5 * body.mass * centroid.velocity.norm_squared() + 0.5 * spin.dot(&(body.inertia * spin));
+            energy[1] += body.mass * self.gravity.dot(&centroid.position);
+        }
+        energy
+    }
+
+    /// `D` and `C dq + phi` of the `free` joints while all others stand still; `q` is every joint's.
+    pub fn inertia_and_bias(&self, free: &[usize], q: &[f64], dq_free: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let partial = self.partial_velocities(free, q);
+        let mut dq = vec![0.0; self.n_joints];
+        for (slot, &joint) in free.iter().enumerate() {
+            dq[joint] = dq_free[slot];
+        }
+        let bias = self.torque(free, &partial, q, &dq, &vec![0.0; self.n_joints], self.gravity);
+        (self.inertia_of(free, &partial, q), bias)
+    }
+
+    /// Per given joint, per body: velocity of the centroid and angular velocity when only that joint moves, at unit
+    /// speed.
+    fn partial_velocities(&self, joints: &[usize], q: &[f64]) -> Vec<Vec<(Vector3<f64>, Vector3<f64>)>> {
+        let rest = vec![0.0; self.n_joints];
+        joints
+            .iter()
+            .map(|&joint| {
+                let motions = self.motions(q, &unit(self.n_joints, joint), &rest);
+                let of = |body: &Body| {
+                    let frame = motions[body.frame];
+                    (frame.at(frame.rotation * body.centroid).velocity, frame.angular_velocity)
+                };
+                self.bodies.iter().map(of).collect()
+            })
+            .collect()
+    }
+
+    fn torque(
+        &self,
+        joints: &[usize],
+        partial: &[Vec<(Vector3<f64>, Vector3<f64>)>],
+        q: &[f64],
+        dq: &[f64],
+        ddq: &[f64],
+        gravity: Vector3<f64>,
+    ) -> Vec<f64> {
+        let motions = self.motions(q, dq, ddq);
+        let mut torque = vec![0.0; joints.len()];
+        for (index, body) in self.bodies.iter().enumerate() {
+            let frame = motions[body.frame];
+            let centroid = frame.at(frame.rotation * body.centroid);
+            let force = body.mass * (centroid.acceleration + gravity);
+            let inertia = frame.rotation * body.inertia * frame.rotation.transpose();
+            let spin = frame.angular_velocity;
+            let moment = inertia * frame.angular_acceleration + spin.cross(&(inertia * spin));
+            for (slot, of_joint) in partial.iter().enumerate() {
+                let (velocity, angular_velocity) = of_joint[index];
+                torque[slot] += velocity.dot(&force) + angular_velocity.dot(&moment);
+            }
+        }
+        torque
+    }
+
+    fn inertia_of(&self, joints: &[usize], partial: &[Vec<(Vector3<f64>, Vector3<f64>)>], q: &[f64]) -> Vec<f64> {
+        let rest = vec![0.0; self.n_joints];
+        let motions = self.motions(q, &rest, &rest);
+        let n = joints.len();
+        let mut inertia = vec![0.0; n * n];
+        for (index, body) in self.bodies.iter().enumerate() {
+            let rotation = motions[body.frame].rotation;
+            let turned = rotation * body.inertia * rotation.transpose();
+            for row in 0..n {
+                for column in 0..=row {
+                    let (v_row, w_row) = partial[row][index];
+                    let (v_column, w_column) = partial[column][index];
+                    let entry = body.mass * v_row.dot(&v_column) + w_row.dot(&(turned * w_column));
+                    inertia[row * n + column] += entry;
+                    if row != column {
+                        inertia[column * n + row] += entry;
+                    }
+                }
+            }
+        }
+        inertia
+    }
+}
+
+const X: usize = 0;
+const Z: usize = 2;
+
+fn elementary_rotation(axis: usize, angle: f64) -> Matrix3<f64> {
+    let (s, c) = angle.sin_cos();
+    match axis {
+        X => Matrix3::new(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c),
+        _ => Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0),
+    }
+}
+
+fn unit(n: usize, index: usize) -> Vec<f64> {
+    let mut unit = vec![0.0; n];
+    unit[index] = 1.0;
+    unit
+}
+
+/// Joint index of a symbol `q<i>`; `None` for a length.
+fn joint_of(symbol: &str) -> Option<usize> {
+    symbol.strip_prefix('q')?.parse().ok()
+}
+
+fn with_lengths(expression: &Expression, parameters: &dyn Fn(&str) -> f64) -> Expression {
+    let inner = |part: &Expression| with_lengths(part, parameters);
+    match expression {
+        Expression::Symbol(name) if joint_of(name).is_none() => {
+            Expression::Number(parameters(&format!("length.{name}")))
+        }
+        Expression::Number(_) | Expression::Symbol(_) => expression.clone(),
+        Expression::Negate(part) => Expression::Negate(Box::new(inner(part))),
+        Expression::Binary(operator, left, right) => {
+            Expression::Binary(*operator, Box::new(inner(left)), Box::new(inner(right)))
+        }
+        Expression::Call(function, arguments) => Expression::Call(*function, arguments.iter().map(inner).collect()),
+        Expression::IfElse(comparison, parts) => {
+            Expression::IfElse(*comparison, Box::new([0, 1, 2, 3].map(|part: usize| inner(&parts[part]))))
+        }
+    }
+}
+
+fn moves(expression: &Expression) -> bool {
+    match expression {
+        Expression::Number(_) => false,
+        Expression::Symbol(name) => joint_of(name).is_some(),
+        Expression::Negate(part) => moves(part),
+        Expression::Binary(_, left, right) => moves(left) || moves(right),
+        Expression::Call(_, arguments) => arguments.iter().any(moves),
+        Expression::IfElse(_, parts) => parts.iter().any(moves),
+    }
+}

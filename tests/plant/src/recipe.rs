@@ -1,0 +1,270 @@
+//! A recipe for data: a device, its true parameters and effects, inputs, noise; and the logs that come of it.
+//!
+//! ```toml
+//! device = "planar2r"
+//! seed = 1
+//! sample_s = 0.01          # one row of the log; the command is held over it
+//! steps_per_sample = 120   # Runge-Kutta steps
+//! noise_rms = 2e-4         # rad or m
+//! quantum = 1e-4           # rad or m
+//! start = [0.1, 0.2]       # positions; everything starts at rest
+//!
+//! [parameters]             # where the truth differs from the device file
+//! "link.1.m" = 1.2
+//!
+//! [[effect]]
+//! id = "viscous"
+//! joint = 0
+//! Fv = 0.1
+//!
+//! [[run]]
+//! file = "swing.csv"
+//! free = [0]
+//! role = "fit"
+//! duration_s = 10.0
+//! # amplitude * cos(2 pi (hz + hz_per_s / 2 * t) t + phase), summed per joint
+//! torque = [{ joint = 0, amplitude = 0.3, hz = 0.8 }]
+//! ```
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
+use dynid_model::{Device, Link};
+use nalgebra::{DMatrix, DVector};
+use serde::Deserialize;
+
+use crate::Mechanism;
+use crate::effects::{self, EffectEntry, JointEffects};
+use crate::random::Noise;
+
+/// What to make.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Id of the device.
+    pub device: String,
+    /// Of the noise; every run continues the sequence.
+    pub seed: u64,
+    /// Time from row to row [s].
+    pub sample_s: f64,
+    /// Runge-Kutta steps from row to row.
+    pub steps_per_sample: usize,
+    /// Standard deviation of the position noise [rad or m].
+    pub noise_rms: f64,
+    /// Logged positions are multiples of this [rad or m]; 0 for none.
+    pub quantum: f64,
+    /// Position of every joint at the start of every run.
+    pub start: Vec<f64>,
+    /// True values that differ from the device file, by name.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, f64>,
+    /// True effects.
+    #[serde(default, rename = "effect")]
+    pub effects: Vec<EffectEntry>,
+    /// Logs to make.
+    #[serde(rename = "run")]
+    pub runs: Vec<RunEntry>,
+}
+
+/// One log.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunEntry {
+    /// Its file name.
+    pub file: String,
+    /// Joints that move; all others stay at their start.
+    pub free: Vec<usize>,
+    /// `fit` or `validate`.
+    pub role: String,
+    /// s
+    pub duration_s: f64,
+    /// Sum of cosines per joint.
+    pub torque: Vec<Cosine>,
+}
+
+/// `amplitude * cos(2 pi (hz + hz_per_s / 2 * t) t + phase)` at one joint.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cosine {
+    /// The joint commanded.
+    pub joint: usize,
+    /// N*m or N.
+    pub amplitude: f64,
+    /// Frequency at the start [Hz].
+    pub hz: f64,
+    /// How fast it rises, for a chirp [Hz/s].
+    #[serde(default)]
+    pub hz_per_s: f64,
+    /// rad
+    #[serde(default)]
+    pub phase: f64,
+}
+
+/// Name -> text of every file: the logs and `experiment.toml`.
+pub type Files = BTreeMap<String, String>;
+
+/// Plays the recipe on `device`.
+pub fn make(recipe: &Recipe, device: &Device) -> Result<Files, String> {
+    if recipe.device != device.id {
+        return Err(format!("the recipe is for device `{}`, not `{}`", recipe.device, device.id));
+    }
+    if recipe.start.len() != device.joints.len() {
+        return Err(format!("`start` has {} positions for {} joints", recipe.start.len(), device.joints.len()));
+    }
+    let values = true_values(recipe, device)?;
+    let mechanism = Mechanism::new(device, &|name| values.get(name).copied().unwrap_or(f64::NAN));
+    let effects = effects::by_joint(&recipe.effects, device.joints.len())?;
+    let mut noise = Noise::new(recipe.seed);
+    let mut files = Files::new();
+    let mut experiment = format!(
+        "# Made by dynid-plant: seed {}, position noise {} rms, quantum {}.\n\
+         # tau is held from its row to the next. Every run starts at rest with undeflected bristles.\n\
+         device = \"{}\"\n",
+        recipe.seed, recipe.noise_rms, recipe.quantum, recipe.device
+    );
+    for run in &recipe.runs {
+        let log = play(recipe, run, &mechanism, &effects, &mut noise)?;
+        let _ =
+            write!(experiment, "\n[[run]]\nfile = \"{}\"\nfree = {:?}\nrole = \"{}\"\n", run.file, run.free, run.role);
+        files.insert(run.file.clone(), log);
+    }
+    files.insert("experiment.toml".to_owned(), experiment);
+    Ok(files)
+}
+
+fn true_values(recipe: &Recipe, device: &Device) -> Result<BTreeMap<String, f64>, String> {
+    let mut values = BTreeMap::new();
+    for (number, link) in (1..).zip(&device.links) {
+        for (symbol, parameter) in Link::SYMBOLS.iter().zip(&link.inertial) {
+            values.insert(format!("link.{number}.{symbol}"), parameter.value);
+        }
+    }
+    for length in &device.lengths {
+        values.insert(format!("length.{}", length.symbol), length.value);
+    }
+    for (axis, up) in ["x", "y", "z"].iter().zip(device.up) {
+        values.insert(format!("base.g{axis}"), device.gravity * up);
+    }
+    for (name, value) in &recipe.parameters {
+        match values.get_mut(name) {
+            Some(slot) => *slot = *value,
+            None => return Err(format!("the device has no parameter `{name}`")),
+        }
+    }
+    Ok(values)
+}
+
+/// Everything that moves: positions and speeds of the free joints, then all bristle states.
+struct Play<'a> {
+    mechanism: &'a Mechanism,
+    effects: &'a [JointEffects],
+    free: &'a [usize],
+    start: &'a [f64],
+}
+
+fn play(
+    recipe: &Recipe,
+    run: &RunEntry,
+    mechanism: &Mechanism,
+    effects: &[JointEffects],
+    noise: &mut Noise,
+) -> Result<String, String> {
+    let n_joints = mechanism.n_joints();
+    if let Some(joint) = run.free.iter().chain(run.torque.iter().map(|wave| &wave.joint)).find(|&&j| j >= n_joints) {
+        return Err(format!("{}: the device has no joint {joint}", run.file));
+    }
+    let play = Play { mechanism, effects, free: &run.free, start: &recipe.start };
+    let n_states: usize = run.free.iter().map(|&joint| effects[joint].n_states()).sum();
+    let mut state = vec![0.0; 2 * run.free.len() + n_states];
+    for (slot, &joint) in run.free.iter().enumerate() {
+        state[slot] = recipe.start[joint];
+    }
+    let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();
+    let mut log = format!("t{}{}\n", names("tau"), names("q"));
+    let n_rows = (run.duration_s / recipe.sample_s).round() as usize + 1;
+    let step = recipe.sample_s / recipe.steps_per_sample as f64;
+    for row in 0..n_rows {
+        let time = row as f64 * recipe.sample_s;
+        let commands: Vec<f64> = (0..n_joints).map(|joint| command(run, joint, time)).collect();
+        let _ = write!(log, "{}", trimmed(time, 6));
+        for command in &commands {
+            let _ = write!(log, ",{}", trimmed(*command, 6));
+        }
+        for joint in 0..n_joints {
+            let slot = run.free.iter().position(|&free| free == joint);
+            let q = slot.map_or(recipe.start[joint], |slot| state[slot]) + recipe.noise_rms * noise.gaussian();
+            let seen = if recipe.quantum > 0.0 { (q / recipe.quantum).round() * recipe.quantum } else { q };
+            let _ = write!(log, ",{}", trimmed(seen, 9));
+        }
+        log.push('\n');
+        for _ in 0..recipe.steps_per_sample {
+            play.step(&mut state, &commands, step)?;
+        }
+    }
+    Ok(log)
+}
+
+/// Commanded torque, rounded as the log shows it.
+fn command(run: &RunEntry, joint: usize, time: f64) -> f64 {
+    let waves = run.torque.iter().filter(|wave| wave.joint == joint);
+    let torque: f64 = waves
+        .map(|wave| {
+            let turns = (wave.hz + 0.5 * wave.hz_per_s * time) * time;
+            wave.amplitude * (TAU * turns + wave.phase).cos()
+        })
+        .sum();
+    (torque * 1e6).round() / 1e6
+}
+
+/// Fixed decimals without trailing zeros, and no `-0`.
+fn trimmed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+impl Play<'_> {
+    /// One step of the classical fourth-order Runge-Kutta method.
+    fn step(&self, state: &mut [f64], commands: &[f64], step: f64) -> Result<(), String> {
+        let ahead = |slope: &[f64], part: f64| -> Vec<f64> {
+            state.iter().zip(slope).map(|(x, k)| x + part * step * k).collect()
+        };
+        let k1 = self.rates(state, commands)?;
+        let k2 = self.rates(&ahead(&k1, 0.5), commands)?;
+        let k3 = self.rates(&ahead(&k2, 0.5), commands)?;
+        let k4 = self.rates(&ahead(&k3, 1.0), commands)?;
+        for (index, x) in state.iter_mut().enumerate() {
+            *x += step / 6.0 * (k1[index] + 2.0 * (k2[index] + k3[index]) + k4[index]);
+        }
+        Ok(())
+    }
+
+    fn rates(&self, state: &[f64], commands: &[f64]) -> Result<Vec<f64>, String> {
+        let n = self.free.len();
+        let (mut q, mut dq) = (self.start.to_vec(), vec![0.0; self.start.len()]);
+        for (slot, &joint) in self.free.iter().enumerate() {
+            q[joint] = state[slot];
+            dq[joint] = state[n + slot];
+        }
+        let (mut inertia, bias) = self.mechanism.inertia_and_bias(self.free, &q, &state[n..2 * n]);
+        let mut rates = vec![0.0; state.len()];
+        let mut force = DVector::zeros(n);
+        let mut bristle = 2 * n;
+        for (slot, &joint) in self.free.iter().enumerate() {
+            let effects = &self.effects[joint];
+            let end = bristle + effects.n_states();
+            let load = effects.load(joint, &q, &dq, &state[bristle..end], &mut rates[bristle..end]);
+            bristle = end;
+            force[slot] = effects.drive(joint, commands) - load - bias[slot];
+            inertia[slot * n + slot] += effects.rotor_inertia;
+        }
+        let factors = DMatrix::from_row_slice(n, n, &inertia)
+            .cholesky()
+            .ok_or("the inertia matrix is not positive: no body has these parameters")?;
+        let acceleration = factors.solve(&force);
+        rates[..n].copy_from_slice(&state[n..2 * n]);
+        rates[n..2 * n].copy_from_slice(acceleration.as_slice());
+        Ok(rates)
+    }
+}

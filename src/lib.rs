@@ -3,6 +3,8 @@
 pub mod experiment;
 pub mod fit;
 pub mod log;
+pub mod plot;
+pub mod report;
 pub mod signal;
 pub mod simulate;
 pub mod system;

@@ -50,7 +50,7 @@ pub struct Recipe {
     pub sample_s: f64,
     /// Runge-Kutta steps from row to row.
     pub steps_per_sample: usize,
-    /// Standard deviation of the position noise [rad or m].
+    /// Standard deviation of the position noise of free joints [rad or m].
     pub noise_rms: f64,
     /// Logged positions are multiples of this [rad or m]; 0 for none.
     pub quantum: f64,
@@ -192,8 +192,11 @@ fn play(
             let _ = write!(log, ",{}", trimmed(*command, 6));
         }
         for joint in 0..n_joints {
-            let slot = run.free.iter().position(|&free| free == joint);
-            let q = slot.map_or(recipe.start[joint], |slot| state[slot]) + recipe.noise_rms * noise.gaussian();
+            // a locked joint is held by its brake: its encoder shows one angle
+            let q = match run.free.iter().position(|&free| free == joint) {
+                Some(slot) => state[slot] + recipe.noise_rms * noise.gaussian(),
+                None => recipe.start[joint],
+            };
             let seen = if recipe.quantum > 0.0 { (q / recipe.quantum).round() * recipe.quantum } else { q };
             let _ = write!(log, ",{}", trimmed(seen, 9));
         }

@@ -1,0 +1,324 @@
+//! Pictures of logs: measured over simulated, and what is left, as SVG text.
+//!
+//! Wide and pale is measured, thin and strong is simulated, so that the two part in print and for every kind of
+//! colour vision (blue and vermilion of Okabe & Ito 2008). The picture follows the viewer's light or dark scheme.
+//! It carries no font, no script and no reference to anything outside itself.
+
+use std::fmt::Write;
+
+/// One signal of one joint in one run.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Panel {
+    /// What it shows, e.g. `wrist-3.csv, joint 4`.
+    pub title: String,
+    /// What the vertical axis shows, e.g. `position`.
+    pub quantity: String,
+    /// Unit of the vertical axis, e.g. `rad`.
+    pub unit: String,
+    /// s
+    pub time: Vec<f64>,
+    /// From the log.
+    pub measured: Vec<f64>,
+    /// From the model.
+    pub predicted: Vec<f64>,
+    /// Standard deviation of the noise, where it is known: the residual plot shows twice that as a band.
+    pub noise_floor: Option<f64>,
+}
+
+const WIDTH: f64 = 760.0;
+const LEFT: f64 = 78.0;
+const RIGHT: f64 = 14.0;
+const TITLE: f64 = 44.0;
+const OVERLAY: f64 = 170.0;
+const GAP: f64 = 18.0;
+const RESIDUAL: f64 = 90.0;
+const FOOT: f64 = 40.0;
+
+/// Rules for every picture on a page; [`standalone`] brings them along.
+pub const STYLE: &str = "\
+.dynid-plot{font:12px system-ui,sans-serif;--ink:#1b1f24;--faint:#6a737d;--grid:#dfe3e8;--paper:#ffffff;\
+--measured:#7fbfe6;--predicted:#b84a00;--band:#e9edf1}\
+@media screen and (prefers-color-scheme:dark){.dynid-plot{--ink:#e6e8eb;--faint:#a0a8b2;--grid:#343a42;\
+--paper:#15181c;--measured:#2f6f9c;--predicted:#ffa94d;--band:#262c33}}\
+.dynid-plot .paper{fill:var(--paper)}.dynid-plot .band{fill:var(--band)}\
+.dynid-plot text{fill:var(--ink)}.dynid-plot .tick{fill:var(--faint);font-size:11px}\
+.dynid-plot .title{font-weight:600;font-size:13px}\
+.dynid-plot .grid{stroke:var(--grid);stroke-width:1}.dynid-plot .frame{stroke:var(--faint);stroke-width:1;fill:none}\
+.dynid-plot .measured{stroke:var(--measured);stroke-width:5;fill:none;stroke-linejoin:round}\
+.dynid-plot .predicted{stroke:var(--predicted);stroke-width:1.4;fill:none;stroke-linejoin:round}\
+.dynid-plot .residual{stroke:var(--ink);stroke-width:1;fill:none}";
+
+/// A picture that stands alone as an `.svg` file: all panels below each other.
+pub fn standalone(panels: &[Panel]) -> String {
+    let each = panel_height();
+    let height = each * panels.len() as f64;
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" \
+         width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n<style>{STYLE}</style>\n"
+    );
+    for (index, panel) in panels.iter().enumerate() {
+        let _ = writeln!(svg, "<g transform=\"translate(0 {})\">", each * index as f64);
+        draw(&mut svg, panel);
+        svg.push_str("</g>\n");
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// A picture for a page that has [`STYLE`] in its head.
+pub fn inline(panel: &Panel) -> String {
+    let height = panel_height();
+    let mut svg = format!(
+        "<svg class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"{}\">\n",
+        escaped(&panel.title)
+    );
+    draw(&mut svg, panel);
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// Text as it may stand in SVG and HTML.
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+fn panel_height() -> f64 {
+    TITLE + OVERLAY + GAP + RESIDUAL + FOOT
+}
+
+fn draw(svg: &mut String, panel: &Panel) {
+    let residual: Vec<f64> = panel.measured.iter().zip(&panel.predicted).map(|(y, model)| y - model).collect();
+    let time = Axis::around(&[&panel.time], 8, Margin::None);
+    let upper = Axis::around(&[&panel.measured, &panel.predicted], 5, Margin::Some);
+    let band = panel.noise_floor.map_or(0.0, |floor| 2.0 * floor);
+    let lower = Axis::around(&[&residual, &[-band, band]], 3, Margin::Some);
+
+    let _ = writeln!(svg, "<rect class=\"paper\" width=\"{WIDTH}\" height=\"{}\"/>", panel_height());
+    let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&panel.title));
+    legend(svg);
+
+    let top = Area { top: TITLE, height: OVERLAY };
+    frame(svg, &top, &time, &upper, &format!("{} [{}]", panel.quantity, panel.unit));
+    curve(svg, "measured", &top, &time, &upper, &panel.time, &panel.measured);
+    curve(svg, "predicted", &top, &time, &upper, &panel.time, &panel.predicted);
+
+    let bottom = Area { top: TITLE + OVERLAY + GAP, height: RESIDUAL };
+    if band > 0.0 {
+        let (high, low) = (bottom.y(&lower, band), bottom.y(&lower, -band));
+        let _ = writeln!(
+            svg,
+            "<rect class=\"band\" x=\"{LEFT}\" y=\"{high:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
+            WIDTH - LEFT - RIGHT,
+            low - high
+        );
+    }
+    frame(svg, &bottom, &time, &lower, &format!("residual [{}]", panel.unit));
+    curve(svg, "residual", &bottom, &time, &lower, &panel.time, &residual);
+
+    let foot = bottom.top + bottom.height;
+    for &tick in &time.ticks {
+        let x = time.place(tick, LEFT, WIDTH - RIGHT);
+        let label = time.label(tick);
+        let _ = writeln!(
+            svg,
+            "<text class=\"tick\" x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{label}</text>",
+            foot + 15.0
+        );
+    }
+    let _ = writeln!(
+        svg,
+        "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">time [s]</text>",
+        0.5 * (LEFT + WIDTH - RIGHT),
+        foot + 31.0
+    );
+}
+
+fn legend(svg: &mut String) {
+    let x = WIDTH - RIGHT - 190.0;
+    let _ = writeln!(
+        svg,
+        "<path class=\"measured\" d=\"M{x} 16h22\"/><text x=\"{}\" y=\"20\">measured</text>\
+         <path class=\"predicted\" d=\"M{} 16h22\"/><text x=\"{}\" y=\"20\">model</text>",
+        x + 28.0,
+        x + 104.0,
+        x + 132.0
+    );
+}
+
+/// A plot's place on the picture.
+struct Area {
+    top: f64,
+    height: f64,
+}
+
+impl Area {
+    fn y(&self, axis: &Axis, value: f64) -> f64 {
+        axis.place(value, self.top + self.height, self.top)
+    }
+}
+
+fn frame(svg: &mut String, place: &Area, time: &Axis, values: &Axis, label: &str) {
+    let right = WIDTH - RIGHT;
+    for &tick in &values.ticks {
+        let y = place.y(values, tick);
+        let _ = writeln!(
+            svg,
+            "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{right}\"/>\
+             <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
+            LEFT - 6.0,
+            y + 4.0,
+            values.label(tick)
+        );
+    }
+    for &tick in &time.ticks {
+        let x = time.place(tick, LEFT, right);
+        let _ = writeln!(svg, "<path class=\"grid\" d=\"M{x:.1} {}v{}\"/>", place.top, place.height);
+    }
+    let middle = place.top + 0.5 * place.height;
+    let _ = writeln!(
+        svg,
+        "<rect class=\"frame\" x=\"{LEFT}\" y=\"{}\" width=\"{}\" height=\"{}\"/>\
+         <text class=\"tick\" text-anchor=\"middle\" transform=\"translate(14 {middle:.1}) rotate(-90)\">{}</text>",
+        place.top,
+        right - LEFT,
+        place.height,
+        escaped(label)
+    );
+}
+
+fn curve(svg: &mut String, class: &str, place: &Area, time: &Axis, axis: &Axis, times: &[f64], values: &[f64]) {
+    let points: Vec<(f64, f64)> = times
+        .iter()
+        .zip(values)
+        .filter(|(_, value)| value.is_finite())
+        .map(|(&t, &value)| (time.place(t, LEFT, WIDTH - RIGHT), place.y(axis, value)))
+        .collect();
+    let mut path = String::new();
+    for (index, (x, y)) in thinned(&points).iter().enumerate() {
+        let _ = write!(path, "{}{x:.1} {y:.1}", if index == 0 { 'M' } else { 'L' });
+    }
+    let _ = writeln!(svg, "<path class=\"{class}\" d=\"{path}\"/>");
+}
+
+/// At most four points per half pixel: first, lowest, highest, last. The drawn line is the same, the file small.
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let column = |x: f64| (2.0 * x).floor();
+    let mut kept = Vec::new();
+    for group in points.chunk_by(|a, b| column(a.0) == column(b.0)) {
+        let by_height = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+        let extremes = [group.first(), group.iter().min_by(by_height), group.iter().max_by(by_height), group.last()];
+        let mut extremes: Vec<(f64, f64)> = extremes.into_iter().flatten().copied().collect();
+        extremes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        extremes.dedup();
+        kept.extend(extremes);
+    }
+    kept
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Margin {
+    None,
+    Some,
+}
+
+/// A range of values with round ticks in it.
+struct Axis {
+    from: f64,
+    to: f64,
+    ticks: Vec<f64>,
+    decimals: usize,
+}
+
+impl Axis {
+    fn around(values: &[&[f64]], n_ticks: usize, margin: Margin) -> Self {
+        let finite = values.iter().flat_map(|values| values.iter()).copied().filter(|value| value.is_finite());
+        let (mut from, mut to) =
+            finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(from, to), value| (from.min(value), to.max(value)));
+        if from > to {
+            (from, to) = (0.0, 1.0);
+        }
+        if to - from <= 1e-12 * from.abs().max(to.abs()).max(1e-9) {
+            let half = 0.5 * from.abs().max(1e-6);
+            (from, to) = (from - half, to + half);
+        }
+        if margin == Margin::Some {
+            let extra = 0.06 * (to - from);
+            (from, to) = (from - extra, to + extra);
+        }
+        let step = round_step((to - from) / n_ticks as f64);
+        let (first, last) = ((from / step).ceil() as i64, (to / step).floor() as i64);
+        let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
+        Self { from, to, ticks: (first..=last).map(|k| k as f64 * step).collect(), decimals }
+    }
+
+    fn place(&self, value: f64, start: f64, end: f64) -> f64 {
+        start + (value - self.from) / (self.to - self.from) * (end - start)
+    }
+
+    fn label(&self, tick: f64) -> String {
+        let text = format!("{tick:.*}", self.decimals);
+        if text.trim_start_matches('-').bytes().all(|byte| byte == b'0' || byte == b'.') {
+            text.trim_start_matches('-').to_owned()
+        } else {
+            text.replace('-', "\u{2212}")
+        }
+    }
+}
+
+/// 1, 2 or 5 times a power of ten, not below `rough`.
+fn round_step(rough: f64) -> f64 {
+    let power = 10_f64.powf(rough.log10().floor());
+    [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= rough).unwrap_or(10.0 * power)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        let axis = Axis::around(&[&[-0.31, 0.44]], 5, Margin::None);
+        let labels: Vec<String> = axis.ticks.iter().map(|&tick| axis.label(tick)).collect();
+        assert_eq!(labels, ["\u{2212}0.2", "0.0", "0.2", "0.4"]);
+    }
+
+    #[test]
+    fn constant_and_empty_signals_have_an_axis() {
+        for values in [&[][..], &[0.0, 0.0], &[2.5, 2.5], &[f64::NAN]] {
+            let axis = Axis::around(&[values], 5, Margin::Some);
+            assert!(axis.from < axis.to && !axis.ticks.is_empty(), "{values:?}");
+        }
+    }
+
+    #[test]
+    fn thinning_keeps_ends_and_extremes() {
+        let points: Vec<(f64, f64)> = (0..10_000).map(|k| (f64::from(k) * 1e-2, f64::from(k % 7))).collect();
+        let kept = thinned(&points);
+        assert!(kept.len() < 1_000, "{}", kept.len());
+        assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
+        let highest = |points: &[(f64, f64)]| points.iter().fold(0.0_f64, |high, point| high.max(point.1));
+        assert_eq!(highest(&kept), highest(&points));
+    }
+
+    #[test]
+    fn names_cannot_break_the_picture() {
+        let panel = Panel { title: "a<b & \"c\"".to_owned(), ..Panel::default() };
+        let svg = standalone(&[panel]);
+        assert!(svg.contains("a&lt;b &amp; &quot;c&quot;") && !svg.contains("a<b"));
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+    }
+
+    #[test]
+    fn same_panel_same_text() {
+        let panel = Panel {
+            title: "run, joint 0".to_owned(),
+            quantity: "position".to_owned(),
+            unit: "rad".to_owned(),
+            time: (0..500).map(|k| f64::from(k) * 0.01).collect(),
+            measured: (0..500).map(|k| (f64::from(k) * 0.02).sin()).collect(),
+            predicted: (0..500).map(|k| (f64::from(k) * 0.02).sin() * 0.99).collect(),
+            noise_floor: Some(1e-3),
+        };
+        assert_eq!(standalone(std::slice::from_ref(&panel)), standalone(&[panel]));
+    }
+}

@@ -1,0 +1,110 @@
+//! A report is a list of sections on one page that opens with no network: no font, script, style or picture comes
+//! from anywhere but the page itself.
+
+mod sections;
+
+use std::fmt::Write;
+
+pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Verdict};
+
+use crate::plot;
+
+/// A part of the page.
+pub trait Section {
+    /// Its heading.
+    fn title(&self) -> &str;
+    /// What stands below the heading.
+    fn html(&self) -> String;
+}
+
+const STYLE: &str = "\
+:root{color-scheme:light dark;--ink:#1b1f24;--faint:#57606a;--line:#d5dae0;--paper:#ffffff;--good:#0a6b3d;--bad:#a33c00}\
+@media screen and (prefers-color-scheme:dark){:root{--ink:#e6e8eb;--faint:#a0a8b2;--line:#343a42;--paper:#15181c;\
+--good:#5cc98f;--bad:#ffa94d}}\
+body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:50rem;margin:2rem auto;\
+padding:0 1rem}\
+h1{font-size:1.5rem;line-height:1.25;margin:0 0 1rem}h2{font-size:1.1rem;margin:2.2rem 0 .6rem}\
+p{margin:.5rem 0}.note{color:var(--faint);font-size:.9rem}\
+.wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;width:100%}\
+th,td{padding:.25rem .6rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}\
+th{color:var(--faint);font-weight:600}th.word,td.word{text-align:left}\
+.good{color:var(--good)}.bad{color:var(--bad)}code{font:.9em ui-monospace,monospace}\
+figure{margin:1rem 0}figure svg{width:100%;height:auto;display:block}\
+dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1rem}dt{color:var(--faint)}\
+dd{margin:0;overflow-wrap:anywhere}\
+@media print{body{margin:0;max-width:none}figure,table{break-inside:avoid}}";
+
+/// The page.
+pub fn page(title: &str, sections: &[&dyn Section]) -> String {
+    let title = plot::escaped(title);
+    let mut html = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{title}</title>\n\
+         <style>{STYLE}\n{}</style>\n</head>\n<body>\n<h1>{title}</h1>\n",
+        plot::STYLE
+    );
+    for section in sections {
+        let _ = write!(html, "<section>\n<h2>{}</h2>\n{}</section>\n", plot::escaped(section.title()), section.html());
+    }
+    html.push_str("</body>\n</html>\n");
+    html
+}
+
+/// A number as people read it: four digits, an exponent only where it helps, a true minus sign.
+pub fn number(value: f64) -> String {
+    if !value.is_finite() {
+        return if value > 0.0 {
+            "\u{221e}".to_owned()
+        } else if value < 0.0 {
+            "\u{2212}\u{221e}".to_owned()
+        } else {
+            "\u{2014}".to_owned()
+        };
+    }
+    let size = value.abs();
+    let text = if size == 0.0 {
+        "0".to_owned()
+    } else if (1e-3..1e4).contains(&size) {
+        let decimals = (3.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.3e}")
+    };
+    text.replace('-', "\u{2212}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_told_in_four_digits() {
+        let told: Vec<String> =
+            [0.0, 1.0, -0.376, 12.34567, 4321.0, 1.5e-5, -2.02e7, f64::INFINITY, f64::NAN].map(number).into();
+        assert_eq!(
+            told,
+            [
+                "0",
+                "1.000",
+                "\u{2212}0.3760",
+                "12.35",
+                "4321",
+                "1.500e\u{2212}5",
+                "\u{2212}2.020e7",
+                "\u{221e}",
+                "\u{2014}"
+            ]
+        );
+    }
+
+    #[test]
+    fn page_refers_to_nothing_outside_itself() {
+        let verdict = Verdict { sentences: vec!["The <model> explains the log.".to_owned()] };
+        let figures = Figures { title: "Where".to_owned(), panels: vec![plot::Panel::default()], note: String::new() };
+        let html = page("A & B", &[&verdict, &figures]);
+        for outside in ["http", "src=", "href=", "@import", "url("] {
+            assert!(!html.contains(outside), "{outside} in the page");
+        }
+        assert!(html.contains("The &lt;model&gt; explains"));
+    }
+}

@@ -88,7 +88,7 @@ impl<const N: usize> Scalar for Dual<N> {
         Dual { value, partials: [0.0; N] }
     }
     #[inline]
-    fn sin_cos<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
+    fn sines_cosines<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
         let (sines, cosines) = trigonometry::sin_cos(angles.map(|angle| angle.value));
         let (mut by_sine, mut by_cosine) = (angles, angles);
         for ((angle, s), c) in by_sine.iter_mut().zip(sines).zip(cosines) {

@@ -69,7 +69,7 @@ impl<const N: usize> Scalar for Lanes<N> {
         Lanes([value; N])
     }
     #[inline]
-    fn sin_cos<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
+    fn sines_cosines<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
         let pairs = angles.map(|angle| trigonometry::sin_cos(angle.0));
         (pairs.map(|(sines, _)| Lanes(sines)), pairs.map(|(_, cosines)| Lanes(cosines)))
     }

@@ -13,7 +13,7 @@ pub trait Scalar:
     /// A constant.
     fn constant(value: f64) -> Self;
     /// Sines and cosines of several angles [rad] at once.
-    fn sin_cos<const N: usize>(angles: [Self; N]) -> ([Self; N], [Self; N]);
+    fn sines_cosines<const N: usize>(angles: [Self; N]) -> ([Self; N], [Self; N]);
     /// Tangent.
     fn tan(self) -> Self;
     /// Hyperbolic tangent.
@@ -46,7 +46,7 @@ impl Scalar for f64 {
         value
     }
     #[inline]
-    fn sin_cos<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
+    fn sines_cosines<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
         trigonometry::sin_cos(angles)
     }
     fn tan(self) -> f64 {

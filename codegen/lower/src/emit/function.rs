@@ -224,7 +224,7 @@ impl<'a> Body<'a> {
         statements.push(Statement { tokens: quote!(let #name = #value;), reads, defines: vec![node] });
     }
 
-    /// `let ([s0, s1], [c0, _]) = S::sin_cos([q0, q1]);`
+    /// `let ([s0, s1], [c0, _]) = S::sines_cosines([q0, q1]);`
     fn sines_and_cosines(&self, of: &[Node], angles: &BTreeMap<Node, [Option<Node>; 2]>) -> Statement {
         let column = |which: usize| {
             of.iter().map(move |angle| match angles[angle][which].and_then(|node| self.names.get(&node)) {
@@ -239,7 +239,7 @@ impl<'a> Body<'a> {
             self.collect_reads(angle, &mut reads);
         }
         Statement {
-            tokens: quote!(let ([#(#sines),*], [#(#cosines),*]) = S::sin_cos([#(#arguments),*]);),
+            tokens: quote!(let ([#(#sines),*], [#(#cosines),*]) = S::sines_cosines([#(#arguments),*]);),
             reads,
             defines: of.iter().flat_map(|angle| angles[angle]).flatten().collect(),
         }

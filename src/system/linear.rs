@@ -26,7 +26,7 @@ pub(crate) struct Linear {
     pub(crate) rate_by_parameter: Vec<(usize, usize, f64)>,
     /// Y, n_free x n_lumps.
     pub(crate) regressor: Vec<f64>,
-    scratch: Scratch,
+    pub(super) scratch: Scratch,
     drives: Vec<Gradient>,
     frictions: Vec<Gradient>,
     row: Gradient,
@@ -77,7 +77,7 @@ impl Linear {
         self.rigid_body(system, x, dx);
     }
 
-    fn drive_path(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
+    pub(super) fn drive_path(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
         for (slot, &joint) in system.kernel.free.iter().enumerate() {
             self.scratch.drive[slot] = command[joint];
             self.drives[slot].clear();
@@ -101,7 +101,7 @@ impl Linear {
         }
     }
 
-    fn joint_effects(&mut self, system: &System, t: f64, x: &[f64], dx: &mut [f64]) {
+    pub(super) fn joint_effects(&mut self, system: &System, t: f64, x: &[f64], dx: &mut [f64]) {
         self.scratch.load.fill(0.0);
         self.frictions.iter_mut().for_each(Vec::clear);
         for element in &system.frictions {
@@ -177,7 +177,7 @@ impl Linear {
     }
 
     /// Link effects add `inertia * ddq` to the torque that the motion needs.
-    fn inertias(&mut self, system: &System, ddq: &[f64]) {
+    pub(super) fn inertias(&mut self, system: &System, ddq: &[f64]) {
         for element in &system.links {
             self.evaluate(system, element, &[0.0; N_SIGNALS], &[], &mut []);
             let (row, other) = (element.joint.slot, element.from.slot);
@@ -224,7 +224,7 @@ impl Linear {
         }
     }
 
-    fn evaluate(
+    pub(super) fn evaluate(
         &mut self,
         system: &System,
         element: &Element,
@@ -247,7 +247,7 @@ impl Linear {
         outputs
     }
 
-    fn entry(&self, element: &Element, row: usize, column: usize) -> f64 {
+    pub(super) fn entry(&self, element: &Element, row: usize, column: usize) -> f64 {
         self.jacobian[row * (element.np + N_SIGNALS + element.nz) + column]
     }
 

@@ -31,6 +31,11 @@ impl<const N: usize> Dual<N> {
     }
 
     #[inline(always)]
+    fn product(self, other: Self) -> Self {
+        self.combine(other, self.value * other.value, |a, b| a * other.value + self.value * b)
+    }
+
+    #[inline(always)]
     fn combine(self, other: Self, value: f64, of: impl Fn(f64, f64) -> f64) -> Self {
         let mut partials = self.partials;
         for (a, b) in partials.iter_mut().zip(other.partials) {
@@ -60,7 +65,7 @@ impl<const N: usize> Mul for Dual<N> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        self.combine(other, self.value * other.value, |a, b| a * other.value + self.value * b)
+        self.product(other)
     }
 }
 

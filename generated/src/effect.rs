@@ -5,6 +5,7 @@
 ///
 /// A slice of a length other than stated makes a kernel return without writing (a debug build asserts).
 #[derive(Debug, Clone, Copy)]
+#[allow(clippy::type_complexity)]
 pub struct EffectKernel {
     /// Id of the effect.
     pub id: &'static str,

@@ -5,6 +5,7 @@
 ///
 /// A slice of a length other than stated makes a kernel return without writing (a debug build asserts).
 #[derive(Debug, Clone, Copy)]
+#[allow(clippy::type_complexity)]
 pub struct Kernel {
     /// Id of the device.
     pub device: &'static str,
@@ -43,7 +44,6 @@ pub struct Kernel {
     /// Regressor Y: d tau / d lump, n x `n_lumps`.
     pub regressor: fn(prepared: &[f64], q: &[f64], dq: &[f64], ddq: &[f64], y: &mut [f64]),
     /// tau and its partial derivatives by q and dq, n x n each; the one by ddq is D.
-    #[allow(clippy::type_complexity)]
     pub inverse_dynamics_gradient:
         fn(prepared: &[f64], q: &[f64], dq: &[f64], ddq: &[f64], tau: &mut [f64], by_q: &mut [f64], by_dq: &mut [f64]),
 }

@@ -8,7 +8,7 @@
 
 /// Angles beyond this are left to the general reduction. A numerical choice: `k` fits 20 bits. rad
 const LARGEST: f64 = 1.0e6;
-const TWO_OVER_PI: f64 = 0.6366197723675814;
+const TWO_OVER_PI: f64 = core::f64::consts::FRAC_2_PI;
 /// Adding and subtracting this rounds to an integer, which the low bits of the sum then hold.
 const ROUND: f64 = 6755399441055744.0;
 const HALF_PI: [f64; 3] = [1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21];

@@ -2,6 +2,7 @@
 
 mod bench;
 mod ci;
+mod generate;
 mod licences;
 mod shell;
 mod snapshots;
@@ -20,6 +21,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Derives the equations of motion (`generated/<device>/cNN.kir`) and prints the kernels made of them.
+    Gen(generate::Arguments),
     /// Runs every check that a change must pass, in the order of what fails fastest.
     Ci(ci::Arguments),
     /// Runs the benchmarks.
@@ -28,6 +31,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
+        Command::Gen(arguments) => generate::run(&arguments),
         Command::Ci(arguments) => ci::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };

@@ -20,7 +20,7 @@ pub(crate) use solve::{factorise, solve_columns};
 use std::fmt;
 
 use dynid_generated::{EffectKernel, Kernel, Signal};
-use dynid_model::Place;
+use dynid_model::{Place, effect::Stage};
 
 /// Number of signals that an effect kernel takes.
 pub(crate) const N_SIGNALS: usize = Signal::CommandFrom as usize + 1;
@@ -440,30 +440,10 @@ impl fmt::Debug for System {
     }
 }
 
-/// Place of an actuator effect in the drive path.
-fn drive_order(id: &str) -> usize {
-    /// Effects that the path knows by name come in this order; others enter before the coupling and the gain.
-    const ORDER: [&str; 8] = [
-        "input_delay",
-        "dead_zone",
-        "saturation",
-        "input_lag",
-        "torque_offset",
-        "",
-        "input_coupling",
-        "gain",
-    ];
-    const OTHERS: usize = 5;
-    ORDER.iter().position(|known| *known == id).unwrap_or(OTHERS)
-}
-
 impl System {
     fn arrange(&mut self, effects: &[PlacedEffect]) -> Result<(), SystemError> {
         let mut sorted: Vec<&PlacedEffect> = effects.iter().collect();
-        sorted.sort_by_key(|effect| match effect.place {
-            Place::Actuator => drive_order(effect.kernel.id),
-            _ => 0,
-        });
+        sorted.sort_by_key(|effect| effect.stage);
         let n = self.n_free();
         for effect in sorted {
             let joint = self.end(effect.joint);
@@ -472,7 +452,7 @@ impl System {
                 continue;
             }
             effect.check()?;
-            if effect.kernel.id == "input_delay" {
+            if effect.stage == Some(Stage::Delay) {
                 return Err(unsupported(effect, "a delayed command needs the history of the commands"));
             }
             let wanted = match effect.place {

@@ -3,7 +3,7 @@
 //! The cost is `1/2 sum((w (q_measured - q_simulated) / sigma)^2)` over the samples and free joints of all runs, `sigma`
 //! being the noise of the log. Unknown are the wanted parameters and every run's initial positions, which the log shows
 //! only through the noise; velocities and effect states start at rest. A parameter's range also enters as a weak prior
-//! (half the range as standard deviation) that decides only where the data say nothing.
+//! (its [`Unknown::spread`] as standard deviation) that decides only where the data say nothing.
 //!
 //! A poor start is met by a growing horizon: the first seconds of every run are fitted first, then more and more of
 //! them, with as few integration steps as their accuracy allows; the last search takes all samples and the stated step.
@@ -64,10 +64,14 @@ pub struct Unknown {
 }
 
 impl Unknown {
-    /// How far the parameter may plausibly lie from its start: half its range, or its own size without one.
+    /// How far the parameter may plausibly lie from its start: half its range, but no more than twice its own size,
+    /// for bounds are often set wide.
     pub fn spread(&self) -> f64 {
+        /// Where neither the range nor the value says anything.
+        const UNIT: f64 = 1.0;
         let half = 0.5 * (self.upper - self.lower);
-        if half.is_finite() && half > 0.0 { half } else { self.value.abs().max(1e-3) }
+        let size = if self.value == 0.0 { UNIT } else { 2.0 * self.value.abs() };
+        if half > 0.0 { half.min(size) } else { size }
     }
 }
 
@@ -246,10 +250,11 @@ pub fn fit(
 
     for resolution in schedule(&problem, &evaluator, &x, options) {
         let is_last = resolution == full;
+        let is_whole = resolution.horizon_s == f64::INFINITY;
         let at = evaluator.at(resolution);
         let limits = Limits {
-            iterations: if is_last { options.iterations.saturating_sub(iterations).max(1) } else { 6 },
-            tolerance: if is_last { options.tolerance } else { 1e-2 },
+            iterations: if is_whole { options.iterations.saturating_sub(iterations).max(1) } else { 6 },
+            tolerance: if is_whole { options.tolerance } else { 1e-2 },
         };
         let samples = at.samples() as f64;
         let horizon_s = resolution.horizon_s.is_finite().then_some(resolution.horizon_s);
@@ -411,7 +416,7 @@ fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
                 Some(HalfSpace { terms: vec![(smaller, 1.0), (larger, -1.0)], limit: 0.0 })
             }
             (Some(larger), None) => {
-                Some(HalfSpace { terms: vec![(larger, -1.0)], limit: -problem.known.get(smaller)? })
+                Some(HalfSpace { terms: vec![(larger, -1.0)], limit: -*problem.known.get(smaller)? })
             }
             (None, Some(smaller)) => {
                 Some(HalfSpace { terms: vec![(smaller, 1.0)], limit: *problem.known.get(larger)? })

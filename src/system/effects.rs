@@ -1,7 +1,7 @@
 //! An effect of a model, ready to be placed into a [`super::System`].
 
 use dynid_generated::{EffectKernel, Signal};
-use dynid_model::Place;
+use dynid_model::{Place, effect::Stage};
 
 use super::SystemError;
 
@@ -12,6 +12,8 @@ pub struct PlacedEffect {
     pub kernel: &'static EffectKernel,
     /// Where it sits on the signal chain.
     pub place: Place,
+    /// Where on the drive path an actuator effect acts.
+    pub stage: Option<Stage>,
     /// Whether it belongs to the friction family, whose sum at a joint is the signal `friction` of the others.
     pub is_friction: bool,
     /// The joint it acts on.

@@ -1,7 +1,7 @@
 //! Hand-written kernels to test against: a pendulum, a planar two-link arm, and a few effects.
 
 use dynid_generated::{EffectKernel, Kernel, Signal};
-use dynid_model::Place;
+use dynid_model::{Place, effect::Stage};
 
 use super::*;
 
@@ -336,6 +336,12 @@ pub(crate) fn placed(
     PlacedEffect {
         kernel,
         place,
+        stage: match kernel.id {
+            "gain" => Some(Stage::Gain),
+            "input_coupling" => Some(Stage::Coupling),
+            "input_lag" => Some(Stage::Lag),
+            _ => None,
+        },
         is_friction: matches!(kernel.id, "viscous" | "lugre"),
         joint: Some(joint),
         from,

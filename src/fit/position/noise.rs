@@ -3,19 +3,27 @@
 /// Standard deviation of the white noise on `samples` [their unit].
 ///
 /// Motion well below the sample rate leaves almost nothing in fourth differences, white noise `sqrt(70)` times its
-/// standard deviation; their median is not moved by the few samples where the motion is abrupt. The quantum of the
-/// log's last digit is part of the noise. Zero for fewer than five samples or a constant.
+/// standard deviation. The few samples where the motion is abrupt are recognised by their size and left out. The quantum
+/// of the log's last digit is part of the noise. Zero for fewer than five samples or a constant.
 pub fn noise_floor(samples: &[f64]) -> f64 {
     /// Median of the absolute value of a standard normal variable.
     const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
-    let mut sizes: Vec<f64> =
+    /// Differences beyond this many standard deviations are left out, and the standard deviation of what is left of a
+    /// standard normal variable.
+    const REACH: f64 = 3.0;
+    const REST_OF_NORMAL: f64 = 0.986_577_9;
+    let sizes: Vec<f64> =
         samples.windows(5).map(|w| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs()).collect();
     if sizes.is_empty() {
         return 0.0;
     }
-    let middle = sizes.len() / 2;
-    let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-    *median / MEDIAN_OF_NORMAL / 70.0_f64.sqrt()
+    let mut sorted = sizes.clone();
+    let (_, median, _) = sorted.select_nth_unstable_by(sizes.len() / 2, f64::total_cmp);
+    // A coarse quantum makes the median one of a few values; it only decides what is abrupt.
+    let limit = REACH * *median / MEDIAN_OF_NORMAL;
+    let kept = sizes.iter().filter(|size| **size <= limit);
+    let (sum, count) = kept.fold((0.0, 0.0), |(sum, count), size| (sum + size * size, count + 1.0));
+    (sum / f64::max(count, 1.0) / 70.0).sqrt() / REST_OF_NORMAL
 }
 
 #[cfg(test)]

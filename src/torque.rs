@@ -317,3 +317,6 @@ pub fn kernel_of(device: &Device, run: &Run) -> Result<&'static dynid_generated:
         known: device.configurations.iter().map(|configuration| configuration.free.clone()).collect(),
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,6 +6,7 @@ pub mod physical;
 pub mod position;
 pub mod sensitivity;
 pub mod sqp;
+pub mod torque;
 
 /// How a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

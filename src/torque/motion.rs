@@ -46,7 +46,9 @@ pub struct Motion {
 #[non_exhaustive]
 pub enum MotionError {
     /// The filter does not fit the sampling.
-    #[error("{file}: cutoff_hz = {cutoff_hz} is not below half of the sample rate ({rate_hz:.4} Hz); choose a lower cut-off")]
+    #[error(
+        "{file}: cutoff_hz = {cutoff_hz} is not below half of the sample rate ({rate_hz:.4} Hz); choose a lower cut-off"
+    )]
     Cutoff {
         /// The run's log.
         file: String,
@@ -56,7 +58,9 @@ pub enum MotionError {
         rate_hz: f64,
     },
     /// Nothing is left of a run.
-    #[error("{file}: {n_samples} samples are too few for a filter of {cutoff_hz} Hz, which needs {needed}; use a longer log, a higher cutoff_hz or a smaller decimate")]
+    #[error(
+        "{file}: {n_samples} samples are too few for a filter of {cutoff_hz} Hz, which needs {needed}; use a longer log, a higher cutoff_hz or a smaller decimate"
+    )]
     TooShort {
         /// The run's log.
         file: String,
@@ -172,7 +176,13 @@ mod tests {
         let t: Vec<f64> = (0..n_samples).map(|k| k as f64 / rate).collect();
         let q: Vec<f64> = t.iter().map(|t| 0.5 * (2.0 * PI * t).sin()).collect();
         let tau = t.iter().map(|t| t.cos()).collect();
-        let log = Log { tau: vec![tau, vec![0.0; n_samples]], q: vec![q, vec![0.3; n_samples]], t, reference: None, mask: None };
+        let log = Log {
+            tau: vec![tau, vec![0.0; n_samples]],
+            q: vec![q, vec![0.3; n_samples]],
+            t,
+            reference: None,
+            mask: None,
+        };
         Run { file: "sine.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings }
     }
 
@@ -183,7 +193,8 @@ mod tests {
     #[test]
     fn derivatives_of_a_sine() {
         let motion = Motion::of(&sine_run(200.0, 2000, settings())).expect("long enough");
-        assert_eq!((motion.kept.len(), motion.locked.as_slice()), (2000, &[0.3][..]));
+        assert_eq!(motion.kept.len(), 2000);
+        assert!((motion.locked[0] - 0.3).abs() < 1e-12);
         for k in 200..1800 {
             let phase = 2.0 * PI * motion.grid.time(k);
             assert!((motion.q[0][k] - 0.5 * phase.sin()).abs() < 1e-6);
@@ -199,16 +210,17 @@ mod tests {
         let motion = Motion::of(&run).expect("long enough");
         assert_eq!(motion.parallel_cutoff_hz, 10.0, "the cut-off already satisfies the decimation");
         for (k, used) in motion.kept.iter().zip(&motion.used[0]) {
-            let expected = motion.dq[0][*k].abs() >= 1.0 && (20..1000).contains(k);
+            let expected = motion.dq[0][*k].abs() >= 1.0 && (40..1000).contains(k);
             assert_eq!(*used, expected, "sample {k}");
         }
         run.settings.decimate = 10;
-        assert_eq!(Motion::of(&run).expect("long enough").parallel_cutoff_hz, 5.0);
+        assert!((Motion::of(&run).expect("long enough").parallel_cutoff_hz - 5.0).abs() < 1e-9);
     }
 
     #[test]
     fn the_cutoff_is_found_where_none_is_given() {
-        let motion = Motion::of(&sine_run(200.0, 8000, Settings { cutoff_hz: None, ..settings() })).expect("long enough");
+        let motion =
+            Motion::of(&sine_run(200.0, 8000, Settings { cutoff_hz: None, ..settings() })).expect("long enough");
         assert!(motion.cutoff_hz > 1.0 && motion.cutoff_hz <= 40.0, "{}", motion.cutoff_hz);
     }
 
@@ -218,7 +230,7 @@ mod tests {
             let refused = Motion::of(&sine_run(rate, n_samples, settings())).expect_err("cannot be filtered");
             refused.to_string()
         };
-        insta::assert_snapshot!(error(15.0, 1000), @"");
+        insta::assert_snapshot!(error(15.0, 1000), @"sine.csv: cutoff_hz = 10 is not below half of the sample rate (15.0000 Hz); choose a lower cut-off");
         insta::assert_snapshot!(error(200.0, 50), @"");
     }
 }

@@ -147,11 +147,7 @@ pub(crate) fn check(system: &System, input: &Input<'_>, q0: &[f64]) -> Result<()
         return Err(SimulationError::Length { what: "commanded torques", found: input.command.len(), expected });
     }
     if q0.len() != system.n_free() {
-        return Err(SimulationError::Length {
-            what: "initial positions",
-            found: q0.len(),
-            expected: system.n_free(),
-        });
+        return Err(SimulationError::Length { what: "initial positions", found: q0.len(), expected: system.n_free() });
     }
     match input.time.windows(2).position(|pair| pair[0].partial_cmp(&pair[1]) != Some(std::cmp::Ordering::Less)) {
         Some(sample) => Err(SimulationError::Time { sample: sample + 1 }),
@@ -261,37 +257,29 @@ impl Stepper {
             for k in 0..steps {
                 let scratch = &mut self.scratch;
                 let rate = |t: f64, x: &[f64], dx: &mut [f64]| system.motion(scratch, t, x, dx);
-                runge_kutta(rate, start + k as f64 * step, step, [
-                    &mut self.x,
-                    &mut self.stage,
-                    &mut self.rate,
-                    &mut self.sum,
-                ]);
+                runge_kutta(
+                    rate,
+                    start + k as f64 * step,
+                    step,
+                    [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
+                );
             }
         } else {
             for k in 0..steps {
                 let scratch = &mut self.scratch;
                 let rate = |t: f64, x: &[f64], dx: &mut [f64]| system.derivative(scratch, t, x, command, dx);
-                runge_kutta(rate, start + k as f64 * step, step, [
-                    &mut self.x,
-                    &mut self.stage,
-                    &mut self.rate,
-                    &mut self.sum,
-                ]);
+                runge_kutta(
+                    rate,
+                    start + k as f64 * step,
+                    step,
+                    [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
+                );
             }
         }
     }
 
     /// From `start` to `end` [s] in `steps` steps under commands that run from `now` to `next`.
-    pub(crate) fn linear(
-        &mut self,
-        system: &System,
-        start: f64,
-        end: f64,
-        steps: usize,
-        now: &[f64],
-        next: &[f64],
-    ) {
+    pub(crate) fn linear(&mut self, system: &System, start: f64, end: f64, steps: usize, now: &[f64], next: &[f64]) {
         let step = (end - start) / steps as f64;
         for k in 0..steps {
             let (scratch, command) = (&mut self.scratch, &mut self.command);
@@ -299,12 +287,12 @@ impl Stepper {
                 interpolate((t - start) / (end - start), now, next, command);
                 system.derivative(scratch, t, x, command, dx);
             };
-            runge_kutta(rate, start + k as f64 * step, step, [
-                &mut self.x,
-                &mut self.stage,
-                &mut self.rate,
-                &mut self.sum,
-            ]);
+            runge_kutta(
+                rate,
+                start + k as f64 * step,
+                step,
+                [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
+            );
         }
     }
 }

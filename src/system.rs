@@ -18,11 +18,9 @@ pub(crate) use solve::{factorise, solve_columns};
 
 use std::fmt;
 
+pub(crate) use dynid_generated::N_SIGNALS;
 use dynid_generated::{EffectKernel, Kernel, Signal};
 use dynid_model::{Place, effect::Stage};
-
-/// Number of signals that an effect kernel takes.
-pub(crate) const N_SIGNALS: usize = Signal::CommandFrom as usize + 1;
 
 /// Stands for "no such index" in the flat arrays.
 pub(crate) const NONE: usize = usize::MAX;

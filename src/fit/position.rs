@@ -178,7 +178,9 @@ pub enum PositionFitError {
         upper: f64,
     },
     /// A start that is not allowed.
-    #[error("{name} starts at {value}, outside its bounds {lower} to {upper}; start within them or clip it with --clip")]
+    #[error(
+        "{name} starts at {value}, outside its bounds {lower} to {upper}; start within them or clip it with --clip"
+    )]
     StartOutside {
         /// The parameter.
         name: String,
@@ -282,9 +284,7 @@ pub fn fit(
     }
     let at = evaluator.at(full);
     match sqp::Objective::quadratic(&at, &x) {
-        Some(quadratic) => {
-            Ok(result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations))
-        }
+        Some(quadratic) => Ok(result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations)),
         None => Err(at.why_not(&x)),
     }
 }
@@ -329,11 +329,11 @@ pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitErr
 fn keep_what_occurs(problem: &mut PositionProblem) {
     let occurs = |name: &str| {
         problem.runs.iter().any(|run| {
-            run.system.kernel().parameters.contains(&name) || run.system.effect_names().iter().any(|known| known == name)
+            run.system.kernel().parameters.contains(&name)
+                || run.system.effect_names().iter().any(|known| known == name)
         })
     };
-    let (kept, dropped): (Vec<_>, Vec<_>) =
-        problem.unknowns.drain(..).partition(|unknown| occurs(&unknown.name));
+    let (kept, dropped): (Vec<_>, Vec<_>) = problem.unknowns.drain(..).partition(|unknown| occurs(&unknown.name));
     problem.unknowns = kept;
     problem.known.extend(dropped.into_iter().map(|unknown| (unknown.name, unknown.value)));
 }
@@ -432,12 +432,7 @@ fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
 }
 
 /// Horizons that double until all samples are in, then the full resolution.
-fn schedule(
-    problem: &PositionProblem,
-    evaluator: &Evaluator<'_>,
-    x: &[f64],
-    options: &Options,
-) -> Vec<Resolution> {
+fn schedule(problem: &PositionProblem, evaluator: &Evaluator<'_>, x: &[f64], options: &Options) -> Vec<Resolution> {
     let span = |run: &FitRun| run.time.last().copied().unwrap_or(0.0) - run.time.first().copied().unwrap_or(0.0);
     let longest = problem.runs.iter().map(span).fold(0.0, f64::max);
     let cut = problem.runs.iter().map(|run| run.from_s).fold(0.0, f64::max);

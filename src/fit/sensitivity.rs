@@ -257,8 +257,7 @@ fn rates(linear: &Linear, system: &System, columns: &Columns, s: &[f64], s_rate:
         }
     }
     if columns.n_lumps > 0 {
-        for (regressor, row) in
-            linear.regressor.chunks_exact(columns.n_lumps).zip(speed_rates.chunks_exact_mut(width))
+        for (regressor, row) in linear.regressor.chunks_exact(columns.n_lumps).zip(speed_rates.chunks_exact_mut(width))
         {
             for (value, by_lump) in row[columns.lumps()].iter_mut().zip(regressor) {
                 *value -= by_lump;
@@ -343,9 +342,7 @@ mod tests {
         // Richardson's extrapolation of two central differences: the error is of fourth order.
         let (plus, minus) = (shifted(1.0), shifted(-1.0));
         let (plus2, minus2) = (shifted(2.0), shifted(-2.0));
-        (0..plus.len())
-            .map(|k| (8.0 * (plus[k] - minus[k]) - (plus2[k] - minus2[k])) / (12.0 * size))
-            .collect()
+        (0..plus.len()).map(|k| (8.0 * (plus[k] - minus[k]) - (plus2[k] - minus2[k])) / (12.0 * size)).collect()
     }
 
     #[derive(Clone, Copy, Debug)]
@@ -390,7 +387,11 @@ mod tests {
             (system.kernel().prepare_gradient)(system.link_parameters(), &[], &mut by_link);
             for (index, value) in system.link_parameters().iter().enumerate() {
                 let chain = |row: &Vec<f64>| {
-                    columns.lumps().enumerate().map(|(lump, column)| row[column] * by_link[lump * n_links + index]).sum()
+                    columns
+                        .lumps()
+                        .enumerate()
+                        .map(|(lump, column)| row[column] * by_link[lump * n_links + index])
+                        .sum()
                 };
                 compare(Which::Link, index, 1e-5 * value.abs(), s.iter().map(chain).collect());
             }

@@ -40,8 +40,14 @@ impl Linear {
     /// Room for linearising `system`.
     pub(crate) fn new(system: &System) -> Self {
         let n = system.n_free();
-        let elements =
-            [&system.actuators, &system.transmissions, &system.frictions, &system.loads, &system.links, &system.sensors];
+        let elements = [
+            &system.actuators,
+            &system.transmissions,
+            &system.frictions,
+            &system.loads,
+            &system.links,
+            &system.sensors,
+        ];
         let widest = elements
             .into_iter()
             .flatten()

@@ -388,11 +388,8 @@ fn prior(problem: &PositionProblem) -> (DVector<f64>, DMatrix<f64>) {
         return (start, information);
     };
     // Two Gaussians multiply: informations add, means weigh by them.
-    let places: Vec<Option<usize>> = earlier
-        .names
-        .iter()
-        .map(|name| problem.unknowns.iter().position(|unknown| unknown.name == *name))
-        .collect();
+    let places: Vec<Option<usize>> =
+        earlier.names.iter().map(|name| problem.unknowns.iter().position(|unknown| unknown.name == *name)).collect();
     let mut pull = &information * &start;
     for (row, place) in places.iter().enumerate() {
         let Some(place) = *place else { continue };

@@ -79,9 +79,8 @@ pub struct RunError {
 impl RunError {
     pub(super) fn new(run: &FitRun, initial: Vec<f64>, simulated: &[f64]) -> Self {
         let n_free = run.system.n_free();
-        let column = |values: &[f64], slot: usize| -> Vec<f64> {
-            values.iter().skip(slot).step_by(n_free).copied().collect()
-        };
+        let column =
+            |values: &[f64], slot: usize| -> Vec<f64> { values.iter().skip(slot).step_by(n_free).copied().collect() };
         let mut rmse = Vec::with_capacity(n_free);
         let mut noise = Vec::with_capacity(n_free);
         for slot in 0..n_free {

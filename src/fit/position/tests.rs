@@ -68,9 +68,8 @@ fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
     let runs = runs(seed, span_s);
     let system = &runs[0].system;
     let mut signs = Noise(seed + 99);
-    let names = system.kernel().parameters.iter().map(|name| (*name).to_owned()).chain(
-        system.effect_names().iter().cloned(),
-    );
+    let names =
+        system.kernel().parameters.iter().map(|name| (*name).to_owned()).chain(system.effect_names().iter().cloned());
     let values = system.link_parameters().iter().chain(system.effect_parameters());
     let mut unknowns = Vec::new();
     let mut known = BTreeMap::new();
@@ -81,10 +80,18 @@ fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
         }
         let start = value * (1.0 + off * signs.next().signum());
         let reach = 2.0 * value.abs();
-        unknowns.push(Unknown { name, value: start, lower: if value < 0.0 { value - reach } else { 0.1 * value }, upper: value + reach });
+        unknowns.push(Unknown {
+            name,
+            value: start,
+            lower: if value < 0.0 { value - reach } else { 0.1 * value },
+            upper: value + reach,
+        });
     }
     for axis in ["Ixx", "Ixy", "Ixz", "Iyy", "Iyz"] {
-        known.insert(format!("link.1.{axis}"), if axis.len() == 3 && axis.as_bytes()[1] == axis.as_bytes()[2] { 2e-4 } else { 0.0 });
+        known.insert(
+            format!("link.1.{axis}"),
+            if axis.len() == 3 && axis.as_bytes()[1] == axis.as_bytes()[2] { 2e-4 } else { 0.0 },
+        );
     }
     let inequalities = vec![("joint.0.lugre.Fs".to_owned(), "joint.0.lugre.Fc".to_owned())];
     PositionProblem { runs, unknowns, known, inequalities, prior: None }

@@ -9,3 +9,5 @@ pub mod output;
 pub mod plot;
 pub mod report;
 pub mod signal;
+pub mod simulate;
+pub mod system;

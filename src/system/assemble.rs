@@ -10,11 +10,7 @@ use crate::model::{EffectInstance, Model};
 
 impl System {
     /// The equations of `model` with the joints `free`, the others locked at `position_of(joint)` [rad or m].
-    pub fn of_model(
-        model: &Model,
-        free: &[usize],
-        position_of: impl Fn(usize) -> f64,
-    ) -> Result<Self, SystemError> {
+    pub fn of_model(model: &Model, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<Self, SystemError> {
         let kernel = kernel_of(model, free)?;
         let values: std::collections::BTreeMap<String, f64> =
             model.parameters().into_iter().map(|(name, parameter)| (name, parameter.value)).collect();
@@ -49,8 +45,8 @@ impl PlacedEffect {
     /// An effect of a model, with its values.
     pub fn of_model(instance: &EffectInstance) -> Result<Self, SystemError> {
         let effect = instance.effect;
-        let kernel = dynid_generated::effect(&effect.id)
-            .ok_or_else(|| SystemError::NoEffectKernel { id: effect.id.clone() })?;
+        let kernel =
+            dynid_generated::effect(&effect.id).ok_or_else(|| SystemError::NoEffectKernel { id: effect.id.clone() })?;
         let names: Vec<String> = (0..effect.parameters.len()).map(|index| instance.parameter_name(index)).collect();
         let place = match (instance.joint, instance.from) {
             (Some(joint), Some(from)) => format!("joint.{joint}.{}.{from}", effect.id),

@@ -39,12 +39,7 @@ impl PositionProblem {
             if parameter.fixed {
                 known.insert(name, parameter.value);
             } else {
-                unknowns.push(Unknown {
-                    name,
-                    value: parameter.value,
-                    lower: parameter.lower,
-                    upper: parameter.upper,
-                });
+                unknowns.push(Unknown { name, value: parameter.value, lower: parameter.lower, upper: parameter.upper });
             }
         }
         let mut inequalities = Vec::new();

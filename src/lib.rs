@@ -6,3 +6,5 @@ pub mod log;
 pub mod plot;
 pub mod report;
 pub mod signal;
+pub mod simulate;
+pub mod system;

@@ -3,6 +3,9 @@
 mod barrier;
 pub mod identifiability;
 pub mod physical;
+pub mod position;
+pub mod sensitivity;
+pub mod sqp;
 
 /// How a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,6 +8,7 @@
 //! A poor start is met by a growing horizon: the first seconds of every run are fitted first, then more and more of
 //! them, with as few integration steps as their accuracy allows; the last search takes all samples and the stated step.
 
+mod assemble;
 mod evaluate;
 mod inertia;
 mod noise;
@@ -25,7 +26,7 @@ use crate::{
     experiment::Hold,
     fit::sqp::{self, Ended, HalfSpace, Iteration, Limits, Region, Watch},
     simulate::{self, Input, SimulationError},
-    system::System,
+    system::{System, SystemError},
 };
 use evaluate::{Evaluator, Resolution};
 
@@ -146,7 +147,10 @@ pub enum PositionFitError {
         /// Parameters that occur.
         known: Vec<String>,
     },
-    /// The same log cannot be simulated at the start.
+    /// The model does not make equations of motion.
+    #[error(transparent)]
+    System(#[from] SystemError),
+    /// A log cannot be simulated at the start.
     #[error("{run}: {error}; start from other values")]
     Simulation {
         /// The run.

@@ -194,5 +194,6 @@ fn wrong_files_are_told_with_place_and_remedy() {
         "device = \"planar2r\"\nmass = 3\n",
         "device = \"planar2r\n",
     ];
-    insta::assert_snapshot!(wrong.map(refused).join("\n\n"));
+    let told = wrong.map(refused).join("\n\n");
+    insta::assert_snapshot!(told);
 }

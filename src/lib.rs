@@ -1,8 +1,12 @@
 //! dynid.
 
+pub mod error;
 pub mod experiment;
 pub mod fit;
 pub mod log;
+pub mod model;
+pub mod output;
+pub mod plan;
 pub mod plot;
 pub mod report;
 pub mod signal;

@@ -68,9 +68,9 @@ pub(crate) enum Entry {
 /// How a minimisation ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ending {
-    /// Every stage reached its tolerance.
+    /// The last stage reached its tolerance.
     Minimum,
-    /// Some stage ran out of steps or found no step that lowers the cost.
+    /// The last stage ran out of steps or found no step that lowers the cost.
     Stalled,
     /// The start lies outside, or the cost is not finite there.
     Infeasible,
@@ -78,15 +78,11 @@ pub(crate) enum Ending {
 
 /// Moves `x`, which lies strictly inside `region`, to the minimum of `cost` there.
 pub(crate) fn minimise(region: &Region, cost: &dyn Cost, x: &mut Vec<f64>) -> Ending {
-    let mut ending = Ending::Minimum;
     let mut weight = BARRIER_FIRST;
     loop {
-        match stage(region, cost, weight, x) {
-            Ending::Minimum => {}
-            Ending::Stalled => ending = Ending::Stalled,
-            Ending::Infeasible => return Ending::Infeasible,
-        }
-        if weight <= BARRIER_LAST {
+        // An earlier stage only has to bring the next one near.
+        let ending = stage(region, cost, weight, x);
+        if weight <= BARRIER_LAST || ending == Ending::Infeasible {
             return ending;
         }
         weight = (weight * BARRIER_FALL).max(BARRIER_LAST);

@@ -206,10 +206,6 @@ pub fn fit(
         }
         progress(iterations, after);
         // From a start far off the first step may be a long one; a second one that changes nothing ends the fit.
-            eprintln!(
-                "it {iterations} before {before} after {after} halvings {halvings} {ending:?} x {x:?} -> {taken:?}"
-            );
-        }
         let settled = (before - after).abs() < COST_TOLERANCE * (1.0 + 1e-6 * after);
         x = taken;
         data = next_data;

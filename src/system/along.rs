@@ -17,12 +17,8 @@ impl Linear {
         command: &[f64],
         dx: &mut [f64],
     ) {
-        self.torque_by_state.fill(0.0);
-        self.torque_by_parameter.clear();
-        self.rate_by_state.clear();
-        self.rate_by_parameter.clear();
-        self.drive_path(system, t, x, command, dx);
-        self.joint_effects(system, t, x, dx);
+        self.renew_drive();
+        self.effects(system, t, x, command, dx);
         let Some(ddq) = ddq else { return };
         let n = system.n_free();
         if system.kernel.n_lumps > 0 {

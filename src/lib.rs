@@ -12,3 +12,4 @@ pub mod report;
 pub mod signal;
 pub mod simulate;
 pub mod system;
+pub mod torque;

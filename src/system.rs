@@ -9,6 +9,7 @@
 //! effects. Where an effect sits is resolved once, here, so that a step only walks flat arrays.
 
 mod assemble;
+mod along;
 mod effects;
 mod linear;
 mod solve;

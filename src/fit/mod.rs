@@ -7,6 +7,7 @@ pub mod position;
 pub mod sensitivity;
 pub mod sequence;
 pub mod sqp;
+pub mod torque;
 
 /// How a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

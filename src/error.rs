@@ -20,6 +20,12 @@ pub enum Error {
     /// A position fit that cannot be made.
     #[error(transparent)]
     PositionFit(#[from] crate::fit::position::PositionFitError),
+    /// A torque fit that cannot be made.
+    #[error(transparent)]
+    TorqueFit(#[from] crate::fit::torque::TorqueFitError),
+    /// A log without a torque error.
+    #[error(transparent)]
+    Motion(#[from] crate::torque::MotionError),
     /// A file that cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Unreadable {

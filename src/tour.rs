@@ -23,10 +23,9 @@ pub fn truth() -> BTreeMap<String, f64> {
         truth.extend(parameters.iter().filter_map(|(name, value)| Some((name.clone(), value.as_float()?))));
     }
     for effect in recipe.get("effect").and_then(toml::Value::as_array).into_iter().flatten() {
-        let (Some(id), Some(joint)) = (
-            effect.get("id").and_then(toml::Value::as_str),
-            effect.get("joint").and_then(toml::Value::as_integer),
-        ) else {
+        let (Some(id), Some(joint)) =
+            (effect.get("id").and_then(toml::Value::as_str), effect.get("joint").and_then(toml::Value::as_integer))
+        else {
             continue;
         };
         for (symbol, value) in effect.as_table().into_iter().flatten() {

@@ -74,7 +74,8 @@ fn folder(arguments: &Arguments, overwrite: Overwrite) -> anyhow::Result<(PathBu
         Some(folder) => folder.clone(),
         None if overwrite == Overwrite::Force || !plain.exists() => plain.clone(),
         None => {
-            let next = (2..1000).map(|number| PathBuf::from(format!("dynid-tour-{number}"))).find(|path| !path.exists());
+            let next =
+                (2..1000).map(|number| PathBuf::from(format!("dynid-tour-{number}"))).find(|path| !path.exists());
             let Some(next) = next else {
                 bail!("dynid-tour and its 998 successors are all there; give a folder with --out-dir");
             };
@@ -155,7 +156,9 @@ impl Tour<'_> {
         }
         sentences.push(match open {
             0 => "Every parameter is determined by the logs.".to_owned(),
-            _ => format!("{open} of the parameters act only together with others, so the logs do not determine them one by one."),
+            _ => format!(
+                "{open} of the parameters act only together with others, so the logs do not determine them one by one."
+            ),
         });
         sentences
     }
@@ -167,7 +170,9 @@ impl Tour<'_> {
             .experiment
             .runs
             .first()
-            .map(|run| run.free.iter().map(|&joint| format!("joint {joint} ({})", device.joints[joint].title)).collect())
+            .map(|run| {
+                run.free.iter().map(|&joint| format!("joint {joint} ({})", device.joints[joint].title)).collect()
+            })
             .unwrap_or_default();
         let _ = writeln!(
             text,

@@ -14,7 +14,11 @@ use crate::{
 ///
 /// # Errors
 /// As [`torque::fit`].
-pub(super) fn by_torque(model: &Model, runs: &[&Run], progress: &mut dyn FnMut(&Progress)) -> Result<Identified, Error> {
+pub(super) fn by_torque(
+    model: &Model,
+    runs: &[&Run],
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Identified, Error> {
     let fitted: Vec<TorqueRun> = runs
         .iter()
         .filter(|run| run.role == Role::Fit)

@@ -5,6 +5,7 @@ pub mod identifiability;
 pub mod physical;
 pub mod position;
 pub mod sensitivity;
+pub mod sequence;
 pub mod sqp;
 
 /// How a fit ended.

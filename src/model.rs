@@ -24,7 +24,7 @@ pub struct Model {
     pub device: &'static Device,
     /// As [`Device::links`], each in the order of [`Link::SYMBOLS`].
     pub links: Vec<[Parameter; 10]>,
-    /// As [`Device::lengths`] [m].
+    /// As [`Device::lengths`] \[m\].
     pub lengths: Vec<Parameter>,
     /// Gravity times the unit vector that points up, in the base frame [m/s^2].
     pub base: [Parameter; 3],

@@ -13,7 +13,7 @@ pub enum Error {
     Model(#[from] ModelError),
     /// An experiment or one of its logs.
     #[error(transparent)]
-    Experiment(#[from] crate::experiment::ExperimentError),
+    Experiment(Box<crate::experiment::ExperimentError>),
     /// A model and a configuration that do not make equations.
     #[error(transparent)]
     System(#[from] crate::system::SystemError),
@@ -66,4 +66,10 @@ pub enum Error {
         /// What to do.
         help: String,
     },
+}
+
+impl From<crate::experiment::ExperimentError> for Error {
+    fn from(error: crate::experiment::ExperimentError) -> Self {
+        Self::Experiment(Box::new(error))
+    }
 }

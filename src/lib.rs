@@ -3,6 +3,7 @@
 pub mod error;
 pub mod experiment;
 pub mod fit;
+pub mod identify;
 pub mod log;
 pub mod model;
 pub mod output;
@@ -13,3 +14,4 @@ pub mod signal;
 pub mod simulate;
 pub mod system;
 pub mod torque;
+pub mod tour;

@@ -8,6 +8,7 @@
 //! The state is `x = [q, dq, z]`: positions and speeds of the free joints in the kernel's order, then the states of the
 //! effects. Where an effect sits is resolved once, here, so that a step only walks flat arrays.
 
+mod along;
 mod assemble;
 mod effects;
 mod linear;
@@ -119,6 +120,11 @@ pub(crate) struct Element {
     /// Which output is the torque on `joint`, and which the one on `from`.
     pub(crate) torque: usize,
     pub(crate) torque_from: usize,
+    /// Columns of the kernel's Jacobian that matter here, and the variable each stands for: states come first, effect
+    /// parameter `p` is at `n_states + p`.
+    pub(crate) columns: Vec<(usize, usize)>,
+    /// Its formulas read the drive, the commands or the friction of its joint.
+    pub(crate) reads_torques: bool,
 }
 
 /// A joint as an effect sees it.
@@ -483,6 +489,8 @@ impl System {
                 uses: effect.uses,
                 torque,
                 torque_from: effect.output(Output::TorqueFrom).unwrap_or(NONE),
+                columns: Vec::new(),
+                reads_torques: !effect.uses.excludes(&[Signal::Load, Signal::Command, Signal::Friction]),
             };
             self.effect_parameters.extend_from_slice(&effect.parameters);
             self.effect_names.extend_from_slice(&effect.names);
@@ -506,6 +514,7 @@ impl System {
             }
         }
         self.connect_springs();
+        self.connect_columns();
         Ok(())
     }
 
@@ -524,6 +533,37 @@ impl System {
             if let Some((_, index)) = rest.iter().find(|(joint, _)| *joint == element.joint.joint) {
                 element.qeq = *index;
             }
+        }
+    }
+
+    /// Which columns of an element's Jacobian lead to which variable.
+    fn connect_columns(&mut self) {
+        let n = self.n_free();
+        let n_states = self.n_states();
+        let places = [
+            &mut self.actuators,
+            &mut self.transmissions,
+            &mut self.frictions,
+            &mut self.loads,
+            &mut self.links,
+            &mut self.sensors,
+        ];
+        for element in places.into_iter().flatten() {
+            let (slot, from) = (element.joint.slot, element.from.slot);
+            let signals = [
+                (Signal::Q, slot),
+                (Signal::Dq, if slot == NONE { NONE } else { n + slot }),
+                (Signal::QFrom, from),
+                (Signal::DqFrom, if from == NONE { NONE } else { n + from }),
+                (Signal::Qeq, if element.qeq == NONE { NONE } else { n_states + element.qeq }),
+            ];
+            let parameters = (0..element.np).map(|k| (k, n_states + element.p + k));
+            let states = (0..element.nz).map(|k| (element.np + N_SIGNALS + k, element.z + k));
+            let read = signals
+                .into_iter()
+                .filter(|(signal, variable)| element.uses.contains(*signal) && *variable != NONE)
+                .map(|(signal, variable)| (element.np + signal as usize, variable));
+            element.columns = parameters.chain(read).chain(states).collect();
         }
     }
 

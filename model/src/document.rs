@@ -185,7 +185,9 @@ impl<'a> Entry<'a> {
     /// It is none, or it is empty.
     pub fn text(&self) -> Result<&'a str, ModelError> {
         match self.string() {
-            Some(text) if text.trim().is_empty() => Err(self.error(format!("{} is empty", self.what))),
+            Some(text) if text.trim().is_empty() => {
+                Err(self.error(format!("{} is empty", self.what)).help("fill it in, or remove the key"))
+            }
             Some(text) => Ok(text),
             None => Err(self.wrong("a text in quotes")),
         }
@@ -205,10 +207,8 @@ impl<'a> Entry<'a> {
                 match expression.evaluate(&|_| None) {
                     Ok(value) => value,
                     Err(symbol) => {
-                        return Err(self.symbol_error(
-                            &symbol,
-                            format!("{} must be a number, found the symbol `{symbol}`", self.what),
-                        ));
+                        let message = format!("{} must be a number, found the symbol `{symbol}`", self.what);
+                        return Err(self.symbol_error(&symbol, message).help("give a number, e.g. 0.5 or \"pi/2\""));
                     }
                 }
             }
@@ -227,7 +227,7 @@ impl<'a> Entry<'a> {
     pub fn finite(&self) -> Result<f64, ModelError> {
         match self.number()? {
             value if value.is_finite() => Ok(value),
-            value => Err(self.error(format!("{} must be finite, found {value}", self.what))),
+            value => Err(self.error(format!("{} must be finite, found {value}", self.what)).help("give a number")),
         }
     }
 

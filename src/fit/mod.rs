@@ -5,7 +5,9 @@ pub mod identifiability;
 pub mod physical;
 pub mod position;
 pub mod sensitivity;
+pub mod sequence;
 pub mod sqp;
+pub mod torque;
 
 /// How a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

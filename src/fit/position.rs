@@ -17,6 +17,7 @@ mod result;
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 pub use inertia::Body;
 pub use noise::noise_floor;
@@ -51,6 +52,13 @@ pub struct FitRun {
     pub from_s: f64,
 }
 
+impl FitRun {
+    /// Whether the run's equations or effects have a parameter of this name.
+    pub fn occurs(&self, name: &str) -> bool {
+        self.system.kernel().parameters.contains(&name) || self.system.effect_names().iter().any(|known| known == name)
+    }
+}
+
 /// A parameter that the fit may move.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unknown {
@@ -58,6 +66,8 @@ pub struct Unknown {
     pub name: String,
     /// Start.
     pub value: f64,
+    /// What it was taken for before any data: centre of its weak prior.
+    pub expected: f64,
     /// Smallest value allowed; may be `-inf`.
     pub lower: f64,
     /// Largest value allowed; may be `inf`.
@@ -71,7 +81,7 @@ impl Unknown {
         /// Where neither the range nor the value says anything.
         const UNIT: f64 = 1.0;
         let half = 0.5 * (self.upper - self.lower);
-        let size = if self.value == 0.0 { UNIT } else { 2.0 * self.value.abs() };
+        let size = if self.expected == 0.0 { UNIT } else { 2.0 * self.expected.abs() };
         if half > 0.0 { half.min(size) } else { size }
     }
 }
@@ -329,13 +339,16 @@ pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitErr
     Ok(RunError::new(run, initial, &trajectory.q))
 }
 
-/// Drops unknowns that occur in no run, and takes over the rest's values into the systems.
+/// Judges many runs in parallel; the order is theirs.
+pub fn judge_all(runs: &[FitRun], options: &Options) -> Result<Vec<RunError>, PositionFitError> {
+    runs.par_iter().map(|run| judge(run, options)).collect()
+}
+
+/// Drops unknowns that occur in no run; those that earlier fits tie to others stay.
 fn keep_what_occurs(problem: &mut PositionProblem) {
     let occurs = |name: &str| {
-        problem.runs.iter().any(|run| {
-            run.system.kernel().parameters.contains(&name)
-                || run.system.effect_names().iter().any(|known| known == name)
-        })
+        problem.prior.as_ref().is_some_and(|prior| prior.names.iter().any(|known| known == name))
+            || problem.runs.iter().any(|run| run.occurs(name))
     };
     let (kept, dropped): (Vec<_>, Vec<_>) = problem.unknowns.drain(..).partition(|unknown| occurs(&unknown.name));
     problem.unknowns = kept;
@@ -357,7 +370,7 @@ fn check(problem: &PositionProblem) -> Result<(), PositionFitError> {
         return Err(PositionFitError::NoUnknown { known });
     }
     for unknown in &problem.unknowns {
-        let Unknown { name, value, lower, upper } = unknown.clone();
+        let Unknown { name, value, lower, upper, .. } = unknown.clone();
         if !name.starts_with("link.") && !name.starts_with("joint.") && !name.starts_with("device.") {
             return Err(PositionFitError::NotFittable { name });
         }

@@ -105,12 +105,13 @@ pub fn simulate(
         let (start, end) = (input.time[sample], input.time[sample + 1]);
         let steps = grid.steps(start, end);
         let step = (end - start) / steps as f64;
+        motion.linear.renew_drive();
         for k in 0..steps {
             let commanded = |t: f64, command: &mut [f64]| match input.hold {
                 Hold::Zero => command.copy_from_slice(now),
                 Hold::Linear => interpolate((t - start) / (end - start), now, next, command),
             };
-            motion.step(system, columns, start + k as f64 * step, step, &mut command, commanded);
+            motion.step(system, columns, start + k as f64 * step, step, input.hold, &mut command, commanded);
         }
         check_state(system, end, &motion.x, options)?;
         view.show(system, columns, end, &mut motion, sample + 1, &mut observe);
@@ -185,12 +186,14 @@ impl Variation {
         }
     }
 
+    #[allow(clippy::too_many_arguments)]
     fn step(
         &mut self,
         system: &System,
         columns: &Columns,
         t: f64,
         step: f64,
+        hold: Hold,
         command: &mut [f64],
         commanded: impl Fn(f64, &mut [f64]),
     ) {
@@ -201,6 +204,9 @@ impl Variation {
         for (stage, (share, weight, reach)) in STAGES.into_iter().enumerate() {
             let now = t + share * step;
             commanded(now, command);
+            if hold == Hold::Linear {
+                self.linear.renew_drive();
+            }
             self.linear.update(system, now, &self.x_stage, command, &mut self.x_rate);
             rates(&self.linear, system, columns, &self.s_stage, &mut self.s_rate);
             let ahead = reach * step;

@@ -3,7 +3,9 @@
 use std::{fs, path::Path};
 
 use dynid_model::{
-    Link, ModelError, Parameter, Source, device, devices, did_you_mean,
+    Link, ModelError, Parameter, Source, device,
+    device_reader::check_mass,
+    devices, did_you_mean,
     document::{self, Table},
     effects,
     inertia::check_body,
@@ -93,14 +95,8 @@ fn read_links(root: &Table, model: &mut Model) -> Result<(), ModelError> {
             let default = model.links[number - 1][index];
             let name = format!("link.{number}.{symbol}");
             let Some(parameter) = model.read_parameter(&table, symbol, &name, default)? else { continue };
-            if index == 0 && parameter.value.min(parameter.lower) < 0.0 {
-                return Err(table
-                    .required(symbol, "<kg>")?
-                    .error(format!(
-                        "the mass of link {number} is negative: {} kg",
-                        parameter.value.min(parameter.lower)
-                    ))
-                    .help("a mass and its lower bound are at least 0"));
+            if index == 0 {
+                check_mass(&table.required(symbol, "<kg>")?, &table.what, &parameter)?;
             }
             model.links[number - 1][index] = parameter;
         }

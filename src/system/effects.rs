@@ -102,6 +102,11 @@ impl SignalSet {
         self.0 & Self::of(&[signal]).0 != 0
     }
 
+    /// Whether none of these is in the set.
+    pub fn excludes(self, signals: &[Signal]) -> bool {
+        self.0 & Self::of(signals).0 == 0
+    }
+
     /// Whether nothing but these is in the set.
     pub fn only(self, signals: &[Signal]) -> bool {
         self.0 & !Self::of(signals).0 == 0

@@ -26,9 +26,13 @@ pub(crate) struct Linear {
     pub(crate) rate_by_parameter: Vec<(usize, usize, f64)>,
     /// Y, n_free x n_lumps.
     pub(crate) regressor: Vec<f64>,
-    scratch: Scratch,
+    pub(super) scratch: Scratch,
+    /// Gradient of each free joint's drive torque.
     drives: Vec<Gradient>,
+    /// Gradient of each free joint's friction, where another effect reads it.
     frictions: Vec<Gradient>,
+    friction_is_read: Vec<bool>,
+    drive_is_known: bool,
     row: Gradient,
     jacobian: Vec<f64>,
     tau: Vec<f64>,
@@ -64,6 +68,13 @@ impl Linear {
             scratch: system.scratch(),
             drives: vec![Vec::with_capacity(16); n],
             frictions: vec![Vec::with_capacity(16); n],
+            friction_is_read: (0..n)
+                .map(|slot| {
+                    let reads = |element: &Element| element.uses.contains(Signal::Friction);
+                    system.loads.iter().any(|element| element.joint.slot == slot && reads(element))
+                })
+                .collect(),
+            drive_is_known: false,
             row: Vec::with_capacity(64),
             jacobian: vec![0.0; widest],
             tau: vec![0.0; n],
@@ -72,15 +83,33 @@ impl Linear {
         }
     }
 
+    /// The commands change: what depends on them alone is computed anew at the next update.
+    pub(crate) fn renew_drive(&mut self) {
+        self.drive_is_known = false;
+    }
+
     /// Linearises at `x` and writes its time derivative to `dx`.
     pub(crate) fn update(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
+        self.effects(system, t, x, command, dx);
+        self.rigid_body(system, x, dx);
+    }
+
+    /// Linearises the effects at `x` and writes the rates of their states to `dx`.
+    pub(super) fn effects(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
         self.torque_by_state.fill(0.0);
         self.torque_by_parameter.clear();
         self.rate_by_state.clear();
         self.rate_by_parameter.clear();
-        self.drive_path(system, t, x, command, dx);
+        if !(self.drive_is_known && system.steady_drive()) {
+            self.drive_path(system, t, x, command, dx);
+            self.drive_is_known = true;
+        }
+        for slot in 0..system.n_free() {
+            let gradient = std::mem::take(&mut self.drives[slot]);
+            self.add_torque(system, slot, &gradient);
+            self.drives[slot] = gradient;
+        }
         self.joint_effects(system, t, x, dx);
-        self.rigid_body(system, x, dx);
     }
 
     fn drive_path(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
@@ -96,14 +125,9 @@ impl Linear {
             signals[Signal::CommandFrom as usize] = command.get(element.from.joint).copied().unwrap_or(0.0);
             let outputs = self.evaluate(system, element, &signals, x, dx);
             self.rates(system, element);
-            self.collect(system, element, element.torque);
+            self.collect(element, element.torque);
             self.scratch.drive[slot] = outputs[element.torque];
             std::mem::swap(&mut self.drives[slot], &mut self.row);
-        }
-        for slot in 0..system.n_free() {
-            let gradient = std::mem::take(&mut self.drives[slot]);
-            self.add_torque(system, slot, 1.0, &gradient);
-            self.drives[slot] = gradient;
         }
     }
 
@@ -117,16 +141,14 @@ impl Linear {
             self.rates(system, element);
             for (slot, output) in torques(element) {
                 self.scratch.load[slot] += outputs[output];
-                self.collect(system, element, output);
-                self.frictions[slot].extend_from_slice(&self.row);
+                if self.friction_is_read[slot] {
+                    self.collect(element, output);
+                    self.frictions[slot].extend_from_slice(&self.row);
+                }
+                self.subtract_load(system, element, slot, output);
             }
         }
         self.scratch.friction.copy_from_slice(&self.scratch.load);
-        for slot in 0..system.n_free() {
-            let gradient = std::mem::take(&mut self.frictions[slot]);
-            self.add_torque(system, slot, -1.0, &gradient);
-            self.frictions[slot] = gradient;
-        }
         for element in &system.loads {
             let slot = element.joint.slot;
             let mut signals = system.signals(element, t, x);
@@ -136,10 +158,7 @@ impl Linear {
             self.rates(system, element);
             for (slot, output) in torques(element) {
                 self.scratch.load[slot] += outputs[output];
-                self.collect(system, element, output);
-                let gradient = std::mem::take(&mut self.row);
-                self.add_torque(system, slot, -1.0, &gradient);
-                self.row = gradient;
+                self.subtract_load(system, element, slot, output);
             }
         }
     }
@@ -183,7 +202,7 @@ impl Linear {
     }
 
     /// Link effects add `inertia * ddq` to the torque that the motion needs.
-    fn inertias(&mut self, system: &System, ddq: &[f64]) {
+    pub(super) fn inertias(&mut self, system: &System, ddq: &[f64]) {
         for element in &system.links {
             self.evaluate(system, element, &[0.0; N_SIGNALS], &[], &mut []);
             let (row, other) = (element.joint.slot, element.from.slot);
@@ -230,7 +249,7 @@ impl Linear {
         }
     }
 
-    fn evaluate(
+    pub(super) fn evaluate(
         &mut self,
         system: &System,
         element: &Element,
@@ -253,57 +272,30 @@ impl Linear {
         outputs
     }
 
-    fn entry(&self, element: &Element, row: usize, column: usize) -> f64 {
+    pub(super) fn entry(&self, element: &Element, row: usize, column: usize) -> f64 {
         self.jacobian[row * (element.np + N_SIGNALS + element.nz) + column]
     }
 
     /// The gradient of one row of the element's Jacobian, by states and effect parameters, into `self.row`.
-    fn collect(&mut self, system: &System, element: &Element, row: usize) {
-        let n = system.n_free();
-        let n_states = system.n_states();
+    fn collect(&mut self, element: &Element, row: usize) {
         let width = element.np + N_SIGNALS + element.nz;
         let values = &self.jacobian[row * width..(row + 1) * width];
-        let signal = |signal: Signal| values[element.np + signal as usize];
         self.row.clear();
-        let mut push = |variable: usize, value: f64| {
-            if value != 0.0 {
-                self.row.push((variable, value));
-            }
-        };
-        for (parameter, &value) in values[..element.np].iter().enumerate() {
-            push(n_states + element.p + parameter, value);
-        }
-        for (state, &value) in values[element.np + N_SIGNALS..].iter().enumerate() {
-            push(element.z + state, value);
-        }
-        let (slot, from) = (element.joint.slot, element.from.slot);
-        if slot != NONE {
-            push(slot, signal(Signal::Q));
-            push(n + slot, signal(Signal::Dq));
-        }
-        if from != NONE {
-            push(from, signal(Signal::QFrom));
-            push(n + from, signal(Signal::DqFrom));
-        }
-        if element.qeq != NONE {
-            push(n_states + element.qeq, signal(Signal::Qeq));
-        }
-        if slot != NONE {
+        self.row.extend(element.columns.iter().map(|(column, variable)| (*variable, values[*column])));
+        let slot = element.joint.slot;
+        let signal = |signal: Signal| values[element.np + signal as usize];
+        if slot != NONE && element.reads_torques {
             let driven = signal(Signal::Load) + signal(Signal::Command);
-            if driven != 0.0 {
-                self.drives[slot].iter().for_each(|(variable, value)| push(*variable, driven * value));
-            }
+            self.row.extend(self.drives[slot].iter().map(|(variable, value)| (*variable, driven * value)));
             let friction = signal(Signal::Friction);
-            if friction != 0.0 {
-                self.frictions[slot].iter().for_each(|(variable, value)| push(*variable, friction * value));
-            }
+            self.row.extend(self.frictions[slot].iter().map(|(variable, value)| (*variable, friction * value)));
         }
     }
 
     fn rates(&mut self, system: &System, element: &Element) {
         let n_states = system.n_states();
         for state in 0..element.nz {
-            self.collect(system, element, element.kernel.n_outputs + state);
+            self.collect(element, element.kernel.n_outputs + state);
             for &(variable, value) in &self.row {
                 if variable < n_states {
                     self.rate_by_state.push((element.z + state, variable, value));
@@ -314,13 +306,26 @@ impl Linear {
         }
     }
 
-    fn add_torque(&mut self, system: &System, slot: usize, factor: f64, gradient: &[(usize, f64)]) {
+    /// Takes the gradient of a load off the joint's.
+    fn subtract_load(&mut self, system: &System, element: &Element, slot: usize, output: usize) {
+        self.collect(element, output);
+        let n_states = system.n_states();
+        for &(variable, value) in &self.row {
+            if variable < n_states {
+                self.torque_by_state[slot * n_states + variable] -= value;
+            } else {
+                self.torque_by_parameter.push((slot, variable - n_states, -value));
+            }
+        }
+    }
+
+    fn add_torque(&mut self, system: &System, slot: usize, gradient: &[(usize, f64)]) {
         let n_states = system.n_states();
         for &(variable, value) in gradient {
             if variable < n_states {
-                self.torque_by_state[slot * n_states + variable] += factor * value;
+                self.torque_by_state[slot * n_states + variable] += value;
             } else {
-                self.torque_by_parameter.push((slot, variable - n_states, factor * value));
+                self.torque_by_parameter.push((slot, variable - n_states, value));
             }
         }
     }

@@ -39,7 +39,8 @@ impl PositionProblem {
             if parameter.fixed {
                 known.insert(name, parameter.value);
             } else {
-                unknowns.push(Unknown { name, value: parameter.value, lower: parameter.lower, upper: parameter.upper });
+                let (value, lower, upper) = (parameter.value, parameter.lower, parameter.upper);
+                unknowns.push(Unknown { name, value, expected: value, lower, upper });
             }
         }
         let mut inequalities = Vec::new();

@@ -379,7 +379,7 @@ pub(super) fn noise_of(measured: &[f64]) -> f64 {
 /// Mean and information of what is known before the data: ranges, and earlier fits.
 fn prior(problem: &PositionProblem) -> (DVector<f64>, DMatrix<f64>) {
     let n = problem.unknowns.len();
-    let start = DVector::from_fn(n, |k, _| problem.unknowns[k].value);
+    let start = DVector::from_fn(n, |k, _| problem.unknowns[k].expected);
     let mut information = DMatrix::zeros(n, n);
     for (k, unknown) in problem.unknowns.iter().enumerate() {
         information[(k, k)] = unknown.spread().powi(-2);

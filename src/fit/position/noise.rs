@@ -10,8 +10,8 @@ pub fn noise_floor(samples: &[f64]) -> f64 {
     const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
     /// Differences beyond this many standard deviations are left out, and the standard deviation of what is left of a
     /// standard normal variable.
-    const REACH: f64 = 3.0;
-    const REST_OF_NORMAL: f64 = 0.986_577_9;
+    const REACH: f64 = 4.0;
+    const REST_OF_NORMAL: f64 = 0.999_46;
     let sizes: Vec<f64> =
         samples.windows(5).map(|w| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs()).collect();
     if sizes.is_empty() {

@@ -18,7 +18,7 @@ pub struct PositionFit {
     pub status: FitStatus,
     /// The unknowns that occur in the runs.
     pub parameters: Vec<Estimate>,
-    /// What the data alone say about them: inverse covariance in the order of `parameters`, the initial positions
+    /// What these runs alone say about them: inverse covariance in the order of `parameters`, the initial positions
     /// eliminated. Carried to later fits.
     pub information: DMatrix<f64>,
     /// Covariance of the parameters, data and prior together.
@@ -133,7 +133,12 @@ pub(super) fn conclude(
         .cholesky()
         .map_or_else(|| DMatrix::from_element(n, n, f64::INFINITY), |factor| factor.inverse());
     let spread = DVector::from_fn(n, |k, _| problem.unknowns[k].spread());
-    let undetermined = undetermined(problem, &information, &spread);
+    // Ranges are no data; earlier fits are.
+    let mut determined = &information + evaluator.prior_information();
+    for k in 0..n {
+        determined[(k, k)] -= spread[k].powi(-2);
+    }
+    let undetermined = undetermined(problem, &determined, &spread);
 
     let parameters: Vec<Estimate> = problem
         .unknowns

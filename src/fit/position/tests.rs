@@ -83,6 +83,7 @@ fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
         unknowns.push(Unknown {
             name,
             value: start,
+            expected: start,
             lower: if value < 0.0 { value - reach } else { 0.1 * value },
             upper: value + reach,
         });
@@ -144,7 +145,7 @@ fn a_common_scale_is_told_as_undetermined() {
     for (name, value) in std::mem::take(&mut problem.known) {
         let unit = matches!(name.as_str(), "link.1.m" | "link.1.Izz" | "joint.0.gain.Kp");
         if unit {
-            problem.unknowns.push(Unknown { name, value, lower: 0.2 * value, upper: 3.0 * value });
+            problem.unknowns.push(Unknown { name, value, expected: value, lower: 0.2 * value, upper: 3.0 * value });
         } else {
             problem.known.insert(name, value);
         }
@@ -173,7 +174,7 @@ fn starts_that_cannot_be_are_errors() {
     assert!(told(&|p| p.runs[0].from_s = 5.0).contains("too few"));
     assert!(told(&|p| p.runs[0].position.truncate(5)).contains("measured positions: 5 values given"));
     let spin = |p: &mut PositionProblem| {
-        p.unknowns.push(Unknown { name: "link.1.Izz".to_owned(), value: 1.0, lower: 0.0, upper: 2.0 });
+        p.unknowns.push(Unknown { name: "link.1.Izz".to_owned(), value: 1.0, expected: 1.0, lower: 0.0, upper: 2.0 });
     };
     assert!(told(&spin).contains("link 1 starts with an inertia that no body has"));
 }

@@ -3,6 +3,8 @@
 //! Classical Runge-Kutta of fourth order with a fixed step, a fraction of the sample time. Torques are held over the
 //! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
 
+pub mod control;
+
 pub use crate::experiment::Hold;
 use crate::system::{Scratch, System};
 

@@ -4,6 +4,9 @@
 //! go to stdout, progress and errors to stderr.
 
 mod devices;
+mod inputs;
+mod plan;
+mod simulate;
 mod table;
 
 use std::io::Write;
@@ -37,6 +40,10 @@ Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one err
 enum Verb {
     /// What is known about the devices: joints, links, configurations, default effects.
     Devices(devices::Arguments),
+    /// Which joints to free, in which order, and what each step reveals.
+    Plan(plan::Arguments),
+    /// The positions that a model shows under the torques of the logs.
+    Simulate(simulate::Arguments),
 }
 
 /// What a verb has to say.
@@ -59,6 +66,8 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let result = match &arguments.verb {
         Verb::Devices(arguments) => devices::run(arguments),
+        Verb::Plan(arguments) => plan::run(arguments),
+        Verb::Simulate(arguments) => simulate::run(arguments),
     };
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,

@@ -14,6 +14,12 @@ pub enum Error {
     /// An experiment or one of its logs.
     #[error(transparent)]
     Experiment(#[from] crate::experiment::ExperimentError),
+    /// A model and a configuration that do not make equations.
+    #[error(transparent)]
+    System(#[from] crate::system::SystemError),
+    /// A position fit that cannot be made.
+    #[error(transparent)]
+    PositionFit(#[from] crate::fit::position::PositionFitError),
     /// A file that cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Unreadable {

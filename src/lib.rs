@@ -6,6 +6,7 @@ pub mod fit;
 pub mod log;
 pub mod model;
 pub mod output;
+pub mod plan;
 pub mod plot;
 pub mod report;
 pub mod signal;

@@ -6,8 +6,10 @@
 mod devices;
 mod inputs;
 mod plan;
+mod progress;
 mod simulate;
 mod table;
+mod tour;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -44,6 +46,8 @@ enum Verb {
     Plan(plan::Arguments),
     /// The positions that a model shows under the torques of the logs.
     Simulate(simulate::Arguments),
+    /// See the loop done, in seconds, on logs that the program carries.
+    Tour(tour::Arguments),
 }
 
 /// What a verb has to say.
@@ -68,6 +72,7 @@ pub fn main() -> ExitCode {
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Plan(arguments) => plan::run(arguments),
         Verb::Simulate(arguments) => simulate::run(arguments),
+        Verb::Tour(arguments) => tour::run(arguments),
     };
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,

@@ -13,13 +13,19 @@ pub enum Error {
     Model(#[from] ModelError),
     /// An experiment or one of its logs.
     #[error(transparent)]
-    Experiment(#[from] crate::experiment::ExperimentError),
+    Experiment(Box<crate::experiment::ExperimentError>),
     /// A model and a configuration that do not make equations.
     #[error(transparent)]
     System(#[from] crate::system::SystemError),
     /// A position fit that cannot be made.
     #[error(transparent)]
     PositionFit(#[from] crate::fit::position::PositionFitError),
+    /// A torque fit that cannot be made.
+    #[error(transparent)]
+    TorqueFit(#[from] crate::fit::torque::TorqueFitError),
+    /// A log without a torque error.
+    #[error(transparent)]
+    Motion(#[from] crate::torque::MotionError),
     /// A file that cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Unreadable {
@@ -60,4 +66,10 @@ pub enum Error {
         /// What to do.
         help: String,
     },
+}
+
+impl From<crate::experiment::ExperimentError> for Error {
+    fn from(error: crate::experiment::ExperimentError) -> Self {
+        Self::Experiment(Box::new(error))
+    }
 }

@@ -1,8 +1,10 @@
 //! dynid.
 
+pub mod compare;
 pub mod error;
 pub mod experiment;
 pub mod fit;
+pub mod identify;
 pub mod log;
 pub mod model;
 pub mod output;
@@ -12,3 +14,5 @@ pub mod report;
 pub mod signal;
 pub mod simulate;
 pub mod system;
+pub mod torque;
+pub mod tour;

@@ -10,7 +10,7 @@ mod read;
 mod tests;
 mod write;
 
-use dynid_model::{Device, Effect, Link, Parameter, did_you_mean, instance::instance_name};
+use dynid_model::{Device, Effect, JointKind, Link, Parameter, did_you_mean, instance::instance_name};
 
 pub use edit::Added;
 pub use fit_record::FitRecord;
@@ -24,7 +24,7 @@ pub struct Model {
     pub device: &'static Device,
     /// As [`Device::links`], each in the order of [`Link::SYMBOLS`].
     pub links: Vec<[Parameter; 10]>,
-    /// As [`Device::lengths`] [m].
+    /// As [`Device::lengths`] \[m\].
     pub lengths: Vec<Parameter>,
     /// Gravity times the unit vector that points up, in the base frame [m/s^2].
     pub base: [Parameter; 3],
@@ -116,6 +116,23 @@ impl Model {
         Ok(())
     }
 
+    /// The unit of the parameter of that name, e.g. `N*m*s/rad`.
+    pub fn unit(&self, name: &str) -> Option<String> {
+        Some(match self.place(name)? {
+            ParameterPlace::Link(_, 0) => "kg".to_owned(),
+            ParameterPlace::Link(_, 1..=3) | ParameterPlace::Length(_) => "m".to_owned(),
+            ParameterPlace::Link(..) => "kg*m^2".to_owned(),
+            ParameterPlace::Base(_) => "m/s^2".to_owned(),
+            ParameterPlace::Effect(instance, index) => {
+                let instance = &self.effects[instance];
+                let joint = instance.joint.map(|joint| &self.device.joints[joint]);
+                let kind = joint.map_or(JointKind::Revolute, |joint| joint.kind);
+                let command = joint.map_or("command", |joint| joint.command_unit.as_str());
+                instance.effect.parameters[index].unit_at(kind, command)
+            }
+        })
+    }
+
     /// The effects at a joint (of a pair: its `joint`), in the order of the file.
     pub fn effects_at(&self, joint: usize) -> impl Iterator<Item = &EffectInstance> {
         self.effects.iter().filter(move |instance| instance.joint == Some(joint))
@@ -153,8 +170,32 @@ impl Model {
         places
     }
 
+    /// As [`Model::places`], without making every name: fits set parameters by name in their inner loops.
     fn place(&self, name: &str) -> Option<ParameterPlace> {
-        self.places().into_iter().find(|(known, _)| known == name).map(|(_, place)| place)
+        let parts: Vec<&str> = name.split('.').collect();
+        let number = |text: &str| text.parse::<usize>().ok().filter(|number| number.to_string() == text);
+        let effect = |id: &str, joint: Option<usize>, from: Option<usize>, symbol: &str| {
+            let instance = self.effects.iter().position(|instance| instance.is(id, joint, from))?;
+            let own = &self.effects[instance].effect.parameters;
+            Some(ParameterPlace::Effect(instance, own.iter().position(|parameter| parameter.symbol == symbol)?))
+        };
+        match parts.as_slice() {
+            ["link", link, symbol] => {
+                let link = number(link)?.checked_sub(1).filter(|link| *link < self.links.len())?;
+                Some(ParameterPlace::Link(link, Link::SYMBOLS.iter().position(|own| own == symbol)?))
+            }
+            ["length", symbol] => {
+                self.device.lengths.iter().position(|length| length.symbol == *symbol).map(ParameterPlace::Length)
+            }
+            ["base", symbol] => {
+                let axis = BASE_SYMBOLS.iter().position(|own| own == symbol)?;
+                (self.device.up[axis] != 0.0).then_some(ParameterPlace::Base(axis))
+            }
+            ["joint", joint, id, symbol] => effect(id, Some(number(joint)?), None, symbol),
+            ["joint", joint, id, from, symbol] => effect(id, Some(number(joint)?), Some(number(from)?), symbol),
+            ["device", id, symbol] => effect(id, None, None, symbol),
+            _ => None,
+        }
     }
 
     fn at(&self, place: ParameterPlace) -> &Parameter {

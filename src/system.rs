@@ -8,6 +8,7 @@
 //! The state is `x = [q, dq, z]`: positions and speeds of the free joints in the kernel's order, then the states of the
 //! effects. Where an effect sits is resolved once, here, so that a step only walks flat arrays.
 
+mod along;
 mod assemble;
 mod effects;
 mod linear;

@@ -7,7 +7,7 @@ use dynid_lower::Program;
 use dynid_plant::random::Noise;
 use support::{Case, STATES, assert_matrix, assert_vector, cases, dot, equations, input_value};
 
-/// What two derivations may differ by, relative to the size of what they compute.
+/// What two derivations may differ by, relative to the size of what they compute (see `support`, "sizes").
 const TOLERANCE: f64 = 1e-12;
 
 #[test]
@@ -30,15 +30,21 @@ fn kernels_match_the_plant() {
         for case in cases(kernel, Noise::new(7), STATES) {
             let (d, h) = case.plant_inertia_and_bias();
             assert_matrix(&case.inertia(), &d, &d, TOLERANCE, || format!("D, {case}"));
-            assert_vector(&case.gravity(), &case.plant_gravity(), TOLERANCE, || format!("phi, {case}"));
-            assert_vector(&case.bias(), &h, TOLERANCE, || format!("h, {case}"));
-            assert_vector(&case.inverse_dynamics(&case.ddq), &case.plant_inverse_dynamics(), TOLERANCE, || {
-                format!("tau, {case}")
+            assert_vector(&case.gravity(), &case.plant_gravity(), &case.gravity_size(), TOLERANCE, || {
+                format!("phi, {case}")
             });
+            assert_vector(&case.bias(), &h, &case.bias_size(), TOLERANCE, || format!("h, {case}"));
+            assert_vector(
+                &case.inverse_dynamics(&case.ddq),
+                &case.plant_inverse_dynamics(),
+                &case.torque_size(),
+                TOLERANCE,
+                || format!("tau, {case}"),
+            );
 
             let (d_too, h_too) = case.inertia_and_bias();
             assert_matrix(&d_too, &d, &d, TOLERANCE, || format!("D of D and h, {case}"));
-            assert_vector(&h_too, &h, TOLERANCE, || format!("h of D and h, {case}"));
+            assert_vector(&h_too, &h, &case.bias_size(), TOLERANCE, || format!("h of D and h, {case}"));
         }
     }
 }
@@ -49,13 +55,13 @@ fn coriolis_matrix_matches_the_plant() {
         // The plant's polarisation is slow: fewer states here, all of them for C dq.
         for case in cases(kernel, Noise::new(8), STATES / 20) {
             let expected = case.plant_coriolis();
-            assert_vector(&case.coriolis(), &expected, TOLERANCE, || format!("C, {case}"));
+            assert_vector(&case.coriolis(), &expected, &case.coriolis_size(), TOLERANCE, || format!("C, {case}"));
         }
         for case in cases(kernel, Noise::new(9), STATES) {
             let moving: Vec<f64> = case.coriolis().chunks(kernel.free.len()).map(|row| dot(row, &case.dq)).collect();
             let (_, h) = case.plant_inertia_and_bias();
             let sum: Vec<f64> = moving.iter().zip(case.plant_gravity()).map(|(c, phi)| c + phi).collect();
-            assert_vector(&sum, &h, TOLERANCE, || format!("C dq + phi, {case}"));
+            assert_vector(&sum, &h, &case.bias_size(), TOLERANCE, || format!("C dq + phi, {case}"));
         }
     }
 }
@@ -101,11 +107,14 @@ fn rate_of_inertia_is_twice_the_symmetric_part_of_coriolis() {
             let upper = rate.evaluate(|input| input_value(&case, input));
             let c = case.coriolis();
             let mut upper = upper.into_iter();
-            let size = c.iter().fold(f64::MIN_POSITIVE, |size, entry| entry.abs().max(size));
+            let size = case.coriolis_size();
             for row in 0..n {
                 for column in row..n {
                     let (rate, symmetric) = (upper.next().unwrap(), c[row * n + column] + c[column * n + row]);
-                    assert!((rate - symmetric).abs() <= 1e-12 * size, "{case}: {rate:e} {symmetric:e}");
+                    assert!(
+                        (rate - symmetric).abs() <= TOLERANCE * size[row * n + column],
+                        "{case}: {rate:e} {symmetric:e}"
+                    );
                 }
             }
         }
@@ -151,7 +160,7 @@ fn subset_equations_are_the_full_ones_with_locked_joints_still() {
                 rows.iter().flat_map(|i| rows.iter().map(|j| d[i * n + j]).collect::<Vec<_>>()).collect();
             assert_matrix(&case.inertia(), &part, &part, TOLERANCE, || format!("D, {case}"));
             let part: Vec<f64> = rows.iter().map(|i| h[*i]).collect();
-            assert_vector(&case.bias(), &part, TOLERANCE, || format!("h, {case}"));
+            assert_vector(&case.bias(), &part, &case.bias_size(), TOLERANCE, || format!("h, {case}"));
         }
     }
 }
@@ -162,7 +171,9 @@ fn regressor_times_lumps_is_the_torque() {
         for case in cases(kernel, Noise::new(14), STATES) {
             let lumps = &case.prepared[..kernel.n_lumps];
             let tau: Vec<f64> = case.regressor().chunks(kernel.n_lumps).map(|row| dot(row, lumps)).collect();
-            assert_vector(&tau, &case.plant_inverse_dynamics(), TOLERANCE, || format!("Y lumps, {case}"));
+            assert_vector(&tau, &case.plant_inverse_dynamics(), &case.torque_size(), TOLERANCE, || {
+                format!("Y lumps, {case}")
+            });
         }
     }
 }
@@ -172,7 +183,9 @@ fn gradient_matches_central_differences_of_the_plant() {
     for kernel in kernels() {
         for case in cases(kernel, Noise::new(15), STATES / 20) {
             let (tau, by_q, by_dq) = case.inverse_dynamics_gradient();
-            assert_vector(&tau, &case.plant_inverse_dynamics(), TOLERANCE, || format!("tau, {case}"));
+            assert_vector(&tau, &case.plant_inverse_dynamics(), &case.torque_size(), TOLERANCE, || {
+                format!("tau, {case}")
+            });
             let n = kernel.free.len();
             let step = 1e-6;
             for (name, jacobian, shift) in [
@@ -234,8 +247,10 @@ fn compiled_kernels_match_the_interpreter() {
                 .map(|(i, j)| at(format!("D_{i}_{j}")))
                 .collect();
             assert_matrix(&case.inertia(), &d, &d, 1e-13, || format!("D, {case}"));
-            assert_vector(&case.bias(), &vector("h"), 1e-13, || format!("h, {case}"));
-            assert_vector(&case.inverse_dynamics(&case.ddq), &vector("tau"), 1e-13, || format!("tau, {case}"));
+            assert_vector(&case.bias(), &vector("h"), &case.bias_size(), 1e-13, || format!("h, {case}"));
+            assert_vector(&case.inverse_dynamics(&case.ddq), &vector("tau"), &case.torque_size(), 1e-13, || {
+                format!("tau, {case}")
+            });
         }
     }
 }

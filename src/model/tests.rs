@@ -197,3 +197,24 @@ fn wrong_files_are_told_with_place_and_remedy() {
     let told = wrong.map(refused).join("\n\n");
     insta::assert_snapshot!(told);
 }
+
+#[test]
+fn names_find_their_parameters() {
+    for device in devices() {
+        let model = Model::of_device(device);
+        for (name, parameter) in model.parameters() {
+            assert_eq!(model.parameter(&name), Some(parameter), "{name}");
+            assert!(model.unit(&name).is_some_and(|unit| !unit.is_empty()));
+            assert_eq!(model.parameter(&format!("{name}.x")), None);
+        }
+        for name in ["", "link", "link.0.m", "link.01.m", "link.99.m", "joint.0", "joint.+0.gain.Kp", "device.gain.Kp"]
+        {
+            assert_eq!(model.parameter(name), None, "{name}");
+        }
+    }
+    let servo = Model::of_device(device("servo_pendulum").unwrap());
+    assert_eq!(servo.unit("joint.0.gain.Kp").as_deref(), Some("N*m/V"));
+    let oscillator = Model::of_device(device("oscillator").unwrap());
+    assert_eq!(oscillator.unit("joint.0.viscous.Fv").as_deref(), Some("N*s/m"));
+    assert_eq!(oscillator.unit("joint.0.gain.Kp").as_deref(), Some("1"));
+}

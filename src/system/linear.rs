@@ -26,7 +26,7 @@ pub(crate) struct Linear {
     pub(crate) rate_by_parameter: Vec<(usize, usize, f64)>,
     /// Y, n_free x n_lumps.
     pub(crate) regressor: Vec<f64>,
-    scratch: Scratch,
+    pub(super) scratch: Scratch,
     /// Gradient of each free joint's drive torque.
     drives: Vec<Gradient>,
     /// Gradient of each free joint's friction, where another effect reads it.
@@ -90,6 +90,12 @@ impl Linear {
 
     /// Linearises at `x` and writes its time derivative to `dx`.
     pub(crate) fn update(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
+        self.effects(system, t, x, command, dx);
+        self.rigid_body(system, x, dx);
+    }
+
+    /// Linearises the effects at `x` and writes the rates of their states to `dx`.
+    pub(super) fn effects(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
         self.torque_by_state.fill(0.0);
         self.torque_by_parameter.clear();
         self.rate_by_state.clear();
@@ -104,7 +110,6 @@ impl Linear {
             self.drives[slot] = gradient;
         }
         self.joint_effects(system, t, x, dx);
-        self.rigid_body(system, x, dx);
     }
 
     fn drive_path(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
@@ -197,7 +202,7 @@ impl Linear {
     }
 
     /// Link effects add `inertia * ddq` to the torque that the motion needs.
-    fn inertias(&mut self, system: &System, ddq: &[f64]) {
+    pub(super) fn inertias(&mut self, system: &System, ddq: &[f64]) {
         for element in &system.links {
             self.evaluate(system, element, &[0.0; N_SIGNALS], &[], &mut []);
             let (row, other) = (element.joint.slot, element.from.slot);
@@ -244,7 +249,7 @@ impl Linear {
         }
     }
 
-    fn evaluate(
+    pub(super) fn evaluate(
         &mut self,
         system: &System,
         element: &Element,
@@ -267,7 +272,7 @@ impl Linear {
         outputs
     }
 
-    fn entry(&self, element: &Element, row: usize, column: usize) -> f64 {
+    pub(super) fn entry(&self, element: &Element, row: usize, column: usize) -> f64 {
         self.jacobian[row * (element.np + N_SIGNALS + element.nz) + column]
     }
 

@@ -237,6 +237,46 @@ impl Case {
         free.iter().flat_map(|i| free.iter().map(|j| c[i * n + j]).collect::<Vec<_>>()).collect()
     }
 
+    // --- sizes ------------------------------------------------------------------------------------------------
+    //
+    // A torque may cancel to nothing, so an error is relative to the size that a torque of its kind can have at this
+    // posture. With the partial velocities `v_i` of all points of mass, `D_ij = sum m v_i . v_j`; by Cauchy-Schwarz
+    // `|phi_i| = |sum m g . v_i| <= g sqrt(M D_ii)` and `|D_ij| <= sqrt(D_ii D_jj)`.
+
+    /// `sqrt(D_ii)` of the free joints.
+    fn reach(&self) -> Vec<f64> {
+        let (d, _) = self.plant_inertia_and_bias();
+        let n = self.q.len();
+        (0..n).map(|joint| d[joint * n + joint].sqrt()).collect()
+    }
+
+    pub fn gravity_size(&self) -> Vec<f64> {
+        let axes = ["base.gx", "base.gy", "base.gz"].into_iter().zip(self.device.up);
+        let felt = axes.filter(|(_, up)| *up != 0.0).map(|(name, _)| self.values[name].powi(2));
+        let g = felt.sum::<f64>().sqrt();
+        let mass: f64 = (1..=self.device.links.len()).map(|number| self.values[&format!("link.{number}.m")]).sum();
+        self.reach().iter().map(|reach| g * mass.sqrt() * reach).collect()
+    }
+
+    /// n x n, as C: `C_ij = sum_k c_ijk dq_k`.
+    pub fn coriolis_size(&self) -> Vec<f64> {
+        let (reach, speed) = (self.reach(), self.dq.iter().map(|dq| dq.abs()).sum::<f64>());
+        reach.iter().flat_map(|i| reach.iter().map(move |j| i * j * speed)).collect()
+    }
+
+    pub fn bias_size(&self) -> Vec<f64> {
+        let coriolis = self.coriolis_size();
+        let speeds: Vec<f64> = self.dq.iter().map(|dq| dq.abs()).collect();
+        let moving = coriolis.chunks(self.q.len()).map(|row| dot(row, &speeds));
+        moving.zip(self.gravity_size()).map(|(moving, gravity)| moving + gravity).collect()
+    }
+
+    pub fn torque_size(&self) -> Vec<f64> {
+        let reach = self.reach();
+        let pull: f64 = reach.iter().zip(&self.ddq).map(|(reach, ddq)| reach * ddq.abs()).sum();
+        reach.iter().zip(self.bias_size()).map(|(reach, bias)| bias + reach * pull).collect()
+    }
+
     /// Total energy, and the size of its two parts [J].
     pub fn energy(&self) -> (f64, f64) {
         let [kinetic, potential] = self.plant().energy(&self.positions, &self.of_all_joints(&self.dq));
@@ -299,11 +339,10 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Entry by entry, relative to the largest one.
-pub fn assert_vector(computed: &[f64], expected: &[f64], tolerance: f64, what: impl Fn() -> String) {
-    assert_eq!(computed.len(), expected.len(), "{}", what());
-    let size = expected.iter().fold(0.0f64, |size, entry| size.max(entry.abs()));
-    for (place, (computed, expected)) in computed.iter().zip(expected).enumerate() {
+/// Entry by entry, relative to the size that each could have.
+pub fn assert_vector(computed: &[f64], expected: &[f64], size: &[f64], tolerance: f64, what: impl Fn() -> String) {
+    assert_eq!((computed.len(), size.len()), (expected.len(), expected.len()), "{}", what());
+    for (place, ((computed, expected), size)) in computed.iter().zip(expected).zip(size).enumerate() {
         let error = (computed - expected).abs();
         assert!(error <= tolerance * size, "entry {place} of {}: {computed:e}, not {expected:e}", what());
     }

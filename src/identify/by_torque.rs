@@ -36,7 +36,7 @@ pub(super) fn by_torque(
         .collect::<Result<_, Error>>()?;
     let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =
         torque::fit(&fitted, &model.parameters(), &orders(model), &mut |iteration, cost| {
-            progress(&Progress { iteration, cost, horizon_s: None, configuration: None });
+            progress(&Progress { iteration, cost, tether: 0.0, configuration: None });
         })?;
     let mut fitted = model.clone();
     let parameters: Vec<Found> = parameters

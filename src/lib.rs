@@ -1,6 +1,7 @@
 //! dynid.
 
 pub mod experiment;
+pub mod fit;
 pub mod log;
 pub mod plot;
 pub mod report;

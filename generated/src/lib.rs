@@ -1,1 +1,52 @@
 //! The kernels: straight-line functions of every configuration of every device, and of every effect.
+//!
+//! `build.rs` lowers the checked-in equations (`<device>/c<NN>.kir`) and the effects (`model/effects/*.toml`) to
+//! Rust. This crate needs no operating system, allocates nothing and has no panic path in a release build: a slice
+//! of a wrong length makes a kernel return without writing.
+//!
+//! Matrices are row-major; vectors are in the order of [`Kernel::free`]; units are SI and radians.
+#![no_std]
+
+mod dual;
+mod effect;
+mod gradient;
+mod kernel;
+mod lanes;
+mod scalar;
+mod trigonometry;
+
+use kernel::checked;
+
+pub use dual::Dual;
+pub use effect::{EffectKernel, N_SIGNALS, Signal};
+pub use kernel::{Kernel, Operations};
+pub use lanes::Lanes;
+pub use scalar::Scalar;
+
+include!(concat!(env!("OUT_DIR"), "/library.rs"));
+
+/// All kernels, by device and configuration.
+pub fn kernels() -> &'static [&'static Kernel] {
+    KERNELS
+}
+
+/// The kernel of a device's configuration, numbered from 1.
+pub fn kernel(device: &str, configuration: usize) -> Option<&'static Kernel> {
+    KERNELS.iter().copied().find(|kernel| kernel.device == device && kernel.configuration == configuration)
+}
+
+/// All effects, by id.
+pub fn effects() -> &'static [&'static EffectKernel] {
+    effect_library::EFFECTS
+}
+
+/// The effect of this id.
+pub fn effect(id: &str) -> Option<&'static EffectKernel> {
+    effects().iter().copied().find(|effect| effect.id == id)
+}
+
+/// Says in a debug build that a kernel was given a slice of a wrong length.
+#[cold]
+fn wrong_length() {
+    debug_assert!(false, "every slice has the length that the kernel's table states");
+}

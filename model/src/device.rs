@@ -1,5 +1,7 @@
 //! A mechanism: joints, Denavit-Hartenberg frames, links and the configurations in which it is identified.
 
+use sha2::{Digest, Sha256};
+
 use crate::{Expression, Parameter};
 
 /// A mechanism as its file describes it, checked.
@@ -15,7 +17,7 @@ pub struct Device {
     pub convention: Convention,
     /// Magnitude of gravity [m/s^2].
     pub gravity: f64,
-    /// Unit vector that points up, in the base frame. The potential is `V = gravity * up . sum(m_i p_i)` (thesis
+    /// Unit vector that points up, in the base frame; zero without gravity. The potential is `V = gravity * up . sum(m_i p_i)` (thesis
     /// Eq. B.4). Components that are exactly zero never enter the equations; the others stay symbols
     /// `base.gx`, `base.gy`, `base.gz` of value `gravity * up`.
     pub up: [f64; 3],
@@ -66,6 +68,8 @@ pub struct Joint {
     pub speed_limit: f64,
     /// Largest torque or force [N*m or N]; `inf` where unknown.
     pub torque_limit: f64,
+    /// Unit of the logged command, before the plant gain: `N*m`, `N`, `V`, ...
+    pub command_unit: String,
 }
 
 /// What a joint variable measures.
@@ -75,6 +79,74 @@ pub enum JointKind {
     Revolute,
     /// A distance [m].
     Prismatic,
+}
+
+impl Device {
+    /// The joints that move a frame: those whose variable stands in its row or in an ancestor's, ascending.
+    pub fn joints_moving(&self, frame: usize) -> Vec<usize> {
+        let mut moving = vec![false; self.joints.len()];
+        let mut next = Some(frame);
+        while let Some(index) = next {
+            let frame = &self.frames[index];
+            for expression in [&frame.theta, &frame.d, &frame.a, &frame.alpha] {
+                expression.for_each_symbol(&mut |symbol| {
+                    if let Some(flag) = joint_variable(symbol).and_then(|joint| moving.get_mut(joint)) {
+                        *flag = true;
+                    }
+                });
+            }
+            next = frame.parent;
+        }
+        (0..moving.len()).filter(|joint| moving[*joint]).collect()
+    }
+
+    /// The last link that a joint moves, from 0: what is mounted on the joint's axis far end.
+    pub fn last_link_moved_by(&self, joint: usize) -> Option<usize> {
+        (0..self.links.len()).rev().find(|link| self.joints_moving(self.links[*link].frame).contains(&joint))
+    }
+
+    /// The number (from 1) of the configuration whose free joints are exactly these, in any order.
+    pub fn configuration_of(&self, free: &[usize]) -> Option<usize> {
+        let mut sorted = free.to_vec();
+        sorted.sort_unstable();
+        self.configurations.iter().position(|configuration| configuration.free == sorted).map(|index| index + 1)
+    }
+
+    /// SHA-256 (hex) of what the equations of motion depend on: convention, which components of `up` vanish, joint
+    /// kinds, rows, parents, the frame of each link, configurations. Values, names and texts for people are not in it.
+    pub fn structure_digest(&self) -> String {
+        use std::fmt::Write;
+        let mut text = String::new();
+        let up: String = self.up.iter().map(|component| if *component == 0.0 { '0' } else { 'g' }).collect();
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "dynid structure 1\nconvention {:?}\nup {up}", self.convention);
+        for joint in &self.joints {
+            let _ = writeln!(text, "joint {:?}", joint.kind);
+        }
+        for Frame { parent, theta, d, a, alpha, .. } in &self.frames {
+            let parent = parent.map_or("base".to_owned(), |parent| parent.to_string());
+            let _ = writeln!(text, "frame {parent}: {theta}; {d}; {a}; {alpha}");
+        }
+        for link in &self.links {
+            let _ = writeln!(text, "link {}", link.frame);
+        }
+        for configuration in &self.configurations {
+            let _ = writeln!(text, "configuration {:?}", configuration.free);
+        }
+        sha256_hex(text.as_bytes())
+    }
+}
+
+/// `q12` -> 12; `None` for a symbol that is no joint variable.
+pub fn joint_variable(symbol: &str) -> Option<usize> {
+    let digits = symbol.strip_prefix('q')?;
+    let canonical = digits == "0" || (!digits.starts_with('0') && digits.bytes().all(|byte| byte.is_ascii_digit()));
+    if canonical { digits.parse().ok() } else { None }
+}
+
+/// SHA-256 in hexadecimal.
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// One row of a Denavit-Hartenberg table. Symbols: `q0..` and lengths.
@@ -111,6 +183,11 @@ pub struct Link {
 impl Link {
     /// Symbols of the inertial parameters, in order; parameter names are `link.<number>.<symbol>`.
     pub const SYMBOLS: [&'static str; 10] = ["m", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"];
+
+    /// The values, without bounds.
+    pub fn values(&self) -> [f64; 10] {
+        self.inertial.map(|parameter| parameter.value)
+    }
 }
 
 /// Which joints are free; all others are locked at angles that stay general.
@@ -131,7 +208,7 @@ pub struct Method {
     pub weights: Vec<Vec<f64>>,
 }
 
-/// An effect of a device's default model.
+/// An effect at its place, as a device's default model or a user's model lists it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DefaultEffect {
     /// Id of an [`crate::Effect`].

@@ -1,6 +1,6 @@
 //! One physical effect: a formula with parameters that vanishes at its null value.
 
-use crate::{Expression, expression::Comparison};
+use crate::{Expression, Parameter, device::JointKind, expression::Comparison, unit::Unit};
 
 /// An effect as its file describes it, checked.
 #[derive(Debug, Clone)]
@@ -13,9 +13,14 @@ pub struct Effect {
     pub place: Place,
     /// One joint, an ordered pair, or the device.
     pub scope: Scope,
-    /// `friction` marks laws whose sum at a joint is its friction (what `friction_bias` scales); members of one
-    /// `alternatives` group replace each other when added.
+    /// `friction` marks laws whose sum at a joint is its friction (what `friction_bias` scales).
     pub family: Option<String>,
+    /// Of the effects that share this word, a joint has at most one.
+    pub alternatives: Option<String>,
+    /// What this effect takes the place of when it is added.
+    pub replaces: Vec<Replacement>,
+    /// Where on the drive path an actuator effect acts.
+    pub stage: Option<Stage>,
     /// Parameters in the order in which kernels take them.
     pub parameters: Vec<EffectParameter>,
     /// Own states, integrated along.
@@ -32,6 +37,43 @@ pub struct Effect {
     pub not_seen_as: String,
     /// Where the equation comes from.
     pub source: String,
+}
+
+/// Signals that formulas may name, in the order in which kernels take them.
+pub const SIGNALS: [&str; 11] =
+    ["q", "dq", "ddq", "t", "load", "friction", "qeq", "q_from", "dq_from", "command", "command_from"];
+
+/// A parameter of this name (the spring's) is what the signal of this name shows to the other effects of its joint.
+/// In a formula, a parameter hides a signal.
+pub const REST_POSITION: &str = "qeq";
+
+impl Effect {
+    /// The parameter of that symbol.
+    pub fn parameter(&self, symbol: &str) -> Option<&EffectParameter> {
+        self.parameters.iter().find(|parameter| parameter.symbol == symbol)
+    }
+
+    /// Terms, outputs and state rates at one point: outputs in order, then rates.
+    ///
+    /// `lookup` gives the value of every signal, parameter and state.
+    ///
+    /// # Errors
+    /// The first symbol that nobody knows.
+    pub fn evaluate(&self, lookup: &dyn Fn(&str) -> Option<f64>) -> Result<(Vec<f64>, Vec<f64>), String> {
+        let mut terms: Vec<(&str, f64)> = Vec::new();
+        for (name, formula) in &self.terms {
+            let value = formula.evaluate(&|symbol| with_terms(&terms, symbol, lookup))?;
+            terms.push((name, value));
+        }
+        let all = |symbol: &str| with_terms(&terms, symbol, lookup);
+        let outputs = self.outputs.iter().map(|(_, formula)| formula.evaluate(&all)).collect::<Result<_, _>>()?;
+        let rates = self.states.iter().map(|state| state.rate.evaluate(&all)).collect::<Result<_, _>>()?;
+        Ok((outputs, rates))
+    }
+}
+
+fn with_terms(terms: &[(&str, f64)], symbol: &str, lookup: &dyn Fn(&str) -> Option<f64>) -> Option<f64> {
+    terms.iter().find(|(name, _)| *name == symbol).map(|(_, value)| *value).or_else(|| lookup(symbol))
 }
 
 /// Where an effect sits: `command -> actuator -> transmission -> joint -> link -> sensor -> log`.
@@ -51,6 +93,34 @@ pub enum Place {
     Link,
     /// Output `position`: what the log shows when the true position is `q`.
     Sensor,
+}
+
+/// The drive path, in its order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    /// The command arrives late.
+    Delay,
+    /// Small commands do nothing.
+    DeadZone,
+    /// Large commands are cut.
+    Saturation,
+    /// The command is smoothed.
+    Lag,
+    /// A constant is added to the command.
+    Offset,
+    /// A part of another joint's command is added.
+    Coupling,
+    /// From the command's unit to torque.
+    Gain,
+}
+
+/// An effect that another one contains.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Replacement {
+    /// The effect that is taken out.
+    pub id: String,
+    /// `(own symbol, its symbol)` of parameters that keep their value; those of equal symbol are included.
+    pub carry: Vec<(String, String)>,
 }
 
 /// What an effect is attached to.
@@ -81,14 +151,44 @@ pub struct EffectParameter {
     pub upper: f64,
     /// The value at which the effect vanishes; `None` for a parameter that does not matter then.
     pub null: Option<f64>,
-    /// True where the law is known to be a numerical choice (e.g. `v_eps`) that no fit should move.
+    /// Physics to be identified, or a choice of the numerics (e.g. `v_eps`).
+    pub origin: Origin,
+    /// True where no fit should move it; numerical choices are, unless the file says otherwise.
     pub fixed: bool,
+}
+
+/// What kind of number a parameter is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// A property of the machine.
+    Physics,
+    /// A choice that makes the law computable.
+    Numerical,
+}
+
+impl EffectParameter {
+    /// The first guess with the default bounds.
+    pub fn parameter(&self) -> Parameter {
+        Parameter { value: self.initial, lower: self.lower, upper: self.upper, fixed: self.fixed }
+    }
+
+    /// The unit at a joint of this kind, with the joint's command unit put in: `N*m/command` -> `N*m/V`.
+    pub fn unit_at(&self, kind: JointKind, command_unit: &str) -> String {
+        match Unit::parse(&self.unit) {
+            Ok(unit) => unit
+                .at(kind)
+                .to_string()
+                .replace("/command", &format!("/({command_unit})"))
+                .replace("command", command_unit),
+            Err(_) => self.unit.clone(),
+        }
+    }
 }
 
 /// A state of an effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectState {
-    /// E.g. `z`; its rate is the output `rate_z`... named here.
+    /// E.g. `z`.
     pub symbol: String,
     /// Unit at a revolute joint.
     pub unit: String,

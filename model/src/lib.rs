@@ -5,11 +5,25 @@
 //! at its null value. This crate reads and checks both; it computes nothing.
 
 pub mod device;
+mod device_reader;
+pub mod document;
 pub mod effect;
+mod effect_reader;
+pub mod error;
 pub mod expression;
+pub mod inertia;
+pub mod instance;
+pub mod library;
 pub mod parameter;
+pub mod parser;
+mod shipped;
+pub mod unit;
 
-pub use device::{Configuration, Convention, Device, Frame, Joint, JointKind, Length, Link, Method};
-pub use effect::{Effect, EffectParameter, EffectState, Place, Scope};
+pub use device::{
+    Configuration, Convention, DefaultEffect, Device, Frame, Joint, JointKind, Length, Link, Method, sha256_hex,
+};
+pub use effect::{Effect, EffectParameter, EffectState, Origin, Place, Replacement, Scope, Stage};
+pub use error::{ModelError, Source, did_you_mean, nearest};
 pub use expression::Expression;
+pub use library::{device, devices, effect, effects};
 pub use parameter::Parameter;

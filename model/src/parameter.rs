@@ -12,3 +12,15 @@ pub struct Parameter {
     /// A fixed parameter is known: no fit moves it.
     pub fixed: bool,
 }
+
+impl Parameter {
+    /// A known value.
+    pub const fn known(value: f64) -> Self {
+        Self { value, lower: value, upper: value, fixed: true }
+    }
+
+    /// Whether a value lies within the bounds.
+    pub fn contains(&self, value: f64) -> bool {
+        (self.lower..=self.upper).contains(&value)
+    }
+}

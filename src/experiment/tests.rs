@@ -16,6 +16,7 @@ fn devices() -> &'static [Device] {
             position_limits: [-3.0, 3.0],
             speed_limit: f64::INFINITY,
             torque_limit: f64::INFINITY,
+            command_unit: "N*m".to_owned(),
         };
         vec![Device {
             id: "arm".to_owned(),

@@ -1,2 +1,45 @@
-//! The project commands.
-fn main() {}
+//! The project's own commands: `cargo xtask gen`, `cargo xtask ci`, `cargo xtask bench`.
+
+mod bench;
+mod ci;
+mod generate;
+mod licences;
+mod shell;
+mod snapshots;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Commands for those who change dynid.
+#[derive(Parser)]
+#[command(name = "cargo xtask", max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Derives the equations of motion (`generated/<device>/cNN.kir`) and prints the kernels made of them.
+    Gen(generate::Arguments),
+    /// Runs every check that a change must pass, in the order of what fails fastest.
+    Ci(ci::Arguments),
+    /// Runs the benchmarks.
+    Bench(bench::Arguments),
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Gen(arguments) => generate::run(&arguments),
+        Command::Ci(arguments) => ci::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

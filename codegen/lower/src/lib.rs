@@ -1,7 +1,12 @@
 //! From named equations to Rust kernels, without computer algebra.
 //!
 //! [`Program`] is a shared graph of scalar operations; [`Kir`] is its text, which people review.
+//! [`kernel::Configuration`] and [`effect::EffectKernels`] turn equations and formulas into the programs of kernels,
+//! [`emit`] writes those as Rust.
 
+pub mod effect;
+pub mod emit;
+pub mod kernel;
 pub mod kir;
 pub mod program;
 

@@ -5,7 +5,7 @@
 //! writes or emits looks at live nodes only.
 //!
 //! No constructor changes a result beyond the sign of a zero (and `x * 0`, `x - x`, which are 0 for every finite
-//! `x`): sums and products are never reassociated, negations only move outwards.
+//! `x`): sums and products are never reassociated but for powers of two, negations only move outwards.
 
 mod derivative;
 mod evaluate;
@@ -279,6 +279,10 @@ impl Program {
             _ => {}
         }
         match (self.signed(a), self.signed(b)) {
+            ((a, false), (b, false)) if a == b => {
+                let two = self.number(2.0);
+                self.multiply(two, a)
+            }
             ((a, false), (b, false)) => self.intern(Operation::Add(a, b)),
             ((a, false), (b, true)) => self.subtract(a, b),
             ((a, true), (b, false)) => self.subtract(b, a),
@@ -322,12 +326,34 @@ impl Program {
             _ => {}
         }
         match (self.signed(a), self.signed(b)) {
-            ((a, false), (b, false)) => self.intern(Operation::Multiply(a, b)),
+            ((a, false), (b, false)) => {
+                self.scaled_twice(a, b).unwrap_or_else(|| self.intern(Operation::Multiply(a, b)))
+            }
             ((a, sign_a), (b, sign_b)) => {
                 let product = self.multiply(a, b);
                 if sign_a == sign_b { product } else { self.negate(product) }
             }
         }
+    }
+
+    /// `c1 * (c2 * x)` as `(c1 * c2) * x` for powers of two, which no rounding can tell apart.
+    fn scaled_twice(&mut self, a: Node, b: Node) -> Option<Node> {
+        let power_of_two = |program: &Program, node: Node| {
+            program.number_of(node).filter(|value| value.to_bits() << 12 == 0 && value.is_normal())
+        };
+        let (outer, product) = match (power_of_two(self, a), power_of_two(self, b)) {
+            (Some(outer), None) => (outer, b),
+            (None, Some(outer)) => (outer, a),
+            _ => return None,
+        };
+        let Operation::Multiply(x, y) = self.operation_of(product) else { return None };
+        let (inner, x) = match (power_of_two(self, x), power_of_two(self, y)) {
+            (Some(inner), _) => (inner, y),
+            (_, Some(inner)) => (inner, x),
+            _ => return None,
+        };
+        let factor = self.number(outer * inner);
+        Some(self.multiply(factor, x))
     }
 
     /// `a / b`

@@ -1,7 +1,7 @@
 //! The plant's own physical effects: what stands between commanded torque and motion.
 //!
-//! Torque on joint i: `Kp (command_i + offset + sum of gain * command_from)`, less the load: spring, friction laws
-//! (times `bias` where `q < qeq`) and friction coupled to another joint.
+//! Torque on joint i: `Kp (command_i + offset + sum of gain * command_from)`, less the load: the spring, and all
+//! friction laws, also those shared with another joint, times `bias` where `q < qeq`.
 
 use std::collections::BTreeMap;
 
@@ -35,6 +35,8 @@ pub struct JointEffects {
     coupled: Vec<CoupledFriction>,
     /// Added to the joint's diagonal entry of D.
     pub rotor_inertia: f64,
+    /// (other joint, inertia): added to both off-diagonal entries of D; held at one joint of the pair.
+    pub rotor_couplings: Vec<(usize, f64)>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -93,6 +95,7 @@ pub fn by_joint(entries: &[EffectEntry], n_joints: usize) -> Result<Vec<JointEff
             "input_coupling" => joint.input_couplings.push((from()?, value("gain")?)),
             "spring" => joint.spring = Some((value("Ks")?, value("qeq")?)),
             "rotor_inertia" => joint.rotor_inertia += value("Ia")?,
+            "rotor_coupling" => joint.rotor_couplings.push((from()?, value("Ia")?)),
             "friction_bias" => joint.bias = Some(value("bias")?),
             "viscous" => joint.frictions.push(Friction::Viscous { fv: value("Fv")? }),
             "coulomb" => joint.frictions.push(Friction::Coulomb { fc: value("Fc")?, v_eps: value("v_eps")? }),
@@ -154,18 +157,16 @@ impl JointEffects {
                 }
             };
         }
+        for pair in &self.coupled {
+            friction += pair.fv * dq[pair.other] + pair.fc * ((speed + dq[pair.other]) / pair.v_eps).tanh();
+        }
         let (stiffness, rest) = self.spring.unwrap_or((0.0, 0.0));
         if let Some(bias) = self.bias
             && q_here < rest
         {
             friction *= bias;
         }
-        let coupled: f64 = self
-            .coupled
-            .iter()
-            .map(|pair| pair.fv * dq[pair.other] + pair.fc * ((speed + dq[pair.other]) / pair.v_eps).tanh())
-            .sum();
-        stiffness * (q_here - rest) + friction + coupled
+        stiffness * (q_here - rest) + friction
     }
 }
 
@@ -221,6 +222,14 @@ mod tests {
         let joints = by_joint(&[entry("stribeck", None, &symbols)], 1).unwrap();
         let load = |v: f64| joints[0].load(0, &[0.0], &[v], &[], &mut []);
         assert!((load(1e-4) - 0.9).abs() < 1e-5 && (load(10.0) - 0.4).abs() < 1e-15 && load(-10.0) == -load(10.0));
+    }
+
+    #[test]
+    fn coupled_friction_acts_on_both_joints() {
+        let entries = [entry("friction_coupled", Some(1), &[("Fv", 0.5), ("Fc", 2.0), ("v_eps", 1e-6)])];
+        let joints = by_joint(&entries, 2).unwrap();
+        let load = |joint: usize| joints[joint].load(joint, &[0.0, 0.0], &[3.0, -4.0], &[], &mut []);
+        assert_eq!((load(0), load(1)), (0.5 * -4.0 - 2.0, 0.5 * 3.0 - 2.0));
     }
 
     #[test]

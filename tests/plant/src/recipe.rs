@@ -261,6 +261,12 @@ impl Play<'_> {
             bristle = end;
             force[slot] = effects.drive(joint, commands) - load - bias[slot];
             inertia[slot * n + slot] += effects.rotor_inertia;
+            for &(other, rotor) in &effects.rotor_couplings {
+                if let Some(other) = self.free.iter().position(|&free| free == other) {
+                    inertia[slot * n + other] += rotor;
+                    inertia[other * n + slot] += rotor;
+                }
+            }
         }
         let factors = DMatrix::from_row_slice(n, n, &inertia)
             .cholesky()

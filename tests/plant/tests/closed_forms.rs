@@ -47,6 +47,7 @@ fn device(convention: Convention, kinds: &[JointKind], frames: Vec<Frame>, links
                 position_limits: [-1.0, 1.0],
                 speed_limit: f64::INFINITY,
                 torque_limit: f64::INFINITY,
+                command_unit: "N*m".to_owned(),
             })
             .collect(),
         frames,

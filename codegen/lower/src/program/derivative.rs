@@ -58,7 +58,7 @@ impl Program {
                 }
             }
             Operation::Divide(a, b) => {
-                // d(a/b) = (da - (a/b) db) / b
+                // d(a/b) = (da - (a/b) db) * (1/b), where the reciprocal serves every variable
                 let numerator = match (of(a), of(b)) {
                     (None, None) => return None,
                     (Some(da), None) => da,
@@ -70,7 +70,9 @@ impl Program {
                         }
                     }
                 };
-                Some(self.divide(numerator, b))
+                let one = self.number(1.0);
+                let reciprocal = self.divide(one, b);
+                Some(self.multiply(numerator, reciprocal))
             }
             Operation::Call(function, a) => {
                 let da = of(a)?;

@@ -1,6 +1,6 @@
 //! What is computed once per parameter set, and what is computed at every step.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Input, Node, Operation, Program};
 
@@ -13,7 +13,8 @@ pub struct Split {
     pub eval: Program,
     /// Names of the prepared values.
     pub prepared: Vec<String>,
-    /// The first so many prepared values are lumps of inertial parameters: torques are linear in them.
+    /// The first so many prepared values are the lumps of inertial parameters in which the outputs `tau_<i>` are
+    /// linear.
     pub n_lumps: usize,
 }
 
@@ -23,7 +24,7 @@ impl Program {
     pub fn split(&self) -> Split {
         let live = self.live();
         let classes = self.classes(&live);
-        let handed_over = self.handed_over(&live, &classes);
+        let (handed_over, n_lumps) = self.handed_over(&live, &classes);
 
         let mut prepare = Program::new();
         let mut images = BTreeMap::new();
@@ -43,7 +44,6 @@ impl Program {
             prepare.output(&name, image);
             prepared.push(name);
         }
-        let n_lumps = handed_over.iter().filter(|node| classes[node.index()] == Class::Inertial).count();
 
         for &node in &live {
             if values.contains_key(&node) {
@@ -65,22 +65,34 @@ impl Program {
         Split { prepare, eval, prepared, n_lumps }
     }
 
-    /// Constant nodes that `eval` reads, lumps first.
-    fn handed_over(&self, live: &[Node], classes: &[Class]) -> Vec<Node> {
+    /// Constant nodes that `eval` reads: the torques' lumps first (and how many they are), then other outputs' lumps,
+    /// then what depends on no inertial parameter.
+    fn handed_over(&self, live: &[Node], classes: &[Class]) -> (Vec<Node>, usize) {
         let unsigned = |node: Node| match self.operation_of(node) {
             Operation::Negate(positive) => positive,
             _ => node,
         };
-        let read = live
-            .iter()
-            .filter(|node| classes[node.index()] == Class::Moving)
-            .flat_map(|&node| self.operation_of(node).operands())
-            .chain(self.outputs.iter().map(|&(_, node)| node));
-        let mut handed_over: Vec<Node> =
-            read.map(unsigned).filter(|node| matches!(classes[node.index()], Class::Inertial | Class::Fixed)).collect();
-        handed_over.sort_by_key(|node| (classes[node.index()], *node));
-        handed_over.dedup();
-        handed_over
+        let read_by = |nodes: &[Node], roots: &[Node]| -> BTreeSet<Node> {
+            let moving = nodes.iter().filter(|node| classes[node.index()] == Class::Moving);
+            moving
+                .flat_map(|&node| self.operation_of(node).operands())
+                .chain(roots.iter().copied())
+                .map(unsigned)
+                .collect()
+        };
+        let torques: Vec<Node> =
+            self.outputs.iter().filter(|(name, _)| name.starts_with("tau_")).map(|&(_, node)| node).collect();
+        let by_torques = read_by(&self.reached(torques.iter().copied()), &torques);
+        let outputs: Vec<Node> = self.outputs.iter().map(|&(_, node)| node).collect();
+
+        let mut handed_over: Vec<Node> = read_by(live, &outputs)
+            .into_iter()
+            .filter(|node| matches!(classes[node.index()], Class::Inertial | Class::Fixed))
+            .collect();
+        let is_lump = |node: &Node| classes[node.index()] == Class::Inertial && by_torques.contains(node);
+        handed_over.sort_by_key(|node| (!is_lump(node), classes[node.index()], *node));
+        let n_lumps = handed_over.iter().filter(|node| is_lump(node)).count();
+        (handed_over, n_lumps)
     }
 
     fn classes(&self, live: &[Node]) -> Vec<Class> {

@@ -1,0 +1,73 @@
+//! From programs to formatted Rust.
+//!
+//! The emitted code is straight-line and generic over `Scalar`. It allocates nothing, and every index is a constant
+//! within a fixed-size array, so that no check is left that could fail.
+
+mod effects;
+mod function;
+mod kernels;
+mod term;
+
+pub use effects::effects_module;
+pub use kernels::configuration_module;
+
+use proc_macro2::{Ident, Literal, TokenStream};
+use quote::{format_ident, quote};
+
+use crate::OperationCounts;
+use crate::kernel::Function;
+
+/// rustc's time and memory grow faster than linearly in a function's length, so no function is longer.
+pub const MOST_STATEMENTS: usize = 1_000;
+
+/// Source text that is not valid Rust: a bug of ours, said with the place.
+#[derive(Debug, thiserror::Error)]
+#[error("the emitted code of {what} does not parse: {error}")]
+pub struct EmitError {
+    what: String,
+    error: syn::Error,
+}
+
+/// Tokens to formatted text.
+fn format(what: &str, tokens: TokenStream) -> Result<String, EmitError> {
+    match syn::parse2(tokens) {
+        Ok(file) => Ok(prettyplease::unparse(&file)),
+        Err(error) => Err(EmitError { what: what.to_owned(), error }),
+    }
+}
+
+/// `12 adds, 9 muls, 1 sincos`, without what there is none of.
+pub fn describe(counts: &OperationCounts) -> String {
+    let parts = [
+        (counts.adds, "adds"),
+        (counts.muls, "muls"),
+        (counts.divs, "divs"),
+        (counts.sincos, "sincos"),
+        (counts.calls, "calls"),
+    ];
+    let told: Vec<String> =
+        parts.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
+    if told.is_empty() { "no operation".to_owned() } else { told.join(", ") }
+}
+
+/// An identifier as a token; names come from `.kir` and effect files, which admit identifiers only.
+fn identifier(name: &str) -> Ident {
+    format_ident!("{name}")
+}
+
+/// The names of a function's arguments and results, in order.
+fn slices(function: &Function) -> Vec<Ident> {
+    let arguments = function.arguments.iter().map(|argument| identifier(argument.name));
+    arguments.chain(function.results.iter().map(|results| identifier(results.name))).collect()
+}
+
+/// A length or an index, without a suffix.
+fn size(value: usize) -> Literal {
+    Literal::usize_unsuffixed(value)
+}
+
+/// `&[..]` of literals.
+fn list<T: quote::ToTokens>(items: impl IntoIterator<Item = T>) -> TokenStream {
+    let items = items.into_iter();
+    quote!(&[#(#items),*])
+}

@@ -1,0 +1,108 @@
+//! Lowers the equations (`<device>/c<NN>.kir`) and the effects to Rust.
+//!
+//! Where a device's equations are missing or belong to another structure of the device, they are derived anew (see
+//! `build/derive.rs`) and taken from `OUT_DIR`. An effect's edit, and no edit at all, never derive anything.
+
+#[path = "build/derive.rs"]
+mod derive;
+
+use std::error::Error;
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use dynid_lower::effect::EffectKernels;
+use dynid_lower::emit::{configuration_module, effects_module};
+use dynid_lower::kernel::Configuration;
+use dynid_lower::{Kir, KirError};
+use dynid_model::Device;
+
+fn main() {
+    if let Err(error) = build() {
+        println!("cargo::error={}", error.to_string().replace('\n', " "));
+    }
+}
+
+fn build() -> Result<(), Box<dyn Error>> {
+    let equations = PathBuf::from(std::env::var("CARGO_MANIFEST_DIR")?);
+    let out = PathBuf::from(std::env::var("OUT_DIR")?);
+    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-changed=build");
+
+    let mut library = String::new();
+    let mut table = Vec::new();
+    for device in dynid_model::devices() {
+        if !equations.join("../codegen/derive/src/main.rs").exists() && !equations.join(&device.id).exists() {
+            println!("cargo::warning={}: no equations yet", device.id);
+            continue;
+        }
+        println!("cargo::rerun-if-changed={}", equations.join(&device.id).display());
+        writeln!(library, "/// Kernels of `{}`, a module per configuration.", device.id)?;
+        writeln!(library, "pub mod {} {{", device.id)?;
+        for kir in device_equations(device, &equations, &out)? {
+            let configuration = Configuration::new(&kir)?;
+            let name = format!("c{:02}", configuration.number);
+            let path = out.join(format!("{}_{name}.rs", device.id));
+            fs::write(&path, configuration_module(&configuration)?)?;
+            writeln!(library, "#[allow(non_snake_case, unused_variables, clippy::all)]")?;
+            writeln!(library, "#[path = {path:?}]\npub mod {name};")?;
+            table.push(format!("&{}::{name}::KERNEL", device.id));
+        }
+        writeln!(library, "}}")?;
+    }
+    writeln!(library, "static KERNELS: &[&Kernel] = &[{}];", table.join(", "))?;
+
+    let effects = dynid_model::effects().iter().map(EffectKernels::new).collect::<Result<Vec<_>, _>>()?;
+    let path = out.join("effect_library.rs");
+    fs::write(&path, effects_module(&effects)?)?;
+    writeln!(library, "/// Every effect's generic functions, a module per effect.")?;
+    writeln!(library, "#[allow(non_snake_case, unused_variables, clippy::all)]")?;
+    writeln!(library, "#[path = {path:?}]\npub mod effect_library;")?;
+    fs::write(out.join("library.rs"), library)?;
+    Ok(())
+}
+
+/// The equations of all configurations of a device: those that are checked in, or else derived ones.
+fn device_equations(device: &Device, checked_in: &Path, out: &Path) -> Result<Vec<Kir>, Box<dyn Error>> {
+    let reason = match read_equations(device, &checked_in.join(&device.id))? {
+        Equations::Current(equations) => return Ok(equations),
+        Equations::Stale(reason) => reason,
+    };
+    let derived = out.join("derived");
+    let again = format!("run `cargo xtask gen --device {}` and commit the result", device.id);
+    if let Ok(Equations::Current(equations)) = read_equations(device, &derived.join(&device.id)) {
+        println!("cargo::warning={}: {reason}; the equations are those of an earlier build; {again}", device.id);
+        return Ok(equations);
+    }
+    println!("cargo::warning={}: {reason}; they were derived anew for this build; {again}", device.id);
+    derive::run(device, &reason, &derived)?;
+    match read_equations(device, &derived.join(&device.id))? {
+        Equations::Current(equations) => Ok(equations),
+        Equations::Stale(reason) => Err(format!("{}: derived anew, but {reason}", device.id).into()),
+    }
+}
+
+/// What a folder of equations is worth.
+enum Equations {
+    /// Those of the device as it is.
+    Current(Vec<Kir>),
+    /// Not so, and why.
+    Stale(String),
+}
+
+fn read_equations(device: &Device, folder: &Path) -> Result<Equations, KirError> {
+    let digest = device.structure_digest();
+    let mut equations = Vec::new();
+    for number in 1..=device.configurations.len() {
+        let path = folder.join(format!("c{number:02}.kir"));
+        let Ok(text) = fs::read_to_string(&path) else {
+            return Ok(Equations::Stale(format!("the equations of configuration {number} do not exist")));
+        };
+        let kir = Kir::parse(&text, &path)?;
+        if kir.model_sha256 != digest {
+            return Ok(Equations::Stale("the equations belong to another structure of the device".to_owned()));
+        }
+        equations.push(kir);
+    }
+    Ok(Equations::Current(equations))
+}

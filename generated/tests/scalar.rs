@@ -1,0 +1,85 @@
+//! The numbers that kernels compute with.
+
+use dynid_generated::{Dual, Lanes, Scalar};
+
+/// Angle, then sine and cosine, each as a double and what it leaves off (made by `sin_cos.py`).
+fn table() -> Vec<[f64; 5]> {
+    let rows = include_str!("sin_cos.csv").lines().skip(1);
+    rows.map(|row| {
+        let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+        cells.try_into().unwrap()
+    })
+    .collect()
+}
+
+/// The distance between neighbouring doubles at `x`.
+fn ulp(x: f64) -> f64 {
+    let x = x.abs().max(f64::MIN_POSITIVE);
+    f64::from_bits(x.to_bits() + 1) - x
+}
+
+#[test]
+fn sines_and_cosines_are_within_one_unit_in_the_last_place() {
+    let mut worst = 0.0f64;
+    for [angle, sine, sine_rest, cosine, cosine_rest] in table() {
+        let ([s], [c]) = f64::sines_cosines([angle]);
+        for (computed, high, rest) in [(s, sine, sine_rest), (c, cosine, cosine_rest)] {
+            let error = ((computed - high) - rest).abs() / ulp(high);
+            assert!(error <= 1.0, "{angle:e}: {computed:e} is {error} units off {high:e}");
+            worst = worst.max(error);
+        }
+    }
+    assert!(worst > 0.4, "an error of {worst} units is too good to have been measured");
+}
+
+#[test]
+fn sines_agree_with_the_system_on_a_dense_grid() {
+    for step in -200_000..200_000 {
+        let angle = f64::from(step) * 1e-4 + 1e-7;
+        let ([s], [c]) = f64::sines_cosines([angle]);
+        assert!((s - angle.sin()).abs() <= 1.5 * ulp(s), "{angle}");
+        assert!((c - angle.cos()).abs() <= 1.5 * ulp(c), "{angle}");
+    }
+}
+
+#[test]
+fn what_is_no_angle_has_no_sine() {
+    for angle in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let ([s, t], [c, _]) = f64::sines_cosines([angle, 0.5]);
+        assert!(s.is_nan() && c.is_nan());
+        assert_eq!(t, 0.5f64.sin());
+    }
+    let ([s], _) = f64::sines_cosines([-0.0]);
+    assert!(s == 0.0);
+}
+
+/// A function that uses every operation of `Scalar`, smooth around the points below.
+fn everything<S: Scalar>(x: S, y: S) -> S {
+    let one = S::constant(1.0);
+    let ([s, t], [c, _]) = S::sines_cosines([x, x * y]);
+    let smooth = s * c + t / (one + y * y) - (-x).exp() + (one + x * x).ln() + (one + y * y).sqrt();
+    let kinked = x.abs() * y.sign() + x.minimum(y) + (x * x).maximum(y) + S::if_less(x, y, x * y, y);
+    smooth + kinked + x.tan() * y.tanh()
+}
+
+#[test]
+fn lanes_compute_what_numbers_do() {
+    let (x, y) = ([0.3, -0.8, 1.2, -0.1], [-0.5, 0.4, 0.9, -1.1]);
+    let together = everything(Lanes(x), Lanes(y)).0;
+    for lane in 0..4 {
+        assert_eq!(together[lane], everything(x[lane], y[lane]));
+    }
+}
+
+#[test]
+fn dual_numbers_carry_central_differences() {
+    for (x, y) in [(0.3, -0.5), (-0.8, 0.4), (1.2, 0.9), (-0.1, -1.1)] {
+        let dual = everything(Dual::<2>::variable(x, 0), Dual::variable(y, 1));
+        assert_eq!(dual.value, everything(x, y));
+        let step = 1e-6;
+        let by_x = (everything(x + step, y) - everything(x - step, y)) / (2.0 * step);
+        let by_y = (everything(x, y + step) - everything(x, y - step)) / (2.0 * step);
+        assert!((dual.partials[0] - by_x).abs() < 1e-8, "{x} {y}: {} {by_x}", dual.partials[0]);
+        assert!((dual.partials[1] - by_y).abs() < 1e-8, "{x} {y}: {} {by_y}", dual.partials[1]);
+    }
+}

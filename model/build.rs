@@ -1,0 +1,99 @@
+//! Embeds `devices/*.toml` and `effects/*.toml` after reading them with the crate's own readers: a shipped file that
+//! is wrong fails the build, with an error that points at the line.
+
+// The readers are compiled here a second time; what only the library offers is unused.
+#![allow(dead_code, unused_imports, missing_docs)]
+
+#[path = "src/device.rs"]
+mod device;
+#[path = "src/device_reader.rs"]
+mod device_reader;
+#[path = "src/document.rs"]
+mod document;
+#[path = "src/effect.rs"]
+mod effect;
+#[path = "src/effect_reader.rs"]
+mod effect_reader;
+#[path = "src/error.rs"]
+mod error;
+#[path = "src/expression.rs"]
+mod expression;
+#[path = "src/inertia.rs"]
+mod inertia;
+#[path = "src/instance.rs"]
+mod instance;
+#[path = "src/parameter.rs"]
+mod parameter;
+#[path = "src/parser.rs"]
+mod parser;
+#[path = "src/shipped.rs"]
+mod shipped;
+#[path = "src/unit.rs"]
+mod unit;
+
+use std::{env, fmt::Write, fs, io, path::Path, process::ExitCode};
+
+use device::{Device, Link};
+use expression::Expression;
+use parameter::Parameter;
+
+fn main() -> ExitCode {
+    println!("cargo::rerun-if-changed=devices");
+    println!("cargo::rerun-if-changed=effects");
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            for line in message.lines() {
+                println!("cargo::error={line}");
+            }
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), String> {
+    let root = env::var("CARGO_MANIFEST_DIR").map_err(|error| error.to_string())?;
+    let out = env::var("OUT_DIR").map_err(|error| error.to_string())?;
+    let read = |folder: &str| {
+        files(&Path::new(&root).join(folder), folder).map_err(|error| format!("reading model/{folder}: {error}"))
+    };
+    let (device_files, effect_files) = (read("devices")?, read("effects")?);
+    let pairs: Vec<(&str, &str)> = effect_files.iter().map(|file| (file.shown.as_str(), file.text.as_str())).collect();
+    let effects = shipped::read_effects(&pairs).map_err(|error| error.to_string())?;
+    for file in &device_files {
+        Device::parse_with(&file.text, Path::new(&file.shown), &effects).map_err(|error| error.to_string())?;
+    }
+    let mut code = String::new();
+    for (name, files) in [("DEVICE_FILES", &device_files), ("EFFECT_FILES", &effect_files)] {
+        // Writing to a string cannot fail.
+        let _ = writeln!(code, "const {name}: &[(&str, &str)] = &[");
+        for file in files {
+            let _ = writeln!(code, "    ({:?}, include_str!({:?})),", file.shown, file.path);
+        }
+        let _ = writeln!(code, "];");
+    }
+    fs::write(Path::new(&out).join("library.rs"), code).map_err(|error| format!("writing library.rs: {error}"))
+}
+
+struct File {
+    /// Absolute.
+    path: String,
+    /// From the repository's root, for messages.
+    shown: String,
+    text: String,
+}
+
+/// The TOML files of a folder, by name.
+fn files(folder: &Path, name: &str) -> io::Result<Vec<File>> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let stem = path.file_name().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+            let text = fs::read_to_string(&path)?;
+            files.push(File { path: path.display().to_string(), shown: format!("model/{name}/{stem}"), text });
+        }
+    }
+    files.sort_by(|a, b| a.shown.cmp(&b.shown));
+    Ok(files)
+}

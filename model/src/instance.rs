@@ -1,0 +1,142 @@
+//! `[[effect]]` tables: an effect put at its place, in device files and in users' models alike.
+
+use crate::{
+    device::DefaultEffect,
+    document::Table,
+    effect::{Effect, Scope},
+    error::{ModelError, did_you_mean},
+    parameter::Parameter,
+};
+
+/// Gives the parameter (value and bounds) that stands where a file says nothing, or says only a value:
+/// `(effect, (joint, from), symbol, stated value)`.
+pub type DefaultParameter<'a> =
+    dyn Fn(&Effect, (Option<usize>, Option<usize>), &str, Option<f64>) -> Option<Parameter> + 'a;
+
+/// Reads one `[[effect]]` table. Only the parameters that stand in the file are in `values`.
+///
+/// # Errors
+/// An unknown effect, joint or parameter, a value outside its bounds; with its place.
+pub fn read_instance(
+    table: &Table,
+    n_joints: usize,
+    effects: &[Effect],
+    default: &DefaultParameter,
+) -> Result<DefaultEffect, ModelError> {
+    let entry = table.required("id", "\"<effect>\"")?;
+    let id = entry.text()?;
+    let Some(effect) = effects.iter().find(|effect| effect.id == id) else {
+        let known = did_you_mean(id, effects.iter().map(|effect| effect.id.as_str()));
+        return Err(entry.error(format!("unknown effect `{id}`")).help(known));
+    };
+    let places: &[&str] = match effect.scope {
+        Scope::Joint => &["joint"],
+        Scope::Pair => &["from", "joint"],
+        Scope::Device => &[],
+    };
+    let mut found = [None, None];
+    for key in places {
+        let entry = table.required(key, "<joint>").map_err(|error| {
+            error.help(format!("`{id}` acts on {}; add `{key} = <joint>`", scope_text(effect.scope)))
+        })?;
+        let joint = entry.index()?;
+        if joint >= n_joints {
+            return Err(entry
+                .error(format!("unknown joint {joint} for effect `{id}`"))
+                .help(format!("the device has joints 0..{}", n_joints - 1)));
+        }
+        found[usize::from(*key == "from")] = Some(joint);
+    }
+    let [joint, from] = found;
+    if joint.is_some() && joint == from {
+        return Err(table.error(format!("effect `{id}` couples joint {} with itself", joint.unwrap_or_default())));
+    }
+    let what = instance_name(id, joint, from);
+    let mut values = Vec::new();
+    for (key, span) in table.keys() {
+        if key == "id" || places.contains(&key) {
+            continue;
+        }
+        if effect.parameter(key).is_none() {
+            let symbols = effect.parameters.iter().map(|parameter| parameter.symbol.as_str());
+            let known = did_you_mean(key, symbols.chain(places.iter().copied()));
+            return Err(table.source.error(span, format!("`{id}` has no parameter `{key}`")).help(known));
+        }
+        let entry = table.required(key, "<number>")?;
+        let fallback = |value: f64| {
+            default(effect, (joint, from), key, Some(value)).unwrap_or(Parameter {
+                value,
+                lower: f64::NEG_INFINITY,
+                upper: f64::INFINITY,
+                fixed: false,
+            })
+        };
+        values.push((key.to_owned(), entry.parameter(&fallback)?));
+    }
+    for (left, comparison, right) in &effect.inequalities {
+        let value_of = |symbol: &str| {
+            values
+                .iter()
+                .find(|(name, _)| name == symbol)
+                .map(|(_, parameter)| *parameter)
+                .or_else(|| default(effect, (joint, from), symbol, None))
+                .map_or(f64::NAN, |parameter| parameter.value)
+        };
+        let (a, b) = (value_of(left), value_of(right));
+        // Equality is the limit of the inequality and is allowed (thesis Eq. 4.1).
+        if a != b && !comparison.holds(a, b) {
+            let place = [left, right].into_iter().find(|symbol| table.optional(symbol.as_str()).is_some());
+            let span = place.map_or(table.span.clone(), |symbol| table.key_span(symbol));
+            let sign = comparison.symbol();
+            return Err(table
+                .source
+                .error(span, format!("{what} needs `{left} {sign} {right}`, found {left} = {a} and {right} = {b}"))
+                .help("change one of the two"));
+        }
+    }
+    Ok(DefaultEffect { id: id.to_owned(), joint, from, values })
+}
+
+/// Refuses an effect that stands twice at one place, and two alternatives at one joint.
+///
+/// # Errors
+/// At the later of the two tables.
+pub fn check_instances(tables: &[Table], instances: &[DefaultEffect], effects: &[Effect]) -> Result<(), ModelError> {
+    let alternatives = |instance: &DefaultEffect| {
+        effects.iter().find(|effect| effect.id == instance.id).and_then(|effect| effect.alternatives.clone())
+    };
+    for (index, (table, later)) in tables.iter().zip(instances).enumerate() {
+        for earlier in &instances[..index] {
+            if (&earlier.id, earlier.joint, earlier.from) == (&later.id, later.joint, later.from) {
+                return Err(table
+                    .error(format!("{} stands twice", instance_name(&later.id, later.joint, later.from)))
+                    .help("remove one of the two"));
+            }
+            let group = alternatives(later);
+            if earlier.joint == later.joint && group.is_some() && group == alternatives(earlier) {
+                let place = later.joint.map_or("of the device".to_owned(), |joint| format!("at joint {joint}"));
+                return Err(table
+                    .error(format!("`{}` and `{}` {place} are alternatives", earlier.id, later.id))
+                    .help("keep one of the two"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// "`lugre` at joint 3", "`input_coupling` from joint 5 to joint 4".
+pub fn instance_name(id: &str, joint: Option<usize>, from: Option<usize>) -> String {
+    match (joint, from) {
+        (Some(joint), Some(from)) => format!("`{id}` from joint {from} to joint {joint}"),
+        (Some(joint), None) => format!("`{id}` at joint {joint}"),
+        _ => format!("`{id}`"),
+    }
+}
+
+fn scope_text(scope: Scope) -> &'static str {
+    match scope {
+        Scope::Joint => "one joint",
+        Scope::Pair => "a pair of joints",
+        Scope::Device => "the whole device",
+    }
+}

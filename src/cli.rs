@@ -1,0 +1,81 @@
+//! The command line: five verbs, each a file; this one reads the arguments and is the only one that prints results.
+//!
+//! A verb returns an [`Outcome`]: text for people, one JSON object for programs, and whether the answer is yes. Results
+//! go to stdout, progress and errors to stderr.
+
+mod devices;
+mod table;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Identify the dynamics of a robot from logged torques and positions.
+#[derive(Parser)]
+#[command(name = "dynid", version, max_term_width = 100, after_help = HELP)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+    /// Print one JSON object on stdout, and nothing else there.
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+const HELP: &str = "\
+The loop, all of it plain files:
+  dynid plan     freedom6s --method isolated                     which joints to free, and what that reveals
+  dynid fit      experiment.toml --out fitted.toml               parameters from logs
+  dynid compare  experiment.toml --model fitted.toml             how far off, and where
+  dynid simulate experiment.toml --model fitted.toml --out-dir runs
+
+Never seen it work? `dynid tour` fits one joint of a robot to a log that it carries, in seconds.
+
+Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where.";
+
+#[derive(Subcommand)]
+enum Verb {
+    /// What is known about the devices: joints, links, configurations, default effects.
+    Devices(devices::Arguments),
+}
+
+/// What a verb has to say.
+struct Outcome {
+    /// For people.
+    text: String,
+    /// For programs; one object.
+    json: serde_json::Value,
+    answer: Answer,
+}
+
+#[derive(PartialEq)]
+enum Answer {
+    Yes,
+    No,
+}
+
+/// Reads the arguments, runs the verb, prints and returns the exit status.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = match &arguments.verb {
+        Verb::Devices(arguments) => devices::run(arguments),
+    };
+    match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
+        Ok(Answer::Yes) => ExitCode::SUCCESS,
+        Ok(Answer::No) => ExitCode::from(1),
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn print(outcome: &Outcome, json: bool) -> anyhow::Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    let written = if json { writeln!(stdout, "{}", outcome.json) } else { write!(stdout, "{}", outcome.text) };
+    match written.and_then(|()| stdout.flush()) {
+        // whoever reads has read enough, e.g. `dynid devices | head -1`
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        written => Ok(written?),
+    }
+}

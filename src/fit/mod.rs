@@ -1,0 +1,38 @@
+//! Fits: from logs to parameter values, each with its standing.
+
+mod barrier;
+pub mod identifiability;
+pub mod physical;
+
+/// How a fit ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FitStatus {
+    /// Step and gradient are below tolerance.
+    Converged,
+    /// Converged, and at least one parameter is held by its bound or by physics, not by the data.
+    HeldByBound,
+    /// Converged, and some parameters or combinations do not change the prediction: they kept their start values.
+    NotIdentifiable,
+    /// Too many iterations.
+    IterationLimit,
+    /// The cost is not finite, or no step lowers it although the gradient is not small.
+    NumericalError,
+}
+
+impl FitStatus {
+    /// Whether the result is a minimum, so that a model may take it.
+    pub fn may_update_model(self) -> bool {
+        matches!(self, Self::Converged | Self::HeldByBound | Self::NotIdentifiable)
+    }
+
+    /// As it stands in files and reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::HeldByBound => "held by bound",
+            Self::NotIdentifiable => "not identifiable",
+            Self::IterationLimit => "iteration limit",
+            Self::NumericalError => "numerical error",
+        }
+    }
+}

@@ -135,7 +135,8 @@ impl Algebra {
 
     /// A parameter by its full name; 0 for one that the device does not have.
     pub fn parameter(&self, name: &str) -> Polynomial {
-        let position = self.symbols.iter().position(|known| matches!(known, Symbol::Parameter(known, _) if known == name));
+        let position =
+            self.symbols.iter().position(|known| matches!(known, Symbol::Parameter(known, _) if known == name));
         position.map_or_else(|| self.zero(), |position| self.variable(position))
     }
 
@@ -499,8 +500,7 @@ pub fn angle_sum(expression: &Expression) -> Result<AngleSum, String> {
 }
 
 /// Units of [`Link::SYMBOLS`].
-const INERTIAL_UNITS: [&str; 10] =
-    ["kg", "m", "m", "m", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2"];
+const INERTIAL_UNITS: [&str; 10] = ["kg", "m", "m", "m", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2"];
 
 /// Angles closer than this to a multiple of a quarter turn, in quarter turns, are that multiple. A numerical choice.
 const WHOLE: f64 = 1e-12;
@@ -536,8 +536,9 @@ fn angles(device: &Device) -> Result<Vec<Angle>, DeriveError> {
         for expression in [&frame.theta, &frame.alpha] {
             let angle = angle_sum(expression).map_err(|what| DeriveError::frame(device, frame, what))?;
             for &joint in angle.factors.keys() {
-                *joints.get_mut(joint).ok_or_else(|| DeriveError::frame(device, frame, format!("there is no joint q{joint}")))? =
-                    true;
+                *joints
+                    .get_mut(joint)
+                    .ok_or_else(|| DeriveError::frame(device, frame, format!("there is no joint q{joint}")))? = true;
             }
             let magnitude = angle.constant.abs();
             if !is_whole(magnitude / std::f64::consts::FRAC_PI_2) && !constants.contains(&magnitude) {

@@ -6,7 +6,10 @@ use dynid_model::Device;
 use crate::{
     DeriveError,
     algebra::{Algebra, joint_unit},
+    collected::Subset,
+    composite,
     emit::Context,
+    lagrangian::Lagrangian,
     lumps::Lumps,
     recursion::{Mechanism, Motion},
     tree::Tree,
@@ -63,7 +66,7 @@ struct Candidate {
 ///
 /// # Errors
 /// A frames table that no mechanism can be made of.
-pub fn derive(algebra: &Algebra, device: &Device, number: usize) -> Result<Kir, DeriveError> {
+pub fn derive(algebra: &Algebra, lagrangian: &Lagrangian, device: &Device, number: usize) -> Result<Kir, DeriveError> {
     let free = device.configurations[number - 1].free.clone();
     let locked = (0..device.joints.len()).filter(|joint| !free.contains(joint)).collect();
     let context = Context { algebra, device, free: &free };
@@ -71,12 +74,24 @@ pub fn derive(algebra: &Algebra, device: &Device, number: usize) -> Result<Kir, 
     let mut program = Program::new();
     let mut forms = Vec::new();
     for group in Group::ALL {
-        let candidates = vec![candidate("recursion", recursion(&context, &tree, group))];
+        let mut candidates = vec![candidate("recursion", recursion(&context, &tree, group))];
+        // A sum of more products than the recursion has operations cannot be cheaper.
+        let limit = candidates[0].counts.arithmetic();
+        if let Some(subset) = Subset::new(&context, lagrangian, limit) {
+            let n_angles = algebra.pairs().iter().filter(|(cosine, _)| algebra.moves(*cosine, &free)).count();
+            let variants = (0..1usize << n_angles.min(MAX_CHOICES))
+                .map(|kept_sines| candidate("lagrangian", subset.program(&context, group, kept_sines)));
+            candidates.extend(variants.min_by_key(|known| known.counts.arithmetic()));
+        }
         let costs: Vec<String> =
             candidates.iter().map(|known| format!("{} {}", known.form, known.counts.arithmetic())).collect();
         let Some(best) = candidates.into_iter().min_by_key(|known| known.counts.arithmetic()) else { continue };
         program.append(&best.program);
-        forms.push(Form { outputs: group.symbol().to_owned(), form: best.form, reason: format!("operations: {}", costs.join(", ")) });
+        forms.push(Form {
+            outputs: group.symbol().to_owned(),
+            form: best.form,
+            reason: format!("operations: {}", costs.join(", ")),
+        });
     }
     Ok(Kir {
         device: device.id.clone(),
@@ -88,6 +103,9 @@ pub fn derive(algebra: &Algebra, device: &Device, number: usize) -> Result<Kir, 
         program: program.compact(),
     })
 }
+
+/// Choices of which square to eliminate are tried for so many angles; a numerical choice.
+const MAX_CHOICES: usize = 3;
 
 fn candidate(form: &str, program: Program) -> Candidate {
     let program = program.compact();
@@ -109,6 +127,13 @@ pub fn recursion(context: &Context, tree: &Tree, group: Group) -> Program {
             }
         }
         Group::Inertia => {
+            if let Some(inertia) = composite::inertia(&mechanism, &mut program) {
+                let zero = program.number(0.0);
+                for (pair, name) in pairs(context.free).iter().zip(group.outputs(context.free)) {
+                    program.output(&name, inertia.get(pair).copied().unwrap_or(zero));
+                }
+                return program;
+            }
             for &j in context.free {
                 let motion = unit_acceleration(context, &mut program, j);
                 let torques = mechanism.torques(&mut program, &motion);

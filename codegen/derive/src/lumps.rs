@@ -101,7 +101,8 @@ impl Lumps {
     /// Second moments, first moment and mass of a link, in the axes of its turning.
     fn add_body(&mut self, context: &Context, tree: &Tree, program: &mut Program, body: &Body) {
         let rotation = emit_matrix(context, program, &body.rotation);
-        let mut parameter = |symbol: &str| context.emit(program, &context.algebra.parameter(&format!("link.{}.{symbol}", body.link)));
+        let mut parameter =
+            |symbol: &str| context.emit(program, &context.algebra.parameter(&format!("link.{}.{symbol}", body.link)));
         let mass = parameter("m");
         let centroid = ["x", "y", "z"].map(&mut parameter);
         let [xx, xy, xz, yy, yz, zz] = ["Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"].map(&mut parameter);
@@ -176,6 +177,10 @@ impl Lumps {
         if turning == 0 || first.iter().all(|&component| program.is_zero(component)) {
             return;
         }
+        // What is fixed in the base does not matter: it does not move.
+        if place.get(&0).is_some_and(|segment| segment.slides.is_empty()) {
+            place.remove(&0);
+        }
         if place.get(&turning).is_some_and(|segment| segment.slides.is_empty()) {
             if let Some(segment) = place.remove(&turning) {
                 let offset = emit_vector(context, program, &segment.constant);
@@ -211,6 +216,9 @@ impl Lumps {
                 let zero = program.number(0.0);
                 let sum = self.mass.entry(number).or_insert(zero);
                 *sum = program.add(*sum, mass);
+                return;
+            }
+            if turning == 0 {
                 return;
             }
             let offset = emit_vector(context, program, &segment.constant);

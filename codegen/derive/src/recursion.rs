@@ -46,6 +46,8 @@ struct Rates {
     dw: [Option<Node>; 3],
     /// `[dw]x + [w]x [w]x` [1/s^2].
     u: Matrix<Node>,
+    /// `Uxx - Uzz = wx^2 - wz^2`.
+    xx_minus_zz: Node,
 }
 
 /// One recursion under way.
@@ -60,6 +62,8 @@ struct Recursion<'a, 'b> {
     forces: BTreeMap<(usize, usize), Vector<Node>>,
     /// Moments on turnings, in their axes [N m].
     moments: Vec<Vector<Node>>,
+    /// Moment about each turning's axis [N m].
+    axial: Vec<Node>,
     /// Sum at each joint [N m or N].
     torques: Vec<Node>,
     /// Places, those on the way to the lumps' places included.
@@ -69,22 +73,45 @@ struct Recursion<'a, 'b> {
 impl Mechanism<'_> {
     /// Joint torques that make the motion, by the device's joint index.
     pub fn torques(&self, program: &mut Program, motion: &Motion) -> Vec<Node> {
+        let mut recursion = self.start(program, motion);
+        recursion.outward();
+        recursion.bodies();
+        recursion.inward();
+        recursion.torques
+    }
+
+    /// Moments about the axis of each turning that balance these forces at places (in the axes of turnings) and
+    /// moments on turnings.
+    pub fn axial_moments(
+        &self,
+        program: &mut Program,
+        motion: &Motion,
+        places: &[Place],
+        forces: BTreeMap<(usize, usize), Vector<Node>>,
+        moments: Vec<Vector<Node>>,
+    ) -> Vec<Node> {
+        let mut recursion = self.start(program, motion);
+        recursion.places = places.to_vec();
+        recursion.forces = forces;
+        recursion.moments = moments;
+        recursion.inward();
+        recursion.axial
+    }
+
+    fn start<'b>(&'b self, program: &'b mut Program, motion: &'b Motion) -> Recursion<'b, 'b> {
         let zero = program.number(0.0);
-        let mut recursion = Recursion {
+        Recursion {
             mechanism: self,
             motion,
             rates: Vec::new(),
             accelerations: BTreeMap::new(),
             forces: BTreeMap::new(),
             moments: vec![[zero; 3]; self.tree.turnings.len()],
+            axial: vec![zero; self.tree.turnings.len()],
             torques: vec![zero; self.context.device.joints.len()],
             places: (0..self.lumps.places.len()).map(|number| self.lumps.places.place(number).clone()).collect(),
             program,
-        };
-        recursion.outward();
-        recursion.bodies();
-        recursion.inward();
-        recursion.torques
+        }
     }
 
     /// Cosine and sine of a turning's rotation.
@@ -144,7 +171,7 @@ impl Recursion<'_, '_> {
     /// Velocities and accelerations of the turnings, from the base outwards.
     fn outward(&mut self) {
         let zero = self.program.number(0.0);
-        self.rates.push(Rates { w: [zero; 3], dw: [Some(zero); 3], u: [[zero; 3]; 3] });
+        self.rates.push(Rates { w: [zero; 3], dw: [Some(zero); 3], u: [[zero; 3]; 3], xx_minus_zz: zero });
         for turning in 1..self.mechanism.tree.turnings.len() {
             let rates = self.rates_of(turning);
             self.name(rates.w, &format!("w{turning}"));
@@ -166,10 +193,10 @@ impl Recursion<'_, '_> {
         let w = mechanism.up_into(self.program, turning, self.rates[parent].w);
         let w = [w[0], w[1], self.program.add(w[2], rate)];
         let fixed = mechanism.lumps.fixed[turning];
-        let axis_row = fixed.iter().position(|row| self.program.number_of(row[2]).is_some_and(|value| value.abs() == 1.0));
+        let axis_row =
+            fixed.iter().position(|row| self.program.number_of(row[2]).is_some_and(|value| value.abs() == 1.0));
         let program = &mut *self.program;
-        let (xy, xz, yz) =
-            (program.multiply(w[0], w[1]), program.multiply(w[0], w[2]), program.multiply(w[1], w[2]));
+        let (xy, xz, yz) = (program.multiply(w[0], w[1]), program.multiply(w[0], w[2]), program.multiply(w[1], w[2]));
         let (xx, zz) = (program.multiply(w[0], w[0]), program.multiply(w[2], w[2]));
 
         let Some(axis_row) = axis_row else {
@@ -185,7 +212,8 @@ impl Recursion<'_, '_> {
                 [program.add(xy, dw[2]), sum_negated(program, xx, zz), program.subtract(yz, dw[0])],
                 [program.subtract(xz, dw[1]), program.add(yz, dw[0]), sum_negated(program, xx, yy)],
             ];
-            return Rates { w, dw: dw.map(Some), u };
+            let xx_minus_zz = program.subtract(xx, zz);
+            return Rates { w, dw: dw.map(Some), u, xx_minus_zz };
         };
         // A rotation about z leaves Uzz and turns (Uxz, Uyz) like a vector: both come from the parent's U.
         let column = fixed[axis_row][2];
@@ -198,18 +226,18 @@ impl Recursion<'_, '_> {
         let dw_z = program.add(dw_axis, rate_change);
         let twice = program.add(w[2], w[2]);
         let (twice_xz, twice_yz) = (program.multiply(twice, w[0]), program.multiply(twice, w[1]));
-        let square_difference = program.subtract(xx, zz);
+        let xx_minus_zz = program.subtract(xx, zz);
         let u = [
-            [program.add(u_zz, square_difference), program.subtract(xy, dw_z), u_xz],
+            [program.add(u_zz, xx_minus_zz), program.subtract(xy, dw_z), u_xz],
             [program.add(xy, dw_z), sum_negated(program, xx, zz), u_yz],
             [program.subtract(twice_xz, u_xz), program.subtract(twice_yz, u_yz), u_zz],
         ];
-        Rates { w, dw: [None, None, Some(dw_z)], u }
+        Rates { w, dw: [None, None, Some(dw_z)], u, xx_minus_zz }
     }
 
     /// One component of a turning's angular acceleration, from U where it was not carried along.
     fn angular_acceleration(&mut self, turning: usize, axis: usize) -> Node {
-        let Rates { w, dw, u } = &self.rates[turning];
+        let Rates { w, dw, u, .. } = &self.rates[turning];
         if let Some(known) = dw[axis] {
             return known;
         }
@@ -327,11 +355,10 @@ impl Recursion<'_, '_> {
     /// `integral of r x (U r) dm` for the second moments of a turning, whose `Mzz` is 0.
     fn moment_of_second_moments(&mut self, turning: usize) -> Vector<Node> {
         let m = self.mechanism.lumps.second[turning];
-        let u = self.rates[turning].u;
+        let Rates { u, xx_minus_zz, .. } = self.rates[turning];
         let program = &mut *self.program;
         let [xx, xy, xz, yy, yz] = [m[0], m[1], m[2], m[3], m[4]];
-        let differences =
-            [program.subtract(u[2][2], u[1][1]), program.subtract(u[0][0], u[2][2]), program.subtract(u[1][1], u[0][0])];
+        let differences = [program.subtract(u[2][2], u[1][1]), xx_minus_zz, program.subtract(u[1][1], u[0][0])];
         let mut sum = |terms: [(Node, Node, bool); 5]| {
             let mut sum = program.number(0.0);
             for (lump, rate, plus) in terms {
@@ -393,6 +420,7 @@ impl Recursion<'_, '_> {
             let moment = self.moments[turning];
             let moment = self.name(moment, &format!("n{turning}"));
             let description = &tree.turnings[turning];
+            self.axial[turning] = moment[2];
             let factor = self.program.number(description.factor as f64);
             let power = self.program.multiply(factor, moment[2]);
             self.torques[description.joint] = self.program.add(self.torques[description.joint], power);

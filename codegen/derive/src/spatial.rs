@@ -107,9 +107,7 @@ pub const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2)
 
 /// `rotation matrix rotation^T`, of program terms.
 pub fn rotate_symmetric(program: &mut Program, rotation: &Matrix<Node>, matrix: &Symmetric) -> Symmetric {
-    let columns = [0, 1, 2].map(|column| {
-        apply(program, rotation, [0, 1, 2].map(|row| matrix[entry(row, column)]))
-    });
+    let columns = [0, 1, 2].map(|column| apply(program, rotation, [0, 1, 2].map(|row| matrix[entry(row, column)])));
     ENTRIES.map(|(row, column)| {
         let left = [0, 1, 2].map(|k| columns[k][row]);
         dot(program, left, rotation[column])

@@ -172,14 +172,11 @@ impl Tree {
         }
         let axis = column(&cursor.rotation, 2);
         let turns_alike = |child: &Turning| {
-            child.parent == cursor.turning
-                && child.joint == joint
-                && (child.factor.abs() == factor.abs())
-                && {
-                    let same = child.factor == factor;
-                    let known = column(&child.fixed, 2);
-                    (0..3).all(|k| if same { known[k] == axis[k] } else { known[k] == -&axis[k] })
-                }
+            child.parent == cursor.turning && child.joint == joint && (child.factor.abs() == factor.abs()) && {
+                let same = child.factor == factor;
+                let known = column(&child.fixed, 2);
+                (0..3).all(|k| if same { known[k] == axis[k] } else { known[k] == -&axis[k] })
+            }
         };
         match (1..self.turnings.len()).find(|&child| turns_alike(&self.turnings[child])) {
             Some(child) => {

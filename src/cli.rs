@@ -4,7 +4,12 @@
 //! go to stdout, progress and errors to stderr.
 
 mod devices;
+mod inputs;
+mod plan;
+mod progress;
+mod simulate;
 mod table;
+mod tour;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -37,6 +42,12 @@ Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one err
 enum Verb {
     /// What is known about the devices: joints, links, configurations, default effects.
     Devices(devices::Arguments),
+    /// Which joints to free, in which order, and what each step reveals.
+    Plan(plan::Arguments),
+    /// The positions that a model shows under the torques of the logs.
+    Simulate(simulate::Arguments),
+    /// See the loop done, in seconds, on logs that the program carries.
+    Tour(tour::Arguments),
 }
 
 /// What a verb has to say.
@@ -59,6 +70,9 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let result = match &arguments.verb {
         Verb::Devices(arguments) => devices::run(arguments),
+        Verb::Plan(arguments) => plan::run(arguments),
+        Verb::Simulate(arguments) => simulate::run(arguments),
+        Verb::Tour(arguments) => tour::run(arguments),
     };
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,

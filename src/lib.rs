@@ -1,8 +1,18 @@
 //! dynid.
 
+pub mod compare;
+pub mod error;
 pub mod experiment;
 pub mod fit;
+pub mod identify;
 pub mod log;
+pub mod model;
+pub mod output;
+pub mod plan;
 pub mod plot;
 pub mod report;
 pub mod signal;
+pub mod simulate;
+pub mod system;
+pub mod torque;
+pub mod tour;

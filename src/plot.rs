@@ -89,9 +89,9 @@ fn panel_height() -> f64 {
 fn draw(svg: &mut String, panel: &Panel) {
     let residual: Vec<f64> = panel.measured.iter().zip(&panel.predicted).map(|(y, model)| y - model).collect();
     let time = Axis::around(&[&panel.time], 8, Margin::None);
-    let upper = Axis::around(&[&panel.measured, &panel.predicted], 5, Margin::Some);
+    let upper = Axis::around(&[&panel.measured, &panel.predicted], 6, Margin::Some);
     let band = panel.noise_floor.map_or(0.0, |floor| 2.0 * floor);
-    let lower = Axis::around(&[&residual, &[-band, band]], 3, Margin::Some);
+    let lower = Axis::around(&[&residual, &[-band, band]], 5, Margin::Some);
 
     let _ = writeln!(svg, "<rect class=\"paper\" width=\"{WIDTH}\" height=\"{}\"/>", panel_height());
     let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&panel.title));

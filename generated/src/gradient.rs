@@ -16,7 +16,7 @@ pub fn jacobian_of<const W: usize, const P: usize, const L: usize, const M: usiz
     if jacobian.len() != M * P {
         return wrong_length();
     }
-    if P == 0 || W == 0 {
+    if W == 0 {
         return;
     }
     // A place beyond `W` makes a constant.
@@ -30,10 +30,13 @@ pub fn jacobian_of<const W: usize, const P: usize, const L: usize, const M: usiz
             variable
         });
         prepare(&seeded, &locked, &mut prepared);
-        for (row, value) in jacobian.chunks_exact_mut(P).zip(&prepared) {
+        let mut rest = &mut *jacobian;
+        for value in &prepared {
+            let Some((row, below)) = rest.split_at_mut_checked(P) else { return };
             for (entry, &partial) in row.iter_mut().skip(first).zip(&value.partials) {
                 *entry = partial;
             }
+            rest = below;
         }
     }
 }

@@ -46,12 +46,12 @@ pub enum Convention {
     Modified,
 }
 
-/// A length symbol and its value [m].
+/// A length symbol and its value \[m\].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Length {
     /// As it stands in the frames table, e.g. `L5`. Its parameter name is `length.L5`.
     pub symbol: String,
-    /// Its value [m].
+    /// Its value \[m\].
     pub value: f64,
 }
 
@@ -75,9 +75,9 @@ pub struct Joint {
 /// What a joint variable measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JointKind {
-    /// An angle [rad].
+    /// An angle \[rad\].
     Revolute,
-    /// A distance [m].
+    /// A distance \[m\].
     Prismatic,
 }
 
@@ -156,17 +156,17 @@ pub struct Frame {
     pub name: String,
     /// Index of the parent frame; `None` for the base.
     pub parent: Option<usize>,
-    /// Rotation about z [rad]: affine in revolute joint variables with integer factors.
+    /// Rotation about z \[rad\]: affine in revolute joint variables with integer factors.
     pub theta: Expression,
-    /// Translation along z [m].
+    /// Translation along z \[m\].
     pub d: Expression,
-    /// Translation along x [m].
+    /// Translation along x \[m\].
     pub a: Expression,
-    /// Rotation about x [rad]: affine in revolute joint variables with integer factors.
+    /// Rotation about x \[rad\]: affine in revolute joint variables with integer factors.
     pub alpha: Expression,
 }
 
-/// A rigid body. The ten inertial parameters are its mass [kg], centroid [m] and inertia about the centroid
+/// A rigid body. The ten inertial parameters are its mass \[kg\], centroid \[m\] and inertia about the centroid
 /// [kg m^2], in the axes of its frame: `m x y z Ixx Ixy Ixz Iyy Iyz Izz` ([`Link::SYMBOLS`]). The inertia matrix is
 /// `[[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]]`: its products are entries of the matrix (thesis
 /// Appendix C), not the negated integrals' absolute values.

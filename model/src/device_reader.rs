@@ -171,7 +171,8 @@ fn read_base(root: &Table) -> Result<(f64, [f64; 3]), ModelError> {
     let entry = base.required("up", "[0, 0, 1]")?;
     let entries = entry.array()?;
     if entries.len() != 3 {
-        return Err(entry.error(format!("`up` has three components, found {}", entries.len())));
+        let message = format!("`up` has three components, found {}", entries.len());
+        return Err(entry.error(message).help("write e.g. `up = [0, 0, 1]`"));
     }
     let mut up = [0.0; 3];
     for (component, entry) in up.iter_mut().zip(&entries) {
@@ -389,7 +390,8 @@ fn read_joint(table: &Table, kind: Option<JointKind>, joint: usize, command_unit
     let entry = table.required("position", "[<lowest>, <highest>]")?;
     let limits = entry.array()?;
     let [lowest, highest] = limits.as_slice() else {
-        return Err(entry.error(format!("{} must be [lowest, highest]", entry.what)));
+        let message = format!("{} must have two entries, found {}", entry.what, limits.len());
+        return Err(entry.error(message).help("write [lowest, highest]; `inf` where there is no end"));
     };
     let position_limits = [lowest.number()?, highest.number()?];
     if position_limits[0] >= position_limits[1] {
@@ -458,11 +460,8 @@ fn read_links(root: &Table, frames: &[Frame]) -> Result<Vec<Link>, ModelError> {
                 _ => (&rules[2], matches!(symbol, "Ixx" | "Iyy" | "Izz")),
             };
             *parameter = entry.parameter(&|value| bounds_of(rule, value, positive))?;
-            if index == 0 && (parameter.value < 0.0 || parameter.lower < 0.0) {
-                let found = parameter.value.min(parameter.lower);
-                return Err(entry
-                    .error(format!("the mass of {} is negative: {found} kg", table.what))
-                    .help("a mass and its lower bound are at least 0"));
+            if index == 0 {
+                check_mass(&entry, &table.what, parameter)?;
             }
         }
         let link =
@@ -471,6 +470,20 @@ fn read_links(root: &Table, frames: &[Frame]) -> Result<Vec<Link>, ModelError> {
         links.push(link);
     }
     Ok(links)
+}
+
+/// Refuses a mass that is negative or may become so.
+///
+/// # Errors
+/// At the mass.
+pub fn check_mass(entry: &Entry, link: &str, mass: &Parameter) -> Result<(), ModelError> {
+    let (verb, least) = if mass.value < 0.0 { ("is", mass.value) } else { ("may become", mass.lower) };
+    if least >= 0.0 {
+        return Ok(());
+    }
+    Err(entry
+        .error(format!("the mass of {link} {verb} negative: {least} kg"))
+        .help("a mass and its lower bound are at least 0"))
 }
 
 /// The error for a link that no body can be, at its first inertia.
@@ -488,7 +501,9 @@ fn read_rule(bounds: &Table, key: &str) -> Result<BoundsRule, ModelError> {
     if !entry.is_array() {
         return match entry.finite()? {
             fraction if fraction >= 0.0 => Ok(BoundsRule::Fraction(fraction)),
-            fraction => Err(entry.error(format!("{} must not be negative, found {fraction}", entry.what))),
+            fraction => Err(entry
+                .error(format!("{} must not be negative, found {fraction}", entry.what))
+                .help("give a fraction such as 0.5, or [lowest, highest]")),
         };
     }
     match entry.array()?.as_slice() {
@@ -498,7 +513,9 @@ fn read_rule(bounds: &Table, key: &str) -> Result<BoundsRule, ModelError> {
                 Err(entry.error(format!("{} cross: {lower} is above {upper}", entry.what)).help("exchange them"))
             }
         },
-        _ => Err(entry.error(format!("{} must be a fraction or [lowest, highest]", entry.what))),
+        _ => Err(entry
+            .error(format!("{} must be a fraction or [lowest, highest]", entry.what))
+            .help("write e.g. `0.5` or `[0.0, 10.0]`")),
     }
 }
 
@@ -507,9 +524,9 @@ fn bounds_of(rule: &BoundsRule, value: f64, positive: bool) -> Parameter {
     let (lower, upper) = match *rule {
         BoundsRule::Fraction(fraction) => {
             let lower = value - fraction * value.abs();
-            (if positive { lower.max(0.01 * value) } else { lower }, value + fraction * value.abs())
+            (if positive && value > 0.0 { lower.max(0.01 * value) } else { lower }, value + fraction * value.abs())
         }
-        BoundsRule::Range(lower, upper) => (if positive { lower.max(0.0) } else { lower }, upper),
+        BoundsRule::Range(lower, upper) => (if positive && value >= 0.0 { lower.max(0.0) } else { lower }, upper),
     };
     Parameter { value, lower, upper, fixed: lower == upper }
 }
@@ -524,20 +541,24 @@ fn read_identification(root: &Table, n_joints: usize) -> Result<(Vec<Configurati
         for joint_entry in row.array()? {
             let joint = joint_entry.index()?;
             if joint >= n_joints {
-                return Err(joint_entry.error(format!(
-                    "configuration {} frees joint {joint}, but the device has joints 0..{}",
-                    index + 1,
-                    n_joints - 1
-                )));
+                let last = n_joints - 1;
+                return Err(joint_entry
+                    .error(format!(
+                        "configuration {} frees joint {joint}, but the device has joints 0..{last}",
+                        index + 1
+                    ))
+                    .help("joints count from 0, in the order of the [[joint]] tables"));
             }
             if free.contains(&joint) {
-                return Err(joint_entry.error(format!("configuration {} names joint {joint} twice", index + 1)));
+                let message = format!("configuration {} names joint {joint} twice", index + 1);
+                return Err(joint_entry.error(message).help("name each free joint once"));
             }
             free.push(joint);
         }
         free.sort_unstable();
         if free.is_empty() {
-            return Err(row.error(format!("configuration {} frees no joint", index + 1)));
+            let message = format!("configuration {} frees no joint", index + 1);
+            return Err(row.error(message).help("name the joints that are free together, e.g. [0, 1]"));
         }
         if let Some(earlier) = configurations.iter().position(|configuration| configuration.free == free) {
             return Err(row
@@ -557,7 +578,8 @@ fn read_identification(root: &Table, n_joints: usize) -> Result<(Vec<Configurati
         let entry = method.required("name", "\"isolated\"")?;
         let name = entry.text()?.to_owned();
         if methods.iter().any(|earlier| earlier.name == name) {
-            return Err(entry.error(format!("there is already a method `{name}`")));
+            let message = format!("there is already a method `{name}`");
+            return Err(entry.error(message).help("methods have different names"));
         }
         let mut sequence = Vec::new();
         for step in method.required("sequence", "[1, 2]")?.array()? {
@@ -578,15 +600,18 @@ fn read_identification(root: &Table, n_joints: usize) -> Result<(Vec<Configurati
             if rows.len() != sequence.len() {
                 let message =
                     format!("method `{name}` has {} steps and {} rows of weights", sequence.len(), rows.len());
-                return Err(entry.error(message));
+                return Err(entry.error(message).help("give one row of weights per step"));
             }
             for (row, number) in rows.iter().zip(&sequence) {
                 let values = row.array()?.iter().map(|weight| weight.finite()).collect::<Result<Vec<_>, _>>()?;
                 let n_free = configurations[number - 1].free.len();
                 if values.len() != n_free || values.iter().any(|weight| *weight < 0.0) {
-                    return Err(row.error(format!(
-                        "configuration {number} has {n_free} free joints and needs as many weights, none negative"
-                    )));
+                    return Err(row
+                        .error(format!(
+                            "configuration {number} frees {n_free} joint(s), found {} weights",
+                            values.len()
+                        ))
+                        .help("give one weight, at least 0, per free joint"));
                 }
                 weights.push(values);
             }

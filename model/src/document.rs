@@ -185,7 +185,9 @@ impl<'a> Entry<'a> {
     /// It is none, or it is empty.
     pub fn text(&self) -> Result<&'a str, ModelError> {
         match self.string() {
-            Some(text) if text.trim().is_empty() => Err(self.error(format!("{} is empty", self.what))),
+            Some(text) if text.trim().is_empty() => {
+                Err(self.error(format!("{} is empty", self.what)).help("fill it in, or remove the key"))
+            }
             Some(text) => Ok(text),
             None => Err(self.wrong("a text in quotes")),
         }
@@ -205,10 +207,8 @@ impl<'a> Entry<'a> {
                 match expression.evaluate(&|_| None) {
                     Ok(value) => value,
                     Err(symbol) => {
-                        return Err(self.symbol_error(
-                            &symbol,
-                            format!("{} must be a number, found the symbol `{symbol}`", self.what),
-                        ));
+                        let message = format!("{} must be a number, found the symbol `{symbol}`", self.what);
+                        return Err(self.symbol_error(&symbol, message).help("give a number, e.g. 0.5 or \"pi/2\""));
                     }
                 }
             }
@@ -227,7 +227,7 @@ impl<'a> Entry<'a> {
     pub fn finite(&self) -> Result<f64, ModelError> {
         match self.number()? {
             value if value.is_finite() => Ok(value),
-            value => Err(self.error(format!("{} must be finite, found {value}", self.what))),
+            value => Err(self.error(format!("{} must be finite, found {value}", self.what)).help("give a number")),
         }
     }
 
@@ -340,7 +340,7 @@ impl<'a> Entry<'a> {
     }
 
     /// A parameter: a number, or `{ value, lower, upper, fixed }`. What is not given is taken from `default`, whose
-    /// bounds are asked for by the value.
+    /// bounds are asked for by the value. Who states bounds frees a parameter that is fixed by default.
     ///
     /// # Errors
     /// Bounds that cross, a value outside of them, an infinite value, an unknown key.
@@ -351,7 +351,7 @@ impl<'a> Entry<'a> {
             return self.within(value, parameter, self.span.clone());
         }
         let table = self.table(&self.what)?;
-        table.only(&["value", "lower", "upper", "fixed", "std_error", "identifiable"])?;
+        table.only(&["value", "lower", "upper", "fixed"])?;
         let value_entry = table.required("value", "<number>")?;
         let value = value_entry.finite()?;
         let mut parameter = default(value);
@@ -368,9 +368,10 @@ impl<'a> Entry<'a> {
             );
             return Err(self.error(message).help("exchange them"));
         }
+        let stated = table.optional("lower").is_some() || table.optional("upper").is_some();
         parameter.fixed = match table.optional("fixed") {
             Some(fixed) => fixed.flag()?,
-            None => parameter.fixed || parameter.lower == parameter.upper,
+            None => parameter.lower == parameter.upper || (parameter.fixed && !stated),
         };
         self.within(value, parameter, value_entry.span)
     }

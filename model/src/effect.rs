@@ -174,13 +174,10 @@ impl EffectParameter {
 
     /// The unit at a joint of this kind, with the joint's command unit put in: `N*m/command` -> `N*m/V`.
     pub fn unit_at(&self, kind: JointKind, command_unit: &str) -> String {
-        match Unit::parse(&self.unit) {
-            Ok(unit) => unit
-                .at(kind)
-                .to_string()
-                .replace("/command", &format!("/({command_unit})"))
-                .replace("command", command_unit),
-            Err(_) => self.unit.clone(),
+        match (Unit::parse(&self.unit), Unit::parse(command_unit)) {
+            (Ok(unit), Ok(command)) => unit.at(kind).with_command(&command).to_string(),
+            (Ok(unit), Err(_)) => unit.at(kind).to_string(),
+            _ => self.unit.clone(),
         }
     }
 }

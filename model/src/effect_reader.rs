@@ -441,7 +441,7 @@ fn check_units(root: &Table, effect: &Effect) -> Result<(), ModelError> {
 /// How many random points the null check looks at.
 const NULL_SAMPLES: u64 = 200;
 
-/// At its null values an effect changes nothing, whatever the signals, with its states at rest.
+/// At its null values an effect changes nothing, whatever the signals and its states.
 fn check_null(root: &Table, effect: &Effect) -> Result<(), ModelError> {
     let output = root.table("output", "formulas")?;
     if !effect.parameters.iter().any(|parameter| parameter.null.is_some()) {
@@ -460,7 +460,11 @@ fn check_null(root: &Table, effect: &Effect) -> Result<(), ModelError> {
             };
             values.push((&parameter.symbol, parameter.null.unwrap_or(free)));
         }
-        values.extend(effect.states.iter().map(|state| (state.symbol.as_str(), state.initial)));
+        for state in &effect.states {
+            // At rest in every other sample; elsewhere as if the effect had been on before.
+            let moved = if sample % 2 == 0 { 0.0 } else { 2.0 * random.unit() - 1.0 };
+            values.push((&state.symbol, state.initial + moved));
+        }
         for signal in SIGNALS {
             // Every fourth sample stands still: laws must hold there too.
             let still = sample % 4 == 0 && matches!(signal, "dq" | "dq_from" | "ddq");

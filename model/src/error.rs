@@ -123,12 +123,16 @@ pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) ->
     }
 }
 
-/// The known name with the fewest typing slips between it and `name`, if they are few.
+/// The known name with the fewest typing slips between it and `name`, if they are few; a part of a name counts as one.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let allowed = 1 + name.chars().count() / 3;
     known
         .into_iter()
-        .map(|candidate| (slips(&name.to_lowercase(), &candidate.to_lowercase()), candidate))
+        .map(|candidate| {
+            let (name, known) = (name.to_lowercase(), candidate.to_lowercase());
+            let part = name.len() > 2 && known.contains(&name);
+            (if part { 1.min(slips(&name, &known)) } else { slips(&name, &known) }, candidate)
+        })
         .filter(|(distance, _)| *distance <= allowed)
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, candidate)| candidate)

@@ -9,7 +9,7 @@ use std::fmt;
 /// Why no body has these inertial parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Impossible {
-    /// `m < 0`: the mass [kg].
+    /// `m < 0`: the mass \[kg\].
     NegativeMass(f64),
     /// The inertia matrix has a negative principal moment: the principal moments, ascending [kg m^2].
     NegativeMoment([f64; 3]),

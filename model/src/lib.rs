@@ -5,7 +5,7 @@
 //! at its null value. This crate reads and checks both; it computes nothing.
 
 pub mod device;
-mod device_reader;
+pub mod device_reader;
 pub mod document;
 pub mod effect;
 mod effect_reader;

@@ -55,10 +55,7 @@ impl Unit {
             };
             if name != "1" {
                 let atom = Atom::named(name)?;
-                match factors.iter_mut().find(|(known, _)| *known == atom) {
-                    Some((_, sum)) => *sum += sign * exponent,
-                    None => factors.push((atom, sign * exponent)),
-                }
+                add_factor(&mut factors, atom, sign * exponent);
             }
             if end == rest.len() {
                 factors.retain(|(_, exponent)| *exponent != 0);
@@ -96,9 +93,33 @@ impl Unit {
         Self { factors }
     }
 
+    /// The unit with that of a joint's command in the place of `command`.
+    #[must_use]
+    pub fn with_command(&self, command: &Self) -> Self {
+        let mut factors = Vec::new();
+        for &(atom, exponent) in &self.factors {
+            if atom == Atom::Command {
+                for &(other, power) in &command.factors {
+                    add_factor(&mut factors, other, power * exponent);
+                }
+            } else {
+                add_factor(&mut factors, atom, exponent);
+            }
+        }
+        factors.retain(|(_, exponent)| *exponent != 0);
+        Self { factors }
+    }
+
     /// What it measures; `rad` counts as a number.
     pub fn dimension(&self) -> Dimension {
         self.factors.iter().fold(Dimension::default(), |sum, (atom, exponent)| sum.times(atom.dimension(), *exponent))
+    }
+}
+
+fn add_factor(factors: &mut Vec<(Atom, i32)>, atom: Atom, exponent: i32) {
+    match factors.iter_mut().find(|(known, _)| *known == atom) {
+        Some((_, sum)) => *sum += exponent,
+        None => factors.push((atom, exponent)),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::{f64::consts::PI, path::Path};
 
-use dynid_model::{Convention, Device, JointKind, Place, device, devices, effect, effects};
+use dynid_model::{Convention, Device, JointKind, Place, Scope, device, devices, effect, effects};
 
 type Transform = [[f64; 4]; 4];
 
@@ -187,7 +187,8 @@ fn kinds_of_joints_are_found() {
     assert_eq!(device("planar2r").unwrap().joints[1].kind, JointKind::Revolute);
     assert_eq!(device("oscillator").unwrap().up, [0.0; 3]);
     assert_eq!(effect("viscous").unwrap().parameters[0].unit_at(JointKind::Prismatic, "N"), "N*s/m");
-    assert_eq!(effect("gain").unwrap().parameters[0].unit_at(JointKind::Revolute, "V"), "N*m/(V)");
+    assert_eq!(effect("gain").unwrap().parameters[0].unit_at(JointKind::Revolute, "V"), "N*m/V");
+    assert_eq!(effect("gain").unwrap().parameters[0].unit_at(JointKind::Revolute, "N*m"), "1");
 }
 
 #[test]
@@ -220,4 +221,77 @@ fn structure_digest_follows_structure_not_values() {
             assert!(from.starts_with("frame"), "{from}: moving no link is refused");
         }
     }
+}
+
+/// Torque of an effect at one joint, with the values given by name.
+fn torque(id: &str, values: &[(&str, f64)]) -> f64 {
+    let lookup = |symbol: &str| values.iter().find(|(name, _)| *name == symbol).map(|(_, value)| *value);
+    effect(id).unwrap().evaluate(&lookup).unwrap().0[0]
+}
+
+#[test]
+fn memoryless_friction_never_drives() {
+    let laws = effects().iter().filter(|effect| {
+        effect.family.as_deref() == Some("friction") && effect.states.is_empty() && effect.scope == Scope::Joint
+    });
+    let mut n_laws = 0;
+    // friction_drift is a change of other friction, so it alone may have either sign.
+    for law in laws.filter(|law| law.id != "friction_drift") {
+        n_laws += 1;
+        for dq in [-3.0, -0.05, -1e-4, 0.0, 1e-4, 0.05, 3.0] {
+            for part in [0.01, 0.5, 1.0] {
+                let mut values = vec![("dq", dq), ("load", -2.0), ("q", 0.3), ("t", 5.0)];
+                for own in &law.parameters {
+                    values.push((&own.symbol, own.lower + part * (own.upper - own.lower)));
+                }
+                assert!(torque(&law.id, &values) * dq >= 0.0, "{} at dq = {dq}: {values:?}", law.id);
+            }
+        }
+    }
+    assert!(n_laws >= 6);
+}
+
+#[test]
+fn lugre_slides_on_the_stribeck_curve() {
+    let (sigma0, sigma1, sigma2, vs, stiction, coulomb): (f64, f64, f64, f64, f64, f64) =
+        (6.7, 0.07, 0.06, 0.75, 0.06, 0.012);
+    for dq in [-1.3_f64, -0.01, 0.2, 2.0] {
+        // At constant speed the bristles rest at z = g sign(v) / sigma0 (Eq. 3.7 with dz/dt = 0).
+        let level = coulomb + (stiction - coulomb) * (-(dq / vs).powi(2)).exp();
+        let z = level * dq.signum() / sigma0;
+        let values = [
+            ("sigma0", sigma0),
+            ("sigma1", sigma1),
+            ("sigma2", sigma2),
+            ("vs", vs),
+            ("Fs", stiction),
+            ("Fc", coulomb),
+            ("dq", dq),
+            ("z", z),
+        ];
+        let lookup = |symbol: &str| values.iter().find(|(name, _)| *name == symbol).map(|(_, value)| *value);
+        let (outputs, rates) = effect("lugre").unwrap().evaluate(&lookup).unwrap();
+        assert!(rates[0].abs() < 1e-12);
+        assert!((outputs[0] - (level * dq.signum() + sigma2 * dq)).abs() < 1e-14);
+    }
+}
+
+#[test]
+fn coupled_friction_acts_alike_on_both_joints() {
+    let law = effect("friction_coupled").unwrap();
+    let at = |dq: f64, dq_from: f64| {
+        let values = [("Fv", 0.6), ("Fc", 2.0), ("v_eps", 0.01), ("dq", dq), ("dq_from", dq_from)];
+        let lookup = |symbol: &str| values.iter().find(|(name, _)| *name == symbol).map(|(_, value)| *value);
+        law.evaluate(&lookup).unwrap().0
+    };
+    let (one, other) = (at(0.4, -0.1), at(-0.1, 0.4));
+    assert_eq!([one[0], one[1]], [other[1], other[0]]);
+    assert!((one[0] - (0.6 * -0.1 + 2.0 * (0.3f64 / 0.01).tanh())).abs() < 1e-14);
+}
+
+#[test]
+fn friction_bias_scales_the_whole_friction_on_one_side() {
+    let bias = |q: f64| torque("friction_bias", &[("bias", 1.85), ("q", q), ("qeq", 0.1), ("friction", 0.02)]);
+    assert!((bias(0.0) + 0.02 - 1.85 * 0.02).abs() < 1e-15);
+    assert_eq!(bias(0.2), 0.0);
 }

@@ -16,6 +16,10 @@ const BARRIER_FIRST: f64 = 1.0;
 const BARRIER_LAST: f64 = 1e-10;
 /// A stage ends when a Newton step promises a fall of the cost by less than this share of the barrier's weight.
 const STAGE_TOLERANCE: f64 = 1e-3;
+/// A promised fall below this share of the cost drowns in its rounding. The gradient is still good there, so steps are
+/// taken unseen, a few at most.
+const ROUNDING: f64 = 1e-11;
+const UNSEEN_STEPS: usize = 4;
 /// Steps in one stage.
 const STAGE_STEPS: usize = 60;
 /// A step goes at most this far of the way to a bound.
@@ -28,6 +32,18 @@ pub(crate) struct Quadratic {
     pub(crate) hessian: DMatrix<f64>,
 }
 
+/// What is minimised.
+pub(crate) trait Cost {
+    /// Its value.
+    fn value(&self, x: &[f64]) -> f64;
+    /// Its value and derivatives.
+    fn expand(&self, x: &[f64]) -> Quadratic;
+    /// Where a step leads: `x + step` to first order. A cost that is quadratic along curved lines says here along which.
+    fn moved(&self, x: &[f64], step: &[f64]) -> Vec<f64> {
+        x.iter().zip(step).map(|(x, step)| x + step).collect()
+    }
+}
+
 /// Where a minimum is sought. Entries of all vectors belong to the unknowns, in their order.
 pub(crate) struct Region {
     /// Smallest value; `-inf` for none.
@@ -38,39 +54,62 @@ pub(crate) struct Region {
     pub(crate) scale: Vec<f64>,
     /// Inertias about the centroid that must be physical.
     pub(crate) bodies: Vec<[Entry; 6]>,
+    /// `(larger, smaller)`: the first is never below the second.
+    pub(crate) orders: Vec<(Entry, Entry)>,
 }
 
-/// One entry of a body's inertia.
+/// A number that is sought or known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Entry {
     /// An unknown, by its index.
     Unknown(usize),
-    /// Known [kg m^2].
+    /// Its value.
     Known(f64),
+}
+
+impl Entry {
+    /// The number at `x`.
+    pub(crate) fn at(self, x: &[f64]) -> f64 {
+        match self {
+            Self::Unknown(index) => x[index],
+            Self::Known(value) => value,
+        }
+    }
+
+    fn index(self) -> Option<usize> {
+        match self {
+            Self::Unknown(index) => Some(index),
+            Self::Known(_) => None,
+        }
+    }
+}
+
+impl Region {
+    /// Distance to the limit of an order, and its natural size.
+    fn gap(&self, (larger, smaller): (Entry, Entry), x: &[f64]) -> (f64, f64) {
+        let size = [larger, smaller].into_iter().filter_map(Entry::index).map(|index| self.scale[index]);
+        (larger.at(x) - smaller.at(x), size.fold(0.0, f64::max))
+    }
 }
 
 /// How a minimisation ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ending {
-    /// Every stage reached its tolerance.
+    /// The last stage reached its tolerance.
     Minimum,
-    /// Some stage ran out of steps or found no step that lowers the cost.
+    /// The last stage ran out of steps or found no step that lowers the cost.
     Stalled,
     /// The start lies outside, or the cost is not finite there.
     Infeasible,
 }
 
 /// Moves `x`, which lies strictly inside `region`, to the minimum of `cost` there.
-pub(crate) fn minimise(region: &Region, cost: &dyn Fn(&[f64]) -> Quadratic, x: &mut Vec<f64>) -> Ending {
-    let mut ending = Ending::Minimum;
+pub(crate) fn minimise(region: &Region, cost: &dyn Cost, x: &mut Vec<f64>) -> Ending {
     let mut weight = BARRIER_FIRST;
     loop {
-        match stage(region, cost, weight, x) {
-            Ending::Minimum => {}
-            Ending::Stalled => ending = Ending::Stalled,
-            Ending::Infeasible => return Ending::Infeasible,
-        }
-        if weight <= BARRIER_LAST {
+        // An earlier stage only has to bring the next one near.
+        let ending = stage(region, cost, weight, x);
+        if weight <= BARRIER_LAST || ending == Ending::Infeasible {
             return ending;
         }
         weight = (weight * BARRIER_FALL).max(BARRIER_LAST);
@@ -78,8 +117,9 @@ pub(crate) fn minimise(region: &Region, cost: &dyn Fn(&[f64]) -> Quadratic, x: &
 }
 
 /// Newton steps at one weight of the barrier.
-fn stage(region: &Region, cost: &dyn Fn(&[f64]) -> Quadratic, weight: f64, x: &mut Vec<f64>) -> Ending {
+fn stage(region: &Region, cost: &dyn Cost, weight: f64, x: &mut Vec<f64>) -> Ending {
     let mut damping = 0.0_f64;
+    let mut unseen = 0;
     for _ in 0..STAGE_STEPS {
         let Some(here) = merit(region, cost, weight, x) else { return Ending::Infeasible };
         let scale = DVector::from_column_slice(&region.scale);
@@ -103,10 +143,13 @@ fn stage(region: &Region, cost: &dyn Fn(&[f64]) -> Quadratic, weight: f64, x: &m
             };
             let step = -factor.solve(&gradient);
             let promised = -gradient.dot(&step);
-            if promised <= STAGE_TOLERANCE * weight.max(1e-14 * here.value.abs()) {
+            let is_unseen = promised <= ROUNDING * here.value.abs();
+            if promised <= STAGE_TOLERANCE * weight || (is_unseen && unseen == UNSEEN_STEPS) {
                 return Ending::Minimum;
             }
             let step = step.component_mul(&scale);
+            let promised = if is_unseen { f64::NEG_INFINITY } else { promised };
+            unseen += usize::from(is_unseen);
             if let Some(next) = line_search(region, cost, weight, x, &step, here.value, promised) {
                 *x = next;
                 damping *= 0.1;
@@ -122,10 +165,11 @@ fn stage(region: &Region, cost: &dyn Fn(&[f64]) -> Quadratic, weight: f64, x: &m
     Ending::Stalled
 }
 
-/// The point along `step` that lowers the merit enough (Armijo's rule).
+/// The point along `step` that lowers the merit by a share of what was `promised` (Armijo's rule); the furthest one inside
+/// where nothing (`-inf`) was.
 fn line_search(
     region: &Region,
-    cost: &dyn Fn(&[f64]) -> Quadratic,
+    cost: &dyn Cost,
     weight: f64,
     x: &[f64],
     step: &DVector<f64>,
@@ -140,9 +184,9 @@ fn line_search(
         }
     }
     for _ in 0..30 {
-        let next: Vec<f64> = x.iter().zip(step.iter()).map(|(x, change)| x + length * change).collect();
+        let next = cost.moved(x, (step * length).as_slice());
         if let Some(barrier) = barrier_value(region, &next)
-            && cost(&next).value + weight * barrier <= value - 1e-4 * length * promised
+            && cost.value(&next) + weight * barrier <= value - 1e-4 * length * promised
         {
             return Some(next);
         }
@@ -152,9 +196,9 @@ fn line_search(
 }
 
 /// Cost plus barrier with derivatives; `None` outside of the region.
-fn merit(region: &Region, cost: &dyn Fn(&[f64]) -> Quadratic, weight: f64, x: &[f64]) -> Option<Quadratic> {
+fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Quadratic> {
     let barrier = barrier_value(region, x)?;
-    let Quadratic { mut value, mut gradient, mut hessian } = cost(x);
+    let Quadratic { mut value, mut gradient, mut hessian } = cost.expand(x);
     value += weight * barrier;
     for index in 0..x.len() {
         let (below, above) = (x[index] - region.lower[index], region.upper[index] - x[index]);
@@ -165,6 +209,16 @@ fn merit(region: &Region, cost: &dyn Fn(&[f64]) -> Quadratic, weight: f64, x: &[
         if above.is_finite() {
             gradient[index] += weight / above;
             hessian[(index, index)] += weight / (above * above);
+        }
+    }
+    for &order in &region.orders {
+        let gap = region.gap(order, x).0;
+        let ends = [(order.0.index(), 1.0), (order.1.index(), -1.0)];
+        for (index, sign) in ends.into_iter().filter_map(|(index, sign)| Some((index?, sign))) {
+            gradient[index] -= weight * sign / gap;
+            for (other, other_sign) in ends.into_iter().filter_map(|(index, sign)| Some((index?, sign))) {
+                hessian[(index, other)] += weight * sign * other_sign / (gap * gap);
+            }
         }
     }
     for body in &region.bodies {
@@ -187,13 +241,20 @@ fn barrier_value(region: &Region, x: &[f64]) -> Option<f64> {
     let mut value = 0.0;
     for index in 0..x.len() {
         for distance in [x[index] - region.lower[index], region.upper[index] - x[index]] {
+            if distance.is_nan() || distance <= 0.0 {
+                return None;
+            }
             if distance.is_finite() {
-                if distance <= 0.0 {
-                    return None;
-                }
                 value -= (distance / region.scale[index]).ln();
             }
         }
+    }
+    for &order in &region.orders {
+        let (gap, size) = region.gap(order, x);
+        if gap.is_nan() || gap <= 0.0 {
+            return None;
+        }
+        value -= (gap / size).ln();
     }
     for body in &region.bodies {
         value += inertia_barrier(&inertia(body, x))?.value;
@@ -201,12 +262,14 @@ fn barrier_value(region: &Region, x: &[f64]) -> Option<f64> {
     Some(value)
 }
 
+/// Whether `x` lies strictly inside `region`.
+pub(crate) fn is_inside(region: &Region, x: &[f64]) -> bool {
+    barrier_value(region, x).is_some()
+}
+
 /// A body's inertia at `x`.
 pub(crate) fn inertia(body: &[Entry; 6], x: &[f64]) -> [f64; 6] {
-    body.map(|entry| match entry {
-        Entry::Unknown(index) => x[index],
-        Entry::Known(value) => value,
-    })
+    body.map(|entry| entry.at(x))
 }
 
 #[cfg(test)]
@@ -214,16 +277,35 @@ mod tests {
     use super::*;
 
     /// `(x - target)^T weights (x - target) / 2`
-    fn bowl(weights: DMatrix<f64>, target: Vec<f64>) -> impl Fn(&[f64]) -> Quadratic {
-        move |x| {
-            let offset = DVector::from_iterator(x.len(), x.iter().zip(&target).map(|(x, target)| x - target));
-            let gradient = &weights * &offset;
-            Quadratic { value: 0.5 * offset.dot(&gradient), gradient, hessian: weights.clone() }
+    struct Bowl {
+        weights: DMatrix<f64>,
+        target: Vec<f64>,
+    }
+
+    impl Cost for Bowl {
+        fn value(&self, x: &[f64]) -> f64 {
+            self.expand(x).value
+        }
+
+        fn expand(&self, x: &[f64]) -> Quadratic {
+            let offset = DVector::from_iterator(x.len(), x.iter().zip(&self.target).map(|(x, target)| x - target));
+            let gradient = &self.weights * &offset;
+            Quadratic { value: 0.5 * offset.dot(&gradient), gradient, hessian: self.weights.clone() }
         }
     }
 
+    fn bowl(weights: DMatrix<f64>, target: Vec<f64>) -> Bowl {
+        Bowl { weights, target }
+    }
+
     fn free(n: usize) -> Region {
-        Region { lower: vec![f64::NEG_INFINITY; n], upper: vec![f64::INFINITY; n], scale: vec![1.0; n], bodies: vec![] }
+        Region {
+            lower: vec![f64::NEG_INFINITY; n],
+            upper: vec![f64::INFINITY; n],
+            scale: vec![1.0; n],
+            bodies: vec![],
+            orders: vec![],
+        }
     }
 
     #[test]
@@ -263,6 +345,19 @@ mod tests {
             assert!((found - expected).abs() < 1e-8, "{x:?}");
         }
         assert!(x[0] + x[1] > x[2]);
+    }
+
+    /// Pulled towards (1, 3) with x >= y: both end at 2. Pulled towards (3, 1): nothing holds.
+    #[test]
+    fn an_order_is_kept() {
+        let mut region = free(2);
+        region.orders = vec![(Entry::Unknown(0), Entry::Unknown(1))];
+        let mut x = vec![5.0, 0.0];
+        assert_eq!(minimise(&region, &bowl(DMatrix::identity(2, 2), vec![1.0, 3.0]), &mut x), Ending::Minimum);
+        assert!((x[0] - 2.0).abs() < 1e-8 && (x[1] - 2.0).abs() < 1e-8 && x[0] > x[1], "{x:?}");
+        let mut x = vec![5.0, 0.0];
+        assert_eq!(minimise(&region, &bowl(DMatrix::identity(2, 2), vec![3.0, 1.0]), &mut x), Ending::Minimum);
+        assert!((x[0] - 3.0).abs() < 1e-8 && (x[1] - 1.0).abs() < 1e-8, "{x:?}");
     }
 
     #[test]

@@ -48,6 +48,19 @@ impl Compressed {
         self.n_rows += other.n_rows;
     }
 
+    /// The same equations for other unknowns `y`, of which these are `spread * y`.
+    pub fn spread(&self, spread: &DMatrix<f64>) -> Self {
+        let n = self.n_unknowns();
+        assert_eq!(spread.nrows(), n, "one row an unknown");
+        let mut rows = DMatrix::zeros(n + 1, spread.ncols() + 1);
+        rows.columns_mut(0, spread.ncols()).copy_from(&(self.factor.columns(0, n) * spread));
+        rows.column_mut(spread.ncols()).copy_from(&self.factor.column(n));
+        let mut other = Self::new(spread.ncols());
+        other.fold(&rows);
+        other.n_rows = self.n_rows;
+        other
+    }
+
     fn fold(&mut self, rows: &DMatrix<f64>) {
         let n = self.factor.ncols();
         let mut stacked = DMatrix::zeros(n + rows.nrows(), n);
@@ -63,9 +76,7 @@ impl Compressed {
 
     /// `|A x - b|^2`
     pub fn residual_squared(&self, x: &DVector<f64>) -> f64 {
-        let n = self.n_unknowns();
-        let residual = self.factor.columns(0, n) * x - self.factor.column(n);
-        residual.norm_squared()
+        self.residual(x).norm_squared()
     }
 
     /// `A^T A`
@@ -74,10 +85,10 @@ impl Compressed {
         a.transpose() * a
     }
 
-    /// `A^T b`
-    pub fn right_hand_side(&self) -> DVector<f64> {
+    /// `A x - b`, up to the orthogonal transformation.
+    pub fn residual(&self, x: &DVector<f64>) -> DVector<f64> {
         let n = self.n_unknowns();
-        self.factor.columns(0, n).transpose() * self.factor.column(n)
+        self.factor.columns(0, n) * x - self.factor.column(n)
     }
 
     /// Triangular factor of A.
@@ -256,7 +267,8 @@ mod tests {
         let x = DVector::from_column_slice(&[0.3, -2.0, 1.0]);
         assert!((compressed.residual_squared(&x) - (&a * &x - &b).norm_squared()).abs() < 1e-9);
         assert!((compressed.information() - a.transpose() * &a).abs().max() < 1e-9);
-        assert!((compressed.right_hand_side() - a.transpose() * &b).abs().max() < 1e-9);
+        let gradient = compressed.factor().transpose() * compressed.residual(&x);
+        assert!((gradient - a.transpose() * (&a * &x - &b)).abs().max() < 1e-9);
     }
 
     /// Columns: a, b, a + 2b, nothing, c.

@@ -31,6 +31,24 @@ pub fn standard(inertial: &[f64; 10]) -> [f64; 10] {
     ]
 }
 
+/// The inverse of [`standard`]: mass, centroid and inertia about the centroid. Not finite for a body without mass.
+pub fn inertial(standard: &[f64; 10]) -> [f64; 10] {
+    let [m, mx, my, mz, xx, xy, xz, yy, yz, zz] = *standard;
+    let [x, y, z] = [mx / m, my / m, mz / m];
+    [
+        m,
+        x,
+        y,
+        z,
+        xx - my * y - mz * z,
+        xy + mx * y,
+        xz + mx * z,
+        yy - mx * x - mz * z,
+        yz + my * z,
+        zz - mx * x - my * y,
+    ]
+}
+
 /// Derivative of [`standard`]: entry `[row][column]` is that of standard parameter `row` by inertial parameter
 /// `column`.
 pub fn standard_jacobian(inertial: &[f64; 10]) -> [[f64; 10]; 10] {
@@ -160,6 +178,14 @@ mod tests {
                 expected += m * r * r.transpose();
             }
             prop_assert!((matrix - expected).abs().max() < 1e-12);
+        }
+
+        #[test]
+        fn standard_parameters_lead_back(points in points(1..6)) {
+            let body = of_points(&points);
+            for (there, back) in body.iter().zip(inertial(&standard(&body))) {
+                prop_assert!((there - back).abs() < 1e-13);
+            }
         }
 
         #[test]

@@ -148,7 +148,7 @@ impl Section for Parameters {
             if with_truth {
                 let _ = write!(html, "<td>{}</td>", row.truth.map_or_else(|| number(f64::NAN), number));
             }
-            let flag = if row.identifiable { "" } else { "<span class=\"bad\">not determined alone</span>" };
+            let flag = if row.identifiable { "" } else { "<span class=\"bad\">not alone</span>" };
             let _ = writeln!(html, "<td class=\"word\">{flag}</td></tr>");
         }
         let _ = writeln!(html, "</table></div>\n<p class=\"note\">{}</p>", escaped(&self.note));

@@ -183,3 +183,11 @@ fn derive_tests() -> anyhow::Result<()> {
 fn equations_are_fresh() -> anyhow::Result<()> {
     shell::succeed(&mut shell::cargo(&["xtask", "gen", "--check"]))
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn no_computer_algebra_below_what_users_build() {
+        super::without_algebra().unwrap();
+    }
+}

@@ -169,6 +169,11 @@ mod tests {
     }
 
     #[test]
+    fn every_dependency_is_allowed() {
+        super::check().unwrap();
+    }
+
+    #[test]
     fn an_exception_holds_for_its_crate_alone() {
         let text = "[licenses]\nallow = [\"MIT\"]\nexceptions = [{ crate = \"algebra\", allow = [\"LicenseRef-A\"] }]";
         let allowed = Allowed::parse(text).unwrap();

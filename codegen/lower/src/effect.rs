@@ -3,15 +3,11 @@
 
 use std::collections::BTreeMap;
 
+use dynid_model::effect::{Effect, EffectParameter, SIGNALS};
 use dynid_model::expression::{BinaryOperator, Expression, Function as Call};
-use dynid_model::{Effect, effect::EffectParameter};
 
 use crate::kernel::{Argument, Function, Results};
 use crate::{Input, Node, Program};
-
-/// The signals that an effect's formulas may read, in the order of `dynid_generated::Signal`.
-pub const SIGNALS: [&str; 11] =
-    ["q", "dq", "ddq", "t", "load", "friction", "qeq", "q_from", "dq_from", "command", "command_from"];
 
 /// The kernels of one effect.
 #[derive(Debug, Clone)]

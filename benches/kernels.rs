@@ -1,0 +1,145 @@
+//! What a call of a kernel costs, on one core, through the table that every caller uses.
+//!
+//! Ids: `<kernel>/<device>/<free joints>`, e.g. `forward_dynamics/freedom6s/all`. Each call depends on the one
+//! before, as steps of a simulation do: its result moves the state by so little that no work is saved.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use dynid_generated::{EffectKernel, Kernel, N_SIGNALS, effect, kernel};
+use dynid_model::{Device, device};
+
+/// What is measured: device, free joints, and how the set is called.
+const CASES: [(&str, &[usize], &str); 4] = [
+    ("freedom6s", &[0, 1, 2, 3, 4, 5], "all"),
+    ("freedom6s", &[4], "joint4"),
+    ("freedom6s", &[0, 1], "joints01"),
+    ("staubli_tx40", &[0, 1, 2, 3, 4, 5], "all"),
+];
+
+/// A kernel with the device's own parameter values at a state where no sine is 0.
+struct Case {
+    kernel: &'static Kernel,
+    prepared: Vec<f64>,
+    q: Vec<f64>,
+    dq: Vec<f64>,
+    tau: Vec<f64>,
+}
+
+impl Case {
+    fn new(id: &str, free: &[usize]) -> Option<Case> {
+        let device = device(id)?;
+        let kernel = kernel(id, device.configuration_of(free)?)?;
+        let parameters: Vec<f64> = kernel.parameters.iter().map(|name| value(device, name)).collect();
+        let locked: Vec<f64> = kernel.locked.iter().map(|&joint| 0.3 + 0.1 * joint as f64).collect();
+        let mut prepared = vec![0.0; kernel.prepared.len()];
+        (kernel.prepare)(&parameters, &locked, &mut prepared);
+        let per_joint = |of: fn(f64) -> f64| free.iter().map(|&joint| of(joint as f64)).collect();
+        let (q, dq, tau) =
+            (per_joint(|joint| 0.4 - 0.15 * joint), per_joint(|joint| 0.7 - 0.2 * joint), per_joint(f64::sin));
+        Some(Case { kernel, prepared, q, dq, tau })
+    }
+
+    fn n(&self) -> usize {
+        self.q.len()
+    }
+}
+
+/// The value of a parameter as the device file gives it.
+fn value(device: &Device, name: &str) -> f64 {
+    let parts: Vec<&str> = name.split('.').collect();
+    let found = match parts.as_slice() {
+        ["link", number, symbol] => number.parse::<usize>().ok().and_then(|number| {
+            let place = dynid_model::Link::SYMBOLS.iter().position(|known| known == symbol)?;
+            Some(device.links.get(number - 1)?.values()[place])
+        }),
+        ["length", symbol] => device.lengths.iter().find(|length| length.symbol == *symbol).map(|length| length.value),
+        ["base", "gx"] => Some(device.gravity * device.up[0]),
+        ["base", "gy"] => Some(device.gravity * device.up[1]),
+        ["base", "gz"] => Some(device.gravity * device.up[2]),
+        _ => None,
+    };
+    found.unwrap_or_else(|| panic!("`{name}` is a parameter of {}", device.id))
+}
+
+fn kernels(criterion: &mut Criterion) {
+    for (id, free, set) in CASES {
+        let Some(mut case) = Case::new(id, free) else { continue };
+        let (kernel, n) = (case.kernel, case.n());
+        let prepared = black_box(case.prepared.clone());
+        let mut vector = vec![0.0; n];
+        let mut matrix = vec![0.0; n * n];
+        let mut second = vec![0.0; n * n];
+        let mut regressor = vec![0.0; n * kernel.n_lumps];
+
+        criterion.bench_function(&format!("forward_dynamics/{id}/{set}"), |bencher| {
+            bencher.iter(|| {
+                (kernel.forward_dynamics)(&prepared, &case.q, &case.dq, &case.tau, &mut vector);
+                case.q[0] += 1e-18 * vector[0];
+            });
+        });
+        criterion.bench_function(&format!("inertia/{id}/{set}"), |bencher| {
+            bencher.iter(|| {
+                (kernel.inertia)(&prepared, &case.q, &mut matrix);
+                case.q[0] += 1e-18 * matrix[0];
+            });
+        });
+        criterion.bench_function(&format!("bias/{id}/{set}"), |bencher| {
+            bencher.iter(|| {
+                (kernel.bias)(&prepared, &case.q, &case.dq, &mut vector);
+                case.q[0] += 1e-18 * vector[0];
+            });
+        });
+        criterion.bench_function(&format!("inertia_and_bias/{id}/{set}"), |bencher| {
+            bencher.iter(|| {
+                (kernel.inertia_and_bias)(&prepared, &case.q, &case.dq, &mut matrix, &mut vector);
+                case.q[0] += 1e-18 * vector[0];
+            });
+        });
+        criterion.bench_function(&format!("regressor/{id}/{set}"), |bencher| {
+            bencher.iter(|| {
+                (kernel.regressor)(&prepared, &case.q, &case.dq, &case.tau, &mut regressor);
+                case.q[0] += 1e-18 * regressor[0];
+            });
+        });
+        criterion.bench_function(&format!("inverse_dynamics_gradient/{id}/{set}"), |bencher| {
+            bencher.iter(|| {
+                let gradient = kernel.inverse_dynamics_gradient;
+                gradient(&prepared, &case.q, &case.dq, &case.tau, &mut vector, &mut matrix, &mut second);
+                case.q[0] += 1e-18 * vector[0];
+            });
+        });
+        let parameters: Vec<f64> = device(id)
+            .map_or_else(Vec::new, |device| kernel.parameters.iter().map(|name| value(device, name)).collect());
+        let locked = vec![0.3; kernel.locked.len()];
+        let mut jacobian = vec![0.0; kernel.prepared.len() * parameters.len()];
+        criterion.bench_function(&format!("prepare_gradient/{id}/{set}"), |bencher| {
+            bencher.iter(|| (kernel.prepare_gradient)(black_box(&parameters), &locked, &mut jacobian));
+        });
+    }
+}
+
+/// The friction law that a simulation evaluates at every stage of every step.
+fn effects(criterion: &mut Criterion) {
+    let Some(EffectKernel { eval, eval_gradient, .. }) = effect("lugre") else { return };
+    // sigma0, sigma1, sigma2, vs, Fs, Fc
+    let parameters = black_box([6.7, 0.05, 0.01, 0.1, 0.06, 0.04]);
+    let (mut signals, mut states) = ([0.1; N_SIGNALS], [1e-3]);
+    let (mut outputs, mut rates, mut jacobian) = ([0.0], [0.0], [0.0; 2 * (6 + N_SIGNALS + 1)]);
+    criterion.bench_function("effect/lugre", |bencher| {
+        bencher.iter(|| {
+            eval(&parameters, &signals, &states, &mut outputs, &mut rates);
+            states[0] += 1e-18 * rates[0];
+            signals[1] += 1e-18 * outputs[0];
+        });
+    });
+    criterion.bench_function("effect_gradient/lugre", |bencher| {
+        bencher.iter(|| {
+            eval_gradient(&parameters, &signals, &states, &mut outputs, &mut rates, &mut jacobian);
+            signals[1] += 1e-18 * outputs[0];
+        });
+    });
+}
+
+criterion_group!(benches, kernels, effects);
+criterion_main!(benches);

@@ -1,0 +1,172 @@
+//! Every mistake in a device or effect file is told with its place, what was expected, and the remedy.
+
+use std::path::Path;
+
+use dynid_model::{Device, Effect};
+
+const DEVICE: &str = include_str!("../devices/planar2r.toml");
+const EFFECT: &str = include_str!("../effects/lugre.toml");
+
+/// The error after replacing one piece of a good text.
+fn told<T: std::fmt::Debug>(
+    good: &str,
+    from: &str,
+    to: &str,
+    parse: impl Fn(&str) -> Result<T, dynid_model::ModelError>,
+) -> String {
+    assert!(good.contains(from), "`{from}` is not in the file");
+    let title = format!("--- `{}` -> `{}`", from.replace('\n', " "), to.replace('\n', " "));
+    match parse(&good.replacen(from, to, 1)) {
+        Ok(_) => panic!("accepted: {title}"),
+        Err(error) => format!("{title}\n{error}"),
+    }
+}
+
+fn device_errors(changes: &[(&str, &str)]) -> String {
+    let parse = |text: &str| Device::parse(text, Path::new("arm.toml"));
+    changes.iter().map(|(from, to)| told(DEVICE, from, to, parse)).collect::<Vec<_>>().join("\n\n")
+}
+
+#[test]
+fn kinematics() {
+    let told = device_errors(&[
+        ("theta = \"q1\"", "theta = \"q7\""),
+        ("a = \"L2\"", "a = \"L9\""),
+        ("a = \"L2\"", "a = \"2 * L1 + M1\""),
+        ("parent = \"f1\"", "parent = \"g1\""),
+        ("parent = \"base\"", "parent = \"f2\""),
+        ("parent = \"f1\"", "parent = \"f2\""),
+        ("name = \"f2\"", "name = \"f1\""),
+        ("theta = \"q1\"", "theta = 0"),
+        ("theta = \"q1\"", "theta = \"q1 / 2\""),
+        ("theta = \"q1\"", "theta = \"q1 * q1\""),
+        ("theta = \"q1\"", "theta = \"sin(q1)\""),
+        ("theta = \"q1\"", "theta = \"q1 + L1\""),
+        ("theta = \"q1\", d = 0", "theta = \"q1\", d = \"q1\""),
+        ("theta = \"q1\"", "theta = \"q1 +\""),
+        ("theta = \"q1\"", "theta = \"q1 + sinn(2)\""),
+        ("theta = \"q1\", ", ""),
+        ("\"standard\"", "\"standart\""),
+        ("L1 = 0.4", "q1 = 0.4"),
+        ("frame = \"f2\"", "frame = \"f3\""),
+        ("frame = \"f2\"", "frame = \"f1\""),
+    ]);
+    insta::assert_snapshot!(told);
+}
+
+#[test]
+fn three_frames_in_a_cycle_are_all_named() {
+    let row = "  { name = \"f2\", parent = \"f1\"";
+    let rows = format!(
+        "  {{ name = \"g1\", parent = \"g3\", theta = 0, d = 0, a = 0, alpha = 0 }},
+  {{ name = \"g2\", parent = \"g1\", theta = 0, d = 0, a = 0, alpha = 0 }},
+  {{ name = \"g3\", parent = \"g2\", theta = 0, d = 0, a = 0, alpha = 0 }},\n{row}"
+    );
+    let told = device_errors(&[(row, &rows)]);
+    insta::assert_snapshot!(told);
+}
+
+#[test]
+fn rows_may_stand_in_any_order() {
+    let lines: Vec<&str> = DEVICE.lines().collect();
+    let first = lines.iter().position(|line| line.contains("name = \"f1\"")).unwrap();
+    let mut swapped = lines.clone();
+    swapped.swap(first, first + 1);
+    let device = Device::parse(&swapped.join("\n"), Path::new("planar2r.toml")).unwrap();
+    assert_eq!(device.frames[0].name, "f1");
+    assert_eq!(device.structure_digest(), dynid_model::device("planar2r").unwrap().structure_digest());
+}
+
+#[test]
+fn quantities() {
+    let told = device_errors(&[
+        ("mass = \"kg\"\n", ""),
+        ("command = \"N*m\"\n", ""),
+        ("mass = \"kg\"", "mass = \"g\""),
+        ("angle = \"rad\"", "angle = \"deg\""),
+        ("command = \"N*m\"", "command = \"Nm\""),
+        ("[units]", "[unit]"),
+        ("m = 1.2", "m = -1.2"),
+        ("m = 1.2", "m = { value = 1.2, lower = -0.1, upper = 2 }"),
+        ("m = 1.2", "m = { value = 1.2, lower = 2, upper = 1 }"),
+        ("m = 1.2", "m = { value = 1.2, lower = 2, upper = 3 }"),
+        ("m = 1.2", "m = { value = 1.2, low = 1 }"),
+        ("m = 1.2", "m = \"heavy\""),
+        ("m = 1.2\n", ""),
+        ("Izz = 1.612e-2", "Izz = 3.3e-2"),
+        ("Ixy = 0.0", "Ixy = 0.1"),
+        ("up = [0, 1, 0]", "up = [0, 2, 0]"),
+        ("up = [0, 1, 0]", "up = [0, \"cos(b1)\", 0]"),
+        ("up = [0, 1, 0]", "up = [0, 1]"),
+        ("gravity = 9.81", "gravity = -9.81"),
+        ("position = [\"-pi\", \"pi\"]", "position = [\"pi\", \"-pi\"]"),
+        ("speed = 10.0\n", ""),
+        ("torque = 20.0", "torque = 0"),
+        ("mass = 0.5", "mass = [1, 0]"),
+    ]);
+    insta::assert_snapshot!(told);
+}
+
+#[test]
+fn identification_and_effects() {
+    let told = device_errors(&[
+        ("[[0], [1], [0, 1]]", "[[0], [2]]"),
+        ("[[0], [1], [0, 1]]", "[[0, 0]]"),
+        ("[[0], [1], [0, 1]]", "[[0], [1], [0, 1], [1, 0]]"),
+        ("[[0], [1], [0, 1]]", "[[0], []]"),
+        ("sequence = [2, 1]", "sequence = [2, 4]"),
+        ("sequence = [2, 1]", "sequence = [0]"),
+        ("sequence = [2, 1]", "sequence = [2, 1]\nweights = [[1]]"),
+        ("sequence = [2, 1]", "sequence = [2, 1]\nweights = [[1], [1, 2]]"),
+        ("name = \"coupling\"", "name = \"isolated\""),
+        ("id = \"viscous\"", "id = \"viscuos\""),
+        ("id = \"viscous\"\njoint = 0", "id = \"viscous\"\njoint = 5"),
+        ("id = \"viscous\"\njoint = 0", "id = \"viscous\""),
+        ("Fv = 0.05", "Fw = 0.05"),
+        ("Fv = 0.05", "Fv = -0.05"),
+        ("id = \"viscous\"\njoint = 1", "id = \"viscous\"\njoint = 0"),
+        (
+            "[[effect]]\nid = \"viscous\"\njoint = 1",
+            "[[effect]]\nid = \"stribeck\"\njoint = 0\n[[effect]]\nid = \"viscous\"\njoint = 1",
+        ),
+    ]);
+    insta::assert_snapshot!(told);
+}
+
+#[test]
+fn effects() {
+    let parse = |text: &str| Effect::parse(text, Path::new("lugre.toml"));
+    let changes = [
+        ("rate = \"z_rate\"", "rate = \"z_rat\""),
+        ("exp(-(ratio * ratio))", "exp(-(dq * dq))"),
+        ("g = \"Fc + (Fs - Fc)", "g = \"Fc + (Fs - vs)"),
+        ("sigma2 * dq\"", "sigma2 * q\""),
+        ("rate = \"z_rate\"", "rate = \"z\""),
+        ("unit = \"N*m/rad\"", "unit = \"N*m\""),
+        ("unit = \"N*m/rad\"\n", ""),
+        ("unit = \"N*m/rad\"", "unit = \"lbf\""),
+        ("sigma2 * dq\"", "sigma2 * dq + Fc\""),
+        ("null = 0.0\n", "null = 0.1\n"),
+        ("initial = 1.0", "initial = -1.0"),
+        ("symbol = \"sigma1\"", "symbol = \"sigma0\""),
+        ("symbol = \"sigma1\"", "symbol = \"dq\""),
+        ("inequalities = [\"Fs > Fc\"]", "inequalities = [\"Fs > Fd\"]"),
+        ("inequalities = [\"Fs > Fc\"]", "inequalities = [\"Fs < Fc\"]"),
+        ("place = \"joint\"", "place = \"joints\""),
+        ("place = \"joint\"", "place = \"link\""),
+        ("place = \"joint\"", "place = \"actuator\""),
+        ("torque = \"sigma0", "force = \"sigma0"),
+        ("seen_as = ", "seen = "),
+        ("sigma2 = \"Fv\"", "sigma3 = \"Fv\""),
+    ];
+    let text: Vec<String> = changes.iter().map(|(from, to)| told(EFFECT, from, to, parse)).collect();
+    insta::assert_snapshot!(text.join("\n\n"));
+}
+
+#[test]
+fn a_law_that_breaks_at_rest_is_refused() {
+    // At its null value this one is 0/0 where the joint stands still.
+    let text = EFFECT.replacen("sigma2 * dq\"", "sigma2 * dq / abs(dq) * vs\"", 1);
+    let error = Effect::parse(&text, Path::new("lugre.toml")).unwrap_err();
+    assert!(error.message().contains("does not vanish"), "{error}");
+}

@@ -1,0 +1,75 @@
+//! What a user can cause, as one type: every error says what was expected, what was found and what to do.
+
+use std::{io, path::PathBuf};
+
+use dynid_model::ModelError;
+
+/// An error of the runtime. The binary prints it and ends with status 2.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A device, effect or model file, with the place.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// An experiment or one of its logs.
+    #[error(transparent)]
+    Experiment(Box<crate::experiment::ExperimentError>),
+    /// A model and a configuration that do not make equations.
+    #[error(transparent)]
+    System(#[from] crate::system::SystemError),
+    /// A position fit that cannot be made.
+    #[error(transparent)]
+    PositionFit(#[from] crate::fit::position::PositionFitError),
+    /// A torque fit that cannot be made.
+    #[error(transparent)]
+    TorqueFit(#[from] crate::fit::torque::TorqueFitError),
+    /// A log without a torque error.
+    #[error(transparent)]
+    Motion(#[from] crate::torque::MotionError),
+    /// A file that cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file that cannot be written.
+    #[error("cannot write {}: {source}; nothing was written", path.display())]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// An output that is there already.
+    #[error("{} exists already and is kept; choose another name, or overwrite it with `--force`", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A name that nothing has: a device, an effect, a parameter.
+    #[error("unknown {kind} `{name}`; {help}")]
+    UnknownName {
+        /// What was looked for.
+        kind: &'static str,
+        /// As the user wrote it.
+        name: String,
+        /// The nearest known name.
+        help: String,
+    },
+    /// An effect that cannot stand where it was put.
+    #[error("{message}; {help}")]
+    Effect {
+        /// What is wrong.
+        message: String,
+        /// What to do.
+        help: String,
+    },
+}
+
+impl From<crate::experiment::ExperimentError> for Error {
+    fn from(error: crate::experiment::ExperimentError) -> Self {
+        Self::Experiment(Box::new(error))
+    }
+}

@@ -1,0 +1,494 @@
+//! Fit of the position error: measured minus simulated positions, open loop (thesis Eqs 4.2, 4.3).
+//!
+//! The cost is `1/2 sum((w (q_measured - q_simulated) / sigma)^2)` over the samples and free joints of all runs, `sigma`
+//! being the noise of the log. Unknown are the wanted parameters and every run's initial positions, which the log shows
+//! only through the noise; velocities and effect states start at rest. A parameter's range also enters as a weak prior
+//! (its [`Unknown::spread`] as standard deviation) that decides only where the data say nothing.
+//!
+//! A poor start is met by a tether ([`simulate::Tether`]): first the simulation is pulled to the log, so that errors do not
+//! pile up, then the tether is loosened step by step and let go. Until the last search, as few integration steps are taken
+//! as their accuracy allows; the last takes the stated step.
+
+mod assemble;
+mod evaluate;
+mod inertia;
+mod noise;
+mod result;
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+pub use inertia::Body;
+pub use noise::noise_floor;
+pub use result::{Direction, Estimate, PositionFit, RunError};
+
+use crate::{
+    experiment::Hold,
+    fit::sqp::{self, Ended, HalfSpace, Iteration, Limits, Region, Watch},
+    simulate::{self, Input, SimulationError},
+    system::{System, SystemError},
+};
+use evaluate::{Evaluator, Resolution};
+
+/// One log with the equations that are to explain it.
+#[derive(Debug, Clone)]
+pub struct FitRun {
+    /// For messages.
+    pub name: String,
+    /// The equations; their parameter values are replaced by those of the fit.
+    pub system: System,
+    /// Sample times [s].
+    pub time: Vec<f64>,
+    /// Commanded torques of all joints of the device, one row a sample.
+    pub command: Vec<f64>,
+    /// Measured positions of the free joints, one row a sample.
+    pub position: Vec<f64>,
+    /// How torques go on between samples.
+    pub hold: Hold,
+    /// Weight of each free joint's error (thesis Table 4.6); 1 is neutral.
+    pub weights: Vec<f64>,
+    /// Samples before this time leave the cost [s] (the thesis's transient cut).
+    pub from_s: f64,
+}
+
+impl FitRun {
+    /// Whether the run's equations or effects have a parameter of this name.
+    pub fn occurs(&self, name: &str) -> bool {
+        self.system.kernel().parameters.contains(&name) || self.system.effect_names().iter().any(|known| known == name)
+    }
+}
+
+/// A parameter that the fit may move.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unknown {
+    /// E.g. `joint.4.lugre.sigma0`.
+    pub name: String,
+    /// Start.
+    pub value: f64,
+    /// What it was taken for before any data: centre of its weak prior.
+    pub expected: f64,
+    /// Smallest value allowed; may be `-inf`.
+    pub lower: f64,
+    /// Largest value allowed; may be `inf`.
+    pub upper: f64,
+}
+
+impl Unknown {
+    /// How far the parameter may plausibly lie from its start: half its range, but no more than twice its own size,
+    /// for bounds are often set wide.
+    pub fn spread(&self) -> f64 {
+        /// Where neither the range nor the value says anything.
+        const UNIT: f64 = 1.0;
+        let half = 0.5 * (self.upper - self.lower);
+        let size = if self.expected == 0.0 { UNIT } else { 2.0 * self.expected.abs() };
+        if half > 0.0 { half.min(size) } else { size }
+    }
+}
+
+/// What earlier fits know of the unknowns: `(theta - mean)' information (theta - mean) / 2` joins the cost.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prior {
+    /// Names, in the order of `mean` and `information`.
+    pub names: Vec<String>,
+    /// Estimates.
+    pub mean: DVector<f64>,
+    /// Inverse covariance.
+    pub information: DMatrix<f64>,
+}
+
+/// A fit to be done.
+#[derive(Debug, Clone)]
+pub struct PositionProblem {
+    /// The logs.
+    pub runs: Vec<FitRun>,
+    /// What may move.
+    pub unknowns: Vec<Unknown>,
+    /// Values of the parameters that do not.
+    pub known: BTreeMap<String, f64>,
+    /// `(larger, smaller)`: parameters of which one must not fall below the other (thesis Eq. 4.1).
+    pub inequalities: Vec<(String, String)>,
+    /// Earlier knowledge.
+    pub prior: Option<Prior>,
+}
+
+/// How to fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Integration steps per sample time of the last search.
+    pub substeps: usize,
+    /// Linearisations at most, over all horizons.
+    pub iterations: usize,
+    /// Converged when the foreseen decrease is below this fraction of the cost.
+    pub tolerance: f64,
+    /// How far the start may be off.
+    pub start: Start,
+}
+
+/// How far the start may be off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Start {
+    /// Simulated and measured motion may part: the fit is led to the minimum on a tether.
+    #[default]
+    Poor,
+    /// The model explains the logs nearly.
+    Near,
+}
+
+/// The search with few integration steps ends at so many tolerances: the last one goes on from there.
+const COARSE: f64 = 10.0;
+/// Rates of the tether, one search each [1/s].
+const TETHERS: [f64; 3] = [10.0, 3.0, 1.0];
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { substeps: 60, iterations: 200, tolerance: 1e-6, start: Start::Poor }
+    }
+}
+
+/// One iteration, for those who watch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// From 1, over all horizons.
+    pub iteration: usize,
+    /// Cost per sample and joint; 0.5 when all that is left is noise.
+    pub cost: f64,
+    /// Length of the step in standard deviations.
+    pub step: f64,
+    /// Rate of the tether to the logs [1/s]; 0 without one.
+    pub tether: f64,
+}
+
+/// Why no fit could be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PositionFitError {
+    /// Nothing to fit to.
+    #[error("there is no run to fit to; give at least one run the role \"fit\"")]
+    NoRun,
+    /// No parameter of the runs is unknown.
+    #[error("nothing is unknown: every parameter that occurs in these runs is fixed; free one of {known:?}")]
+    NoUnknown {
+        /// Parameters that occur.
+        known: Vec<String>,
+    },
+    /// The model does not make equations of motion.
+    #[error(transparent)]
+    System(#[from] SystemError),
+    /// A log cannot be simulated at the start.
+    #[error("{run}: {error}; start from other values")]
+    Simulation {
+        /// The run.
+        run: String,
+        /// What happened.
+        error: SimulationError,
+    },
+    /// A log without enough samples.
+    #[error(
+        "{run}: {samples} samples remain of the log, too few for {unknowns} unknowns; shorten the cut of the transient \
+         or use a longer log"
+    )]
+    TooShort {
+        /// The run.
+        run: String,
+        /// How many remain.
+        samples: usize,
+        /// How many it takes.
+        unknowns: usize,
+    },
+    /// Bounds that cross.
+    #[error("{name}: the lower bound {lower} lies above the upper bound {upper}")]
+    CrossedBounds {
+        /// The parameter.
+        name: String,
+        /// Its bound.
+        lower: f64,
+        /// Its bound.
+        upper: f64,
+    },
+    /// A start that is not allowed.
+    #[error(
+        "{name} starts at {value}, outside its bounds {lower} to {upper}; start within them or clip it with --clip"
+    )]
+    StartOutside {
+        /// The parameter.
+        name: String,
+        /// Its start.
+        value: f64,
+        /// Its bound.
+        lower: f64,
+        /// Its bound.
+        upper: f64,
+    },
+    /// A start that breaks an inequality.
+    #[error("{larger} = {larger_value} starts below {smaller} = {smaller_value}; it must not be smaller")]
+    StartUnequal {
+        /// The parameter that must not be smaller.
+        larger: String,
+        /// Its start.
+        larger_value: f64,
+        /// The other.
+        smaller: String,
+        /// Its start.
+        smaller_value: f64,
+    },
+    /// A start that no body has.
+    #[error(
+        "link {link} starts with an inertia that no body has: its principal moments {moments:?} kg*m^2 break the \
+         triangle inequality, or its mass is negative; start from a body's values"
+    )]
+    StartUnphysical {
+        /// Its number.
+        link: usize,
+        /// Principal moments of inertia.
+        moments: [f64; 3],
+    },
+    /// A parameter that only the equations' constants depend on.
+    #[error("{name} cannot be fitted: only link and effect parameters can; fix it in the model")]
+    NotFittable {
+        /// The parameter.
+        name: String,
+    },
+    /// A run's data of the wrong length.
+    #[error("{run}: {what}: {found} values given, {expected} needed")]
+    Length {
+        /// The run.
+        run: String,
+        /// Which.
+        what: &'static str,
+        /// How many came.
+        found: usize,
+        /// How many are needed.
+        expected: usize,
+    },
+}
+
+/// Fits; `watch` sees every iteration and may stop.
+pub fn fit(
+    problem: &PositionProblem,
+    options: &Options,
+    watch: &mut dyn FnMut(&Progress) -> Watch,
+) -> Result<PositionFit, PositionFitError> {
+    let mut problem = problem.clone();
+    keep_what_occurs(&mut problem);
+    check(&problem)?;
+    let evaluator = Evaluator::new(&problem)?;
+    let mut region = region(&problem, &evaluator);
+    let mut x = evaluator.start(&problem);
+    let coarse = evaluator.coarse_substeps(&x, options.substeps);
+    let full = full(options, coarse);
+    let mut iterations = 0;
+    let mut ended = Ended::IterationLimit;
+
+    for resolution in schedule(options, coarse) {
+        let is_last = resolution == full;
+        let is_whole = resolution.tether == 0.0;
+        let at = evaluator.at(resolution);
+        let limits = Limits {
+            iterations: if is_whole { options.iterations.saturating_sub(iterations).max(1) } else { 6 },
+            tolerance: if is_last {
+                options.tolerance
+            } else if is_whole {
+                COARSE * options.tolerance
+            } else {
+                1e-2
+            },
+        };
+        let samples = at.samples() as f64;
+        let tether = resolution.tether;
+        let mut told = |iteration: &Iteration| {
+            watch(&Progress {
+                iteration: iterations + iteration.number,
+                cost: iteration.cost / samples,
+                step: iteration.step,
+                tether,
+            })
+        };
+        let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut told);
+        iterations += outcome.iterations;
+        x = outcome.x;
+        ended = outcome.ended;
+        if is_last {
+            let Some(quadratic) = outcome.quadratic else {
+                return Err(at.why_not(&x));
+            };
+            return Ok(result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations));
+        }
+        if ended == Ended::Interrupted {
+            break;
+        }
+    }
+    let at = evaluator.at(full);
+    match sqp::Objective::quadratic(&at, &x) {
+        Some(quadratic) => Ok(result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations)),
+        None => Err(at.why_not(&x)),
+    }
+}
+
+/// Initial positions of a run that was not fitted, estimated from its log with all parameters held.
+///
+/// The log's first sample shows the start only through its noise.
+pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, PositionFitError> {
+    let problem = PositionProblem {
+        runs: vec![run.clone()],
+        unknowns: Vec::new(),
+        known: BTreeMap::new(),
+        inequalities: Vec::new(),
+        prior: None,
+    };
+    let evaluator = Evaluator::new(&problem)?;
+    let mut region = region(&problem, &evaluator);
+    let mut x = evaluator.start(&problem);
+    let coarse = evaluator.coarse_substeps(&x, options.substeps);
+    for resolution in schedule(&Options { start: Start::Near, ..*options }, coarse) {
+        let at = evaluator.at(resolution);
+        let limits = Limits { iterations: 20, tolerance: 1e-4 };
+        let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut |_| Watch::Continue);
+        if outcome.quadratic.is_none() {
+            return Err(at.why_not(&x));
+        }
+        x = outcome.x;
+    }
+    Ok(x)
+}
+
+/// A run against its log: estimates the initial positions, simulates, and tells the error of each free joint.
+pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitError> {
+    let initial = initial_positions(run, options)?;
+    let input = Input { time: &run.time, command: &run.command, hold: run.hold };
+    let how = simulate::Options { substeps: options.substeps, ..simulate::Options::default() };
+    let trajectory = simulate::simulate(&run.system, &input, &initial, &how)
+        .map_err(|error| PositionFitError::Simulation { run: run.name.clone(), error })?;
+    Ok(RunError::new(run, initial, &trajectory.q))
+}
+
+/// Judges many runs in parallel; the order is theirs.
+pub fn judge_all(runs: &[FitRun], options: &Options) -> Result<Vec<RunError>, PositionFitError> {
+    runs.par_iter().map(|run| judge(run, options)).collect()
+}
+
+/// Drops unknowns that occur in no run; those that earlier fits tie to others stay.
+fn keep_what_occurs(problem: &mut PositionProblem) {
+    let occurs = |name: &str| {
+        problem.prior.as_ref().is_some_and(|prior| prior.names.iter().any(|known| known == name))
+            || problem.runs.iter().any(|run| run.occurs(name))
+    };
+    let (kept, dropped): (Vec<_>, Vec<_>) = problem.unknowns.drain(..).partition(|unknown| occurs(&unknown.name));
+    problem.unknowns = kept;
+    problem.known.extend(dropped.into_iter().map(|unknown| (unknown.name, unknown.value)));
+}
+
+fn check(problem: &PositionProblem) -> Result<(), PositionFitError> {
+    if problem.runs.is_empty() {
+        return Err(PositionFitError::NoRun);
+    }
+    if problem.unknowns.is_empty() {
+        let mut known: Vec<String> = problem
+            .runs
+            .iter()
+            .flat_map(|run| run.system.kernel().parameters.iter().map(|name| (*name).to_owned()))
+            .collect();
+        known.sort();
+        known.dedup();
+        return Err(PositionFitError::NoUnknown { known });
+    }
+    for unknown in &problem.unknowns {
+        let Unknown { name, value, lower, upper, .. } = unknown.clone();
+        if !name.starts_with("link.") && !name.starts_with("joint.") && !name.starts_with("device.") {
+            return Err(PositionFitError::NotFittable { name });
+        }
+        if lower > upper {
+            return Err(PositionFitError::CrossedBounds { name, lower, upper });
+        }
+        if !(lower..=upper).contains(&value) {
+            return Err(PositionFitError::StartOutside { name, value, lower, upper });
+        }
+    }
+    for (larger, smaller) in &problem.inequalities {
+        if let (Some(larger_value), Some(smaller_value)) = (value_of(problem, larger), value_of(problem, smaller))
+            && larger_value < smaller_value
+        {
+            let (larger, smaller) = (larger.clone(), smaller.clone());
+            return Err(PositionFitError::StartUnequal { larger, larger_value, smaller, smaller_value });
+        }
+    }
+    for run in &problem.runs {
+        check_run(run, problem.unknowns.len())?;
+    }
+    Ok(())
+}
+
+fn check_run(run: &FitRun, unknowns: usize) -> Result<(), PositionFitError> {
+    let n_free = run.system.n_free();
+    let lengths = [
+        ("commanded torques", run.command.len(), run.time.len() * run.system.n_joints()),
+        ("measured positions", run.position.len(), run.time.len() * n_free),
+        ("weights", run.weights.len(), n_free),
+    ];
+    for (what, found, expected) in lengths {
+        if found != expected {
+            return Err(PositionFitError::Length { run: run.name.clone(), what, found, expected });
+        }
+    }
+    let samples = run.time.iter().filter(|t| **t >= run.from_s).count();
+    if samples * n_free < unknowns.max(8) {
+        return Err(PositionFitError::TooShort { run: run.name.clone(), samples, unknowns });
+    }
+    Ok(())
+}
+
+fn value_of(problem: &PositionProblem, name: &str) -> Option<f64> {
+    let unknown = problem.unknowns.iter().find(|unknown| unknown.name == name).map(|unknown| unknown.value);
+    unknown.or_else(|| problem.known.get(name).copied())
+}
+
+fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
+    let n_initial = evaluator.n() - problem.unknowns.len();
+    let bounds = |of: fn(&Unknown) -> f64, free: f64| {
+        problem.unknowns.iter().map(of).chain(std::iter::repeat_n(free, n_initial)).collect()
+    };
+    let index = |name: &str| problem.unknowns.iter().position(|unknown| unknown.name == name);
+    let half_spaces = problem
+        .inequalities
+        .iter()
+        .filter_map(|(larger, smaller)| match (index(larger), index(smaller)) {
+            (Some(larger), Some(smaller)) => {
+                Some(HalfSpace { terms: vec![(smaller, 1.0), (larger, -1.0)], limit: 0.0 })
+            }
+            (Some(larger), None) => {
+                Some(HalfSpace { terms: vec![(larger, -1.0)], limit: -*problem.known.get(smaller)? })
+            }
+            (None, Some(smaller)) => {
+                Some(HalfSpace { terms: vec![(smaller, 1.0)], limit: *problem.known.get(larger)? })
+            }
+            (None, None) => None,
+        })
+        .collect();
+    Region {
+        lower: bounds(|unknown| unknown.lower, f64::NEG_INFINITY),
+        upper: bounds(|unknown| unknown.upper, f64::INFINITY),
+        half_spaces,
+    }
+}
+
+/// A tether that loosens, then none; few steps first, then the full resolution.
+fn schedule(options: &Options, coarse: usize) -> Vec<Resolution> {
+    let mut resolutions = Vec::new();
+    let rough = Resolution { substeps: coarse, ..full(options, coarse) };
+    if options.start == Start::Poor {
+        resolutions.extend(TETHERS.map(|tether| Resolution { tether, ..rough }));
+    }
+    if coarse < options.substeps {
+        resolutions.push(rough);
+    }
+    resolutions.push(full(options, coarse));
+    resolutions
+}
+
+fn full(options: &Options, coarse: usize) -> Resolution {
+    Resolution { horizon_s: f64::INFINITY, substeps: options.substeps, jacobian_substeps: coarse, tether: 0.0 }
+}
+
+#[cfg(test)]
+mod tests;

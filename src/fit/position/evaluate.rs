@@ -1,0 +1,428 @@
+//! Cost and Gauss-Newton Hessian of the position error over all runs.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::{Body, FitRun, PositionFitError, PositionProblem, noise_floor};
+use crate::{
+    fit::{
+        sensitivity::{self, Columns, Lumps},
+        sqp::{HalfSpace, Objective, Quadratic},
+    },
+    simulate::{self, Input, Options, SimulationError, Tether},
+    system::System,
+};
+
+/// Where an unknown enters a run.
+#[derive(Debug, Clone, Copy)]
+enum Role {
+    /// Index among the kernel's parameters.
+    Link(usize),
+    /// Index among the system's effect parameters.
+    Effect(usize),
+}
+
+/// A run, ready to be evaluated at any unknowns.
+struct Ready<'a> {
+    run: &'a FitRun,
+    columns: Columns,
+    /// Unknown and its role; unknowns without one do not occur here.
+    roles: Vec<(usize, Role)>,
+    /// Index of the run's first initial position among all unknowns.
+    first_initial: usize,
+    /// Factor on each free joint's error: weight over noise.
+    weights: Vec<f64>,
+}
+
+/// All runs at any unknowns: parameters first, then every run's initial positions.
+pub(super) struct Evaluator<'a> {
+    ready: Vec<Ready<'a>>,
+    n_parameters: usize,
+    n: usize,
+    bodies: Vec<Body>,
+    /// Weak and earlier knowledge of the parameters.
+    prior_mean: DVector<f64>,
+    prior_information: DMatrix<f64>,
+}
+
+/// How much of the runs, and how finely.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Resolution {
+    pub(super) horizon_s: f64,
+    pub(super) substeps: usize,
+    /// Steps of the sensitivities: fewer do, for an error of theirs only bends the path to the minimum a little.
+    pub(super) jacobian_substeps: usize,
+    /// Rate of the tether to the log [1/s]; 0 without one.
+    pub(super) tether: f64,
+}
+
+/// An evaluator at one resolution.
+pub(super) struct At<'e, 'a> {
+    evaluator: &'e Evaluator<'a>,
+    resolution: Resolution,
+}
+
+impl<'a> Evaluator<'a> {
+    pub(super) fn new(problem: &'a PositionProblem) -> Result<Self, PositionFitError> {
+        let n_parameters = problem.unknowns.len();
+        let mut n = n_parameters;
+        let mut ready = Vec::with_capacity(problem.runs.len());
+        for run in &problem.runs {
+            ready.push(Ready::new(problem, run, n));
+            n += run.system.n_free();
+        }
+        let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
+        let bodies = Body::all(&names, &problem.known);
+        let start: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
+        if let Some(body) = bodies.iter().find(|body| !body.is_physical(&start)) {
+            return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&start) });
+        }
+        let (prior_mean, prior_information) = prior(problem);
+        Ok(Self { ready, n_parameters, n, bodies, prior_mean, prior_information })
+    }
+
+    /// Number of unknowns, initial positions included.
+    pub(super) fn n(&self) -> usize {
+        self.n
+    }
+
+    pub(super) fn bodies(&self) -> &[Body] {
+        &self.bodies
+    }
+
+    pub(super) fn prior_information(&self) -> &DMatrix<f64> {
+        &self.prior_information
+    }
+
+    /// Starts of the parameters; the median of a run's first samples for its initial positions.
+    pub(super) fn start(&self, problem: &PositionProblem) -> Vec<f64> {
+        /// At rest the first samples differ by noise only; later ones show motion.
+        const SAMPLES: usize = 3;
+        let mut x: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
+        for run in &problem.runs {
+            let n_free = run.system.n_free();
+            for slot in 0..n_free {
+                let mut first: Vec<f64> =
+                    run.position.iter().skip(slot).step_by(n_free).take(SAMPLES).copied().collect();
+                first.sort_by(f64::total_cmp);
+                x.push(first[first.len() / 2]);
+            }
+        }
+        x
+    }
+
+    pub(super) fn at(&self, resolution: Resolution) -> At<'_, 'a> {
+        At { evaluator: self, resolution }
+    }
+
+    /// The fewest steps per sample that change no position by more than a small part of the noise.
+    pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize) -> usize {
+        /// Share of the noise that the integration may add: a numerical choice.
+        const SHARE: f64 = 0.1;
+        let simulated = |substeps: usize| -> Option<Vec<Vec<f64>>> {
+            let resolution = Resolution { horizon_s: 5.0, substeps, jacobian_substeps: substeps, tether: 0.0 };
+            self.ready.par_iter().map(|ready| ready.simulate(x, resolution).ok()).collect()
+        };
+        let Some(reference) = simulated(fine) else { return fine };
+        for substeps in [4, 6, 10, 15, 20, 30] {
+            if substeps >= fine {
+                break;
+            }
+            let Some(coarse) = simulated(substeps) else { continue };
+            let close = self.ready.iter().zip(&reference).zip(&coarse).all(|((ready, reference), coarse)| {
+                let n_free = ready.run.system.n_free();
+                reference.iter().zip(coarse).enumerate().all(|(index, (reference, coarse))| {
+                    (reference - coarse).abs() * ready.weights[index % n_free] <= SHARE
+                })
+            });
+            if close {
+                return substeps;
+            }
+        }
+        fine
+    }
+
+    fn prior_cost(&self, x: &[f64]) -> f64 {
+        let away = DVector::from_column_slice(&x[..self.n_parameters]) - &self.prior_mean;
+        0.5 * away.dot(&(&self.prior_information * &away))
+    }
+}
+
+impl<'a> Ready<'a> {
+    fn new(problem: &PositionProblem, run: &'a FitRun, first_initial: usize) -> Self {
+        let system = &run.system;
+        let mut roles = Vec::new();
+        for (unknown, entry) in problem.unknowns.iter().enumerate() {
+            let name = entry.name.as_str();
+            if let Some(index) = system.kernel().parameters.iter().position(|known| *known == name) {
+                roles.push((unknown, Role::Link(index)));
+            } else if let Some(index) = system.effect_names().iter().position(|known| known == name) {
+                roles.push((unknown, Role::Effect(index)));
+            }
+        }
+        let lumps =
+            if roles.iter().any(|(_, role)| matches!(role, Role::Link(_))) { Lumps::Wanted } else { Lumps::Known };
+        let wanted = |name: &str| problem.unknowns.iter().any(|unknown| unknown.name == name);
+        let columns = Columns::new(system, wanted, lumps);
+        let n_free = system.n_free();
+        let weights = (0..n_free)
+            .map(|slot| {
+                let measured: Vec<f64> = run.position.iter().skip(slot).step_by(n_free).copied().collect();
+                run.weights[slot] / noise_of(&measured)
+            })
+            .collect();
+        Self { run, columns, roles, first_initial, weights }
+    }
+
+    /// The run's system with the values of `x`.
+    fn system(&self, x: &[f64]) -> System {
+        let mut system = self.run.system.clone();
+        let mut links = system.link_parameters().to_vec();
+        let mut effects = system.effect_parameters().to_vec();
+        for &(unknown, role) in &self.roles {
+            match role {
+                Role::Link(index) => links[index] = x[unknown],
+                Role::Effect(index) => effects[index] = x[unknown],
+            }
+        }
+        system.set_parameters(&links, &effects);
+        system
+    }
+
+    fn initial<'x>(&self, x: &'x [f64]) -> &'x [f64] {
+        &x[self.first_initial..self.first_initial + self.run.system.n_free()]
+    }
+
+    fn input(&self, resolution: Resolution) -> Input<'a> {
+        let all = Input { time: &self.run.time, command: &self.run.command, hold: self.run.hold };
+        let end = self.run.time.first().copied().unwrap_or(0.0) + resolution.horizon_s;
+        all.first(self.run.time.partition_point(|t| *t <= end))
+    }
+
+    fn simulate(&self, x: &[f64], resolution: Resolution) -> Result<Vec<f64>, SimulationError> {
+        let options = Options { substeps: resolution.substeps, ..Options::default() };
+        let (system, input) = (self.system(x), self.input(resolution));
+        let trajectory = match self.tether(resolution) {
+            Some(tether) => simulate::simulate_tethered(&system, &input, &tether, self.initial(x), &options),
+            None => simulate::simulate(&system, &input, self.initial(x), &options),
+        };
+        trajectory.map(|trajectory| trajectory.q)
+    }
+
+    fn tether(&self, resolution: Resolution) -> Option<Tether<'a>> {
+        (resolution.tether > 0.0).then_some(Tether { rate: resolution.tether, position: &self.run.position })
+    }
+
+    /// Index of the first sample that counts.
+    fn first_sample(&self) -> usize {
+        self.run.time.partition_point(|t| *t < self.run.from_s)
+    }
+
+    fn cost(&self, x: &[f64], resolution: Resolution) -> Result<f64, SimulationError> {
+        let simulated = self.simulate(x, resolution)?;
+        let n_free = self.run.system.n_free();
+        let skip = self.first_sample() * n_free;
+        let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
+        Ok(0.5 * errors.map(|(index, (y, q))| ((y - q) * self.weights[index % n_free]).powi(2)).sum::<f64>())
+    }
+
+    /// Cost, gradient and Hessian by this run's own unknowns.
+    fn quadratic(&self, x: &[f64], resolution: Resolution) -> Option<Quadratic> {
+        let system = self.system(x);
+        let n_free = system.n_free();
+        let count = self.columns.count();
+        let width = self.columns.width();
+        let first = self.first_sample();
+        let options = Options { substeps: resolution.jacobian_substeps, ..Options::default() };
+        let finer = if resolution.jacobian_substeps == resolution.substeps {
+            None
+        } else {
+            Some(self.simulate(x, resolution).ok()?)
+        };
+        let mut cost = 0.0;
+        let mut gradient = vec![0.0; width];
+        let mut hessian = vec![0.0; width * width];
+        let observe = |sample: usize, position: &[f64], rows: &[f64]| {
+            if sample < first {
+                return;
+            }
+            let position = finer.as_ref().map_or(position, |finer| &finer[sample * n_free..(sample + 1) * n_free]);
+            for (slot, row) in rows.chunks_exact(width).enumerate() {
+                let weight = self.weights[slot];
+                let error = (self.run.position[sample * n_free + slot] - position[slot]) * weight;
+                cost += 0.5 * error * error;
+                for (gradient, by) in gradient.iter_mut().zip(row) {
+                    *gradient -= error * weight * by;
+                }
+                for (index, line) in hessian.chunks_exact_mut(width).enumerate().take(count) {
+                    let factor = weight * weight * row[index];
+                    for (entry, by) in line.iter_mut().zip(row) {
+                        *entry += factor * by;
+                    }
+                }
+            }
+        };
+        let input = self.input(resolution);
+        let tether = self.tether(resolution);
+        let initial = self.initial(x);
+        sensitivity::simulate(&system, &self.columns, &input, tether.as_ref(), initial, &options, observe).ok()?;
+        let by_unknown = self.chain(&system);
+        let gradient = DVector::from_fn(count, |k, _| gradient[k]);
+        let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
+        Some(Quadratic {
+            cost,
+            gradient: by_unknown.transpose() * gradient,
+            hessian: by_unknown.transpose() * hessian * &by_unknown,
+        })
+    }
+
+    /// Derivative of the columns by this run's unknowns: parameters in the order of `roles`, then initial positions.
+    fn chain(&self, system: &System) -> DMatrix<f64> {
+        let kernel = system.kernel();
+        let n_links = kernel.parameters.len();
+        let mut by_link = vec![0.0; kernel.prepared.len() * n_links];
+        if !self.columns.lumps().is_empty() {
+            (kernel.prepare_gradient)(system.link_parameters(), system.locked(), &mut by_link);
+        }
+        let mut chain = DMatrix::zeros(self.columns.count(), self.roles.len() + system.n_free());
+        for (own, (_, role)) in self.roles.iter().enumerate() {
+            match role {
+                Role::Link(index) => {
+                    for (lump, column) in self.columns.lumps().enumerate() {
+                        chain[(column, own)] = by_link[lump * n_links + index];
+                    }
+                }
+                Role::Effect(index) => {
+                    if let Some(column) = self.columns.effect(*index) {
+                        chain[(column, own)] = 1.0;
+                    }
+                }
+            }
+        }
+        for (slot, column) in self.columns.initial().enumerate() {
+            chain[(column, self.roles.len() + slot)] = 1.0;
+        }
+        chain
+    }
+
+    /// Index among all unknowns of each of this run's own.
+    fn places(&self) -> Vec<usize> {
+        let initial = self.first_initial..self.first_initial + self.run.system.n_free();
+        self.roles.iter().map(|(unknown, _)| *unknown).chain(initial).collect()
+    }
+}
+
+impl At<'_, '_> {
+    /// Number of errors in the cost.
+    pub(super) fn samples(&self) -> usize {
+        let ready = &self.evaluator.ready;
+        let used = |ready: &Ready<'_>| ready.input(self.resolution).time.len().saturating_sub(ready.first_sample());
+        ready.iter().map(|ready| used(ready) * ready.run.system.n_free()).sum()
+    }
+
+    /// Simulated positions of every run.
+    pub(super) fn simulated(&self, x: &[f64]) -> Option<Vec<Vec<f64>>> {
+        self.evaluator.ready.par_iter().map(|ready| ready.simulate(x, self.resolution).ok()).collect()
+    }
+
+    /// Cost and derivatives of the data alone, without any prior.
+    pub(super) fn data(&self, x: &[f64]) -> Option<Quadratic> {
+        let evaluator = self.evaluator;
+        let parts: Option<Vec<Quadratic>> =
+            evaluator.ready.par_iter().map(|ready| ready.quadratic(x, self.resolution)).collect();
+        let mut total = Quadratic {
+            cost: 0.0,
+            gradient: DVector::zeros(evaluator.n),
+            hessian: DMatrix::zeros(evaluator.n, evaluator.n),
+        };
+        // In the order of the runs, whichever thread was first: the same bits every time.
+        for (ready, part) in evaluator.ready.iter().zip(parts?) {
+            let places = ready.places();
+            total.cost += part.cost;
+            for (own, place) in places.iter().enumerate() {
+                total.gradient[*place] += part.gradient[own];
+                for (other, second) in places.iter().enumerate() {
+                    total.hessian[(*place, *second)] += part.hessian[(own, other)];
+                }
+            }
+        }
+        Some(total)
+    }
+
+    /// Why the runs cannot be simulated at `x`.
+    pub(super) fn why_not(&self, x: &[f64]) -> PositionFitError {
+        let failure = self.evaluator.ready.iter().find_map(|ready| {
+            let error = ready.cost(x, self.resolution).err()?;
+            Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
+        });
+        failure.unwrap_or(PositionFitError::NoRun)
+    }
+}
+
+impl Objective for At<'_, '_> {
+    fn cost(&self, x: &[f64]) -> Option<f64> {
+        let costs: Option<Vec<f64>> =
+            self.evaluator.ready.par_iter().map(|ready| ready.cost(x, self.resolution).ok()).collect();
+        let total = costs?.iter().sum::<f64>() + self.evaluator.prior_cost(x);
+        total.is_finite().then_some(total)
+    }
+
+    fn quadratic(&self, x: &[f64]) -> Option<Quadratic> {
+        let evaluator = self.evaluator;
+        let mut quadratic = self.data(x)?;
+        quadratic.cost += evaluator.prior_cost(x);
+        let n = evaluator.n_parameters;
+        let away = DVector::from_column_slice(&x[..n]) - &evaluator.prior_mean;
+        let pull = &evaluator.prior_information * away;
+        for row in 0..n {
+            quadratic.gradient[row] += pull[row];
+            for column in 0..n {
+                quadratic.hessian[(row, column)] += evaluator.prior_information[(row, column)];
+            }
+        }
+        let finite = quadratic.cost.is_finite() && quadratic.hessian.iter().all(|value| value.is_finite());
+        finite.then_some(quadratic)
+    }
+
+    fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {
+        self.evaluator.bodies.iter().flat_map(|body| body.cuts(x)).collect()
+    }
+}
+
+/// Noise of a log; a log without noise counts as one of a millionth of its range.
+pub(super) fn noise_of(measured: &[f64]) -> f64 {
+    let (low, high) =
+        measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+    noise_floor(measured).max(1e-6 * (high - low)).max(1e-12)
+}
+
+/// Mean and information of what is known before the data: ranges, and earlier fits.
+fn prior(problem: &PositionProblem) -> (DVector<f64>, DMatrix<f64>) {
+    let n = problem.unknowns.len();
+    let start = DVector::from_fn(n, |k, _| problem.unknowns[k].expected);
+    let mut information = DMatrix::zeros(n, n);
+    for (k, unknown) in problem.unknowns.iter().enumerate() {
+        information[(k, k)] = unknown.spread().powi(-2);
+    }
+    let Some(earlier) = &problem.prior else {
+        return (start, information);
+    };
+    // Two Gaussians multiply: informations add, means weigh by them.
+    let places: Vec<Option<usize>> =
+        earlier.names.iter().map(|name| problem.unknowns.iter().position(|unknown| unknown.name == *name)).collect();
+    let mut pull = &information * &start;
+    for (row, place) in places.iter().enumerate() {
+        let Some(place) = *place else { continue };
+        for (column, other) in places.iter().enumerate() {
+            let weight = earlier.information[(row, column)];
+            pull[place] += weight * earlier.mean[column];
+            if let Some(other) = *other {
+                information[(place, other)] += weight;
+            } else {
+                pull[place] -= weight * earlier.mean[column];
+            }
+        }
+    }
+    let mean = information.clone().cholesky().map_or(start, |factor| factor.solve(&pull));
+    (mean, information)
+}

@@ -1,0 +1,270 @@
+//! What a position fit found, and how sure it is.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+use super::{
+    FitRun, PositionProblem,
+    evaluate::{At, Evaluator, noise_of},
+};
+use crate::fit::{
+    FitStatus,
+    sqp::{Ended, Quadratic, Region},
+};
+
+/// The result of a position fit.
+#[derive(Debug, Clone)]
+pub struct PositionFit {
+    /// How it ended.
+    pub status: FitStatus,
+    /// The unknowns that occur in the runs.
+    pub parameters: Vec<Estimate>,
+    /// What these runs alone say about them: inverse covariance in the order of `parameters`, the initial positions
+    /// eliminated. Carried to later fits.
+    pub information: DMatrix<f64>,
+    /// Covariance of the parameters, data and prior together.
+    pub covariance: DMatrix<f64>,
+    /// Combinations that the data do not determine.
+    pub undetermined: Vec<Direction>,
+    /// The fitted runs.
+    pub runs: Vec<RunError>,
+    /// `1/2 sum((w e / sigma)^2)`, prior included, at the end.
+    pub cost: f64,
+    /// Linearisations used.
+    pub iterations: usize,
+    /// The residual's variance over that of the noise; 1 when nothing but noise is left.
+    pub variance_ratio: f64,
+    /// By how much successive residuals repeat each other: 1 for white ones. Standard errors are widened by its root.
+    pub correlation: f64,
+}
+
+/// One parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Its name.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// From the Gauss-Newton Hessian and the residual's variance.
+    pub std_error: f64,
+    /// False where the data narrow its range by less than half.
+    pub identifiable: bool,
+    /// Held by a bound, not by the data.
+    pub at_bound: bool,
+}
+
+/// A combination of parameters, each in units of its range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Direction {
+    /// Share of its range that the data leave open (1: all of it).
+    pub open: f64,
+    /// Parameter and component, largest first; small ones are left out.
+    pub parts: Vec<(String, f64)>,
+}
+
+/// A run's error.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunError {
+    /// The run.
+    pub name: String,
+    /// Estimated initial positions of the free joints.
+    pub initial: Vec<f64>,
+    /// Root mean square of measured minus simulated, per free joint [rad or m], all samples.
+    pub rmse: Vec<f64>,
+    /// Noise of the log, per free joint.
+    pub noise: Vec<f64>,
+    /// Simulated positions, one row a sample.
+    pub simulated: Vec<f64>,
+}
+
+impl RunError {
+    pub(super) fn new(run: &FitRun, initial: Vec<f64>, simulated: &[f64]) -> Self {
+        let n_free = run.system.n_free();
+        let column =
+            |values: &[f64], slot: usize| -> Vec<f64> { values.iter().skip(slot).step_by(n_free).copied().collect() };
+        let mut rmse = Vec::with_capacity(n_free);
+        let mut noise = Vec::with_capacity(n_free);
+        for slot in 0..n_free {
+            let (measured, model) = (column(&run.position, slot), column(simulated, slot));
+            let sum: f64 = measured.iter().zip(&model).map(|(y, q)| (y - q) * (y - q)).sum();
+            rmse.push((sum / measured.len() as f64).sqrt());
+            noise.push(noise_of(&measured));
+        }
+        Self { name: run.name.clone(), initial, rmse, noise, simulated: simulated.to_vec() }
+    }
+}
+
+/// A parameter counts as identified when the data narrow its range to less than this share.
+const IDENTIFIED: f64 = 0.5;
+
+#[allow(clippy::too_many_arguments)]
+pub(super) fn conclude(
+    problem: &PositionProblem,
+    evaluator: &Evaluator<'_>,
+    at: &At<'_, '_>,
+    region: &Region,
+    x: &[f64],
+    quadratic: &Quadratic,
+    ended: Ended,
+    iterations: usize,
+) -> PositionFit {
+    let n = problem.unknowns.len();
+    let simulated = at.simulated(x).unwrap_or_default();
+    let mut first = n;
+    let mut runs = Vec::with_capacity(problem.runs.len());
+    for (run, simulated) in problem.runs.iter().zip(&simulated) {
+        let initial = x[first..first + run.system.n_free()].to_vec();
+        first += run.system.n_free();
+        runs.push(RunError::new(run, initial, simulated));
+    }
+    let degrees = (at.samples() as f64 - x.len() as f64).max(1.0);
+    let variance_ratio = 2.0 * quadratic.cost / degrees;
+    let correlation = correlation(problem, &runs);
+    // A model that leaves more than noise cannot be as sure as the noise would allow; less than noise is luck.
+    let widening = variance_ratio.max(1.0) * correlation;
+
+    let mut data = quadratic.hessian.clone();
+    for row in 0..n {
+        for column in 0..n {
+            data[(row, column)] -= evaluator.prior_information()[(row, column)];
+        }
+    }
+    let information = eliminate_initial(&data, n) / widening;
+    let covariance = (&information + evaluator.prior_information())
+        .cholesky()
+        .map_or_else(|| DMatrix::from_element(n, n, f64::INFINITY), |factor| factor.inverse());
+    let spread = DVector::from_fn(n, |k, _| problem.unknowns[k].spread());
+    // Ranges are no data; earlier fits are.
+    let mut determined = &information + evaluator.prior_information();
+    for k in 0..n {
+        determined[(k, k)] -= spread[k].powi(-2);
+    }
+    let undetermined = undetermined(problem, &determined, &spread);
+
+    let parameters: Vec<Estimate> = problem
+        .unknowns
+        .iter()
+        .enumerate()
+        .map(|(k, unknown)| {
+            let std_error = covariance[(k, k)].max(0.0).sqrt();
+            let reach = 1e-9 * spread[k];
+            Estimate {
+                name: unknown.name.clone(),
+                value: x[k],
+                std_error,
+                identifiable: std_error < IDENTIFIED * spread[k],
+                at_bound: x[k] - region.lower[k] <= reach || region.upper[k] - x[k] <= reach,
+            }
+        })
+        .collect();
+    let status = match ended {
+        Ended::Converged if parameters.iter().any(|parameter| parameter.at_bound) => FitStatus::HeldByBound,
+        Ended::Converged if !undetermined.is_empty() => FitStatus::NotIdentifiable,
+        Ended::Converged => FitStatus::Converged,
+        Ended::IterationLimit | Ended::Interrupted => FitStatus::IterationLimit,
+        Ended::Stuck => FitStatus::NumericalError,
+    };
+    debug_assert!(evaluator.bodies().iter().all(|body| body.is_physical(x)), "every iterate is physical");
+    PositionFit {
+        status,
+        parameters,
+        information,
+        covariance,
+        undetermined,
+        runs,
+        cost: quadratic.cost,
+        iterations,
+        variance_ratio,
+        correlation,
+    }
+}
+
+/// What remains for the parameters once the initial positions take their best values: the Schur complement.
+fn eliminate_initial(hessian: &DMatrix<f64>, n: usize) -> DMatrix<f64> {
+    let rest = hessian.nrows() - n;
+    let parameters = hessian.view((0, 0), (n, n)).into_owned();
+    let mixed = hessian.view((0, n), (n, rest)).into_owned();
+    let initial = hessian.view((n, n), (rest, rest)).into_owned();
+    match initial.cholesky() {
+        Some(factor) => {
+            let complement = parameters - &mixed * factor.solve(&mixed.transpose());
+            (&complement + complement.transpose()) * 0.5
+        }
+        None => parameters,
+    }
+}
+
+/// Eigenvectors of the information, in units of the ranges, along which the data leave most of the range open.
+fn undetermined(problem: &PositionProblem, information: &DMatrix<f64>, spread: &DVector<f64>) -> Vec<Direction> {
+    /// Components below this share of a direction are not told.
+    const SMALL: f64 = 0.1;
+    let n = spread.len();
+    let scaled = DMatrix::from_fn(n, n, |row, column| information[(row, column)] * spread[row] * spread[column]);
+    let eigen = SymmetricEigen::new(scaled);
+    let mut directions: Vec<Direction> = eigen
+        .eigenvalues
+        .iter()
+        .zip(eigen.eigenvectors.column_iter())
+        .filter_map(|(value, vector)| {
+            // With the range as prior, this share of it remains.
+            let open = (1.0 + value.max(0.0)).sqrt().recip();
+            if open < IDENTIFIED {
+                return None;
+            }
+            let mut parts: Vec<(String, f64)> = vector
+                .iter()
+                .enumerate()
+                .filter(|(_, component)| component.abs() >= SMALL)
+                .map(|(k, component)| (problem.unknowns[k].name.clone(), *component))
+                .collect();
+            parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()).then_with(|| a.0.cmp(&b.0)));
+            if parts.first().is_some_and(|(_, component)| *component < 0.0) {
+                parts.iter_mut().for_each(|(_, component)| *component = -*component);
+            }
+            Some(Direction { open, parts })
+        })
+        .collect();
+    directions.sort_by(|a, b| b.open.total_cmp(&a.open));
+    directions
+}
+
+/// `1 + 2 sum(rho_k)` over the leading positive autocorrelations of the residuals, the mean over runs and joints.
+fn correlation(problem: &PositionProblem, runs: &[RunError]) -> f64 {
+    let mut sum = 0.0;
+    let mut count = 0.0;
+    for (run, error) in problem.runs.iter().zip(runs) {
+        let n_free = run.system.n_free();
+        let first = run.time.partition_point(|t| *t < run.from_s) * n_free;
+        for slot in 0..n_free {
+            let residual: Vec<f64> = run
+                .position
+                .iter()
+                .zip(&error.simulated)
+                .skip(first + slot)
+                .step_by(n_free)
+                .map(|(y, q)| y - q)
+                .collect();
+            sum += repetition(&residual);
+            count += 1.0;
+        }
+    }
+    if count == 0.0 { 1.0 } else { (sum / count).max(1.0) }
+}
+
+fn repetition(residual: &[f64]) -> f64 {
+    let n = residual.len();
+    let power: f64 = residual.iter().map(|r| r * r).sum();
+    if power == 0.0 {
+        return 1.0;
+    }
+    // Autocorrelations of white noise stay within this band.
+    let band = 2.0 / (n as f64).sqrt();
+    let mut total = 1.0;
+    for lag in 1..n / 4 {
+        let rho = residual[lag..].iter().zip(residual).map(|(a, b)| a * b).sum::<f64>() / power;
+        if rho < band {
+            break;
+        }
+        total += 2.0 * rho;
+    }
+    total
+}

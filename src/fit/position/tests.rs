@@ -1,0 +1,180 @@
+use super::*;
+use crate::fit::FitStatus;
+use crate::system::{
+    PlacedEffect,
+    tests::{GAIN, LUGRE, PENDULUM, SPRING, placed},
+};
+
+/// Inertia, gain, spring and LuGre friction of one joint, much like a wrist joint of a haptic device.
+const TRUTH: [f64; 4] = [0.06, -0.05, 0.25e-3, 6.5];
+const SPRING_TRUTH: [f64; 2] = [0.025, -0.25];
+const LUGRE_TRUTH: [f64; 6] = [1.2, 0.008, 0.006, 0.2, 0.022, 0.016];
+
+fn effects(gain: f64, spring: &[f64], lugre: &[f64]) -> Vec<PlacedEffect> {
+    vec![placed(&GAIN, 0, None, &[gain]), placed(&SPRING, 0, None, spring), placed(&LUGRE, 0, None, lugre)]
+}
+
+fn system() -> System {
+    let effects = effects(TRUTH[3], &SPRING_TRUTH, &LUGRE_TRUTH);
+    System::new(&PENDULUM, 1, TRUTH[..3].to_vec(), Vec::new(), &effects).unwrap()
+}
+
+/// White noise of a fixed seed: sums of twelve uniform numbers.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        let mut uniform = || {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// Logs of the true system, noise included.
+fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
+    let system = system();
+    let mut noise = Noise(seed);
+    let samples = (span_s * 100.0) as usize + 1;
+    let time: Vec<f64> = (0..samples).map(|k| k as f64 * 0.01).collect();
+    [(0.006, 2.0, 0.1), (0.010, 3.5, -0.2)]
+        .into_iter()
+        .enumerate()
+        .map(|(number, (amplitude, rate, q0))| {
+            let command: Vec<f64> = time
+                .iter()
+                .map(|t| amplitude * ((rate * t).cos() + 0.4 * (2.7 * rate * t + 0.1 * t * t).sin()))
+                .collect();
+            let input = Input { time: &time, command: &command, hold: Hold::Zero };
+            let motion = simulate::simulate(&system, &input, &[q0], &simulate::Options::default()).unwrap();
+            let position = motion.q.iter().map(|q| q + 2e-4 * noise.next()).collect();
+            FitRun {
+                name: format!("run {number}"),
+                system: system.clone(),
+                time: time.clone(),
+                command,
+                position,
+                hold: Hold::Zero,
+                weights: vec![1.0],
+                from_s: 0.0,
+            }
+        })
+        .collect()
+}
+
+/// All parameters unknown but the gain, which scales everything else; starts off by `factor`.
+fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
+    let runs = runs(seed, span_s);
+    let system = &runs[0].system;
+    let mut signs = Noise(seed + 99);
+    let names =
+        system.kernel().parameters.iter().map(|name| (*name).to_owned()).chain(system.effect_names().iter().cloned());
+    let values = system.link_parameters().iter().chain(system.effect_parameters());
+    let mut unknowns = Vec::new();
+    let mut known = BTreeMap::new();
+    for (name, &value) in names.zip(values) {
+        if name.ends_with("Kp") || name == "link.1.m" || name.ends_with("Izz") {
+            known.insert(name, value);
+            continue;
+        }
+        let start = value * (1.0 + off * signs.next().signum());
+        let reach = 2.0 * value.abs();
+        unknowns.push(Unknown {
+            name,
+            value: start,
+            expected: start,
+            lower: if value < 0.0 { value - reach } else { 0.1 * value },
+            upper: value + reach,
+        });
+    }
+    for axis in ["Ixx", "Ixy", "Ixz", "Iyy", "Iyz"] {
+        known.insert(
+            format!("link.1.{axis}"),
+            if axis.len() == 3 && axis.as_bytes()[1] == axis.as_bytes()[2] { 2e-4 } else { 0.0 },
+        );
+    }
+    let inequalities = vec![("joint.0.lugre.Fs".to_owned(), "joint.0.lugre.Fc".to_owned())];
+    PositionProblem { runs, unknowns, known, inequalities, prior: None }
+}
+
+fn truth(name: &str) -> f64 {
+    let system = system();
+    if let Some(index) = system.kernel().parameters.iter().position(|known| *known == name) {
+        return system.link_parameters()[index];
+    }
+    let index = system.effect_names().iter().position(|known| known == name).unwrap();
+    system.effect_parameters()[index]
+}
+
+#[test]
+fn a_poor_start_reaches_the_noise_and_the_truth_within_its_errors() {
+    let mut problem = problem(3, 15.0, 0.3);
+    for unknown in &mut problem.unknowns {
+        if unknown.name.ends_with("Fs") {
+            unknown.value = unknown.value.max(0.025);
+        }
+    }
+    let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+    for run in &fit.runs {
+        assert!(run.rmse[0] < 1.03 * 2e-4, "{}: {} rad", run.name, run.rmse[0]);
+    }
+    assert!((fit.variance_ratio - 1.0).abs() < 0.15, "{}", fit.variance_ratio);
+    for parameter in &fit.parameters {
+        let error = (parameter.value - truth(&parameter.name)).abs();
+        assert!(error < 4.0 * parameter.std_error, "{}: off by {error}, {:?}", parameter.name, parameter);
+    }
+    assert!((fit.runs[0].initial[0] - 0.1).abs() < 3e-4 && (fit.runs[1].initial[0] + 0.2).abs() < 3e-4);
+}
+
+#[test]
+fn the_thread_count_does_not_change_a_bit() {
+    let problem = problem(5, 4.0, 0.05);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let fit = pool.install(|| fit(&problem, &Options::default(), &mut |_| Watch::Continue)).unwrap();
+        fit.parameters.iter().map(|parameter| parameter.value.to_bits()).collect::<Vec<_>>()
+    };
+    assert_eq!(on(1), on(2));
+}
+
+/// Gain, inertia, stiffness and friction scaled together move alike: the fit says so and stays finite.
+#[test]
+fn a_common_scale_is_told_as_undetermined() {
+    let mut problem = problem(7, 6.0, 0.0);
+    for (name, value) in std::mem::take(&mut problem.known) {
+        let unit = matches!(name.as_str(), "link.1.m" | "link.1.Izz" | "joint.0.gain.Kp");
+        if unit {
+            problem.unknowns.push(Unknown { name, value, expected: value, lower: 0.2 * value, upper: 3.0 * value });
+        } else {
+            problem.known.insert(name, value);
+        }
+    }
+    let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+    assert!(!fit.undetermined.is_empty());
+    assert!(matches!(fit.status, FitStatus::NotIdentifiable | FitStatus::HeldByBound), "{:?}", fit.status);
+    let told: Vec<&str> = fit.undetermined.iter().flat_map(|way| &way.parts).map(|(name, _)| name.as_str()).collect();
+    assert!(told.contains(&"joint.0.gain.Kp"), "{:?}", fit.undetermined);
+}
+
+#[test]
+fn starts_that_cannot_be_are_errors() {
+    let good = problem(1, 1.0, 0.0);
+    let told = |change: &dyn Fn(&mut PositionProblem)| {
+        let mut problem = good.clone();
+        change(&mut problem);
+        fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap_err().to_string()
+    };
+    let fs = good.unknowns.iter().position(|unknown| unknown.name.ends_with("Fs")).unwrap();
+    assert!(told(&|p| p.unknowns[fs].value = 0.015).contains("joint.0.lugre.Fs = 0.015 starts below"));
+    assert!(told(&|p| p.unknowns[0].value = 9.0).contains("outside its bounds"));
+    assert!(told(&|p| p.unknowns[0].upper = -9.0).contains("lies above the upper bound"));
+    assert!(told(&|p| p.runs.clear()).contains("no run to fit to"));
+    assert!(told(&|p| p.unknowns.clear()).contains("nothing is unknown"));
+    assert!(told(&|p| p.runs[0].from_s = 5.0).contains("too few"));
+    assert!(told(&|p| p.runs[0].position.truncate(5)).contains("measured positions: 5 values given"));
+    let spin = |p: &mut PositionProblem| {
+        p.unknowns.push(Unknown { name: "link.1.Izz".to_owned(), value: 1.0, expected: 1.0, lower: 0.0, upper: 2.0 });
+    };
+    assert!(told(&spin).contains("link 1 starts with an inertia that no body has"));
+}

@@ -1,0 +1,145 @@
+//! A whole sequence of configurations, e.g. the thesis's isolated and coupling methods (Tables 4.2 and 4.6).
+//!
+//! What one configuration found goes to the next as estimate *and* information (inverse covariance), never as a frozen
+//! number: a later configuration may correct an earlier one as far as that one was unsure. Parameters that occur in
+//! earlier configurations only move along with those they are correlated with. At the end one fit over the runs of all
+//! configurations, started from there, replaces the chain's linearised memory by the data themselves.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{
+    position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start},
+    sqp::Watch,
+};
+use crate::{
+    experiment::{Role, Run},
+    model::Model,
+};
+
+/// What a sequence found.
+#[derive(Debug, Clone)]
+pub struct SequenceFit {
+    /// One fit per configuration that has runs, with the configuration's number.
+    pub steps: Vec<(usize, PositionFit)>,
+    /// The fit over all runs.
+    pub joint: PositionFit,
+    /// The model with the values of the last.
+    pub model: Model,
+}
+
+/// Whether the joints of interest weigh more, as in the thesis, or every error counts by its noise alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Weighting {
+    /// Every error over its noise: the least uncertain estimate.
+    #[default]
+    ByNoise,
+    /// The thesis's weights of Table 4.6 on top.
+    OfMethod,
+}
+
+/// Where a sequence stands, for those who watch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SequenceProgress {
+    /// The configuration being fitted; `None` in the fit over all runs.
+    pub configuration: Option<usize>,
+    /// Its iteration.
+    pub progress: Progress,
+}
+
+/// Fits the configurations `sequence` (numbers from 1) one after another, then all their runs together.
+///
+/// Configurations without a run of the role `fit` are passed over. `weights` are per step and free joint.
+pub fn fit(
+    model: &Model,
+    runs: &[&Run],
+    sequence: &[usize],
+    weights: &[Vec<f64>],
+    options: &Options,
+    watch: &mut dyn FnMut(&SequenceProgress) -> Watch,
+) -> Result<SequenceFit, PositionFitError> {
+    let mut believed = model.clone();
+    let mut known = Knowledge::default();
+    let mut steps = Vec::new();
+    let used: Vec<&Run> =
+        runs.iter().copied().filter(|run| run.role == Role::Fit && sequence.contains(&run.configuration)).collect();
+    for (step, configuration) in sequence.iter().enumerate() {
+        let own: Vec<&Run> = used.iter().copied().filter(|run| run.configuration == *configuration).collect();
+        if own.is_empty() {
+            continue;
+        }
+        let mut problem = problem(model, &believed, &own)?;
+        if let Some(weights) = weights.get(step) {
+            for run in &mut problem.runs {
+                run.weights.clone_from(weights);
+            }
+        }
+        problem.prior = known.prior();
+        let mut told =
+            |progress: &Progress| watch(&SequenceProgress { configuration: Some(*configuration), progress: *progress });
+        let fit = position::fit(&problem, options, &mut told)?;
+        believed = fit.applied_to(&believed);
+        known.add(&fit);
+        steps.push((*configuration, fit));
+    }
+    let mut told = |progress: &Progress| watch(&SequenceProgress { configuration: None, progress: *progress });
+    let near = Options { start: Start::Near, ..*options };
+    let joint = position::fit(&problem(model, &believed, &used)?, &near, &mut told)?;
+    let model = joint.applied_to(&believed);
+    Ok(SequenceFit { steps, joint, model })
+}
+
+/// Starts from `believed`, with the weak prior around `start`.
+fn problem(start: &Model, believed: &Model, runs: &[&Run]) -> Result<PositionProblem, PositionFitError> {
+    let mut problem = PositionProblem::of_model(believed, runs.iter().copied())?;
+    for unknown in &mut problem.unknowns {
+        if let Some(parameter) = start.parameter(&unknown.name) {
+            unknown.expected = parameter.value;
+        }
+    }
+    Ok(problem)
+}
+
+/// What the configurations so far tell of the parameters, linearised.
+#[derive(Debug, Default)]
+struct Knowledge {
+    names: Vec<String>,
+    mean: Vec<f64>,
+    information: DMatrix<f64>,
+}
+
+impl Knowledge {
+    fn prior(&self) -> Option<Prior> {
+        let known = !self.names.is_empty();
+        known.then(|| Prior {
+            names: self.names.clone(),
+            mean: DVector::from_column_slice(&self.mean),
+            information: self.information.clone(),
+        })
+    }
+
+    /// Adds a fit's data. Its estimate, which already heeds everything earlier, becomes the mean.
+    fn add(&mut self, fit: &PositionFit) {
+        for estimate in &fit.parameters {
+            if !self.names.contains(&estimate.name) {
+                self.names.push(estimate.name.clone());
+                self.mean.push(estimate.value);
+            }
+        }
+        let n = self.names.len();
+        let mut information = DMatrix::zeros(n, n);
+        let old = self.information.nrows();
+        information.view_mut((0, 0), (old, old)).copy_from(&self.information);
+        let places: Vec<Option<usize>> =
+            fit.parameters.iter().map(|estimate| self.names.iter().position(|name| *name == estimate.name)).collect();
+        for (row, place) in places.iter().enumerate() {
+            let Some(place) = *place else { continue };
+            self.mean[place] = fit.parameters[row].value;
+            for (column, other) in places.iter().enumerate() {
+                if let Some(other) = *other {
+                    information[(place, other)] += fit.information[(row, column)];
+                }
+            }
+        }
+        self.information = information;
+    }
+}

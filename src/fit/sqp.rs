@@ -1,0 +1,380 @@
+//! Sequential quadratic programming with a Gauss-Newton Hessian.
+//!
+//! Every iteration minimises `g'd + d'(H + lambda diag H)d / 2` over the step `d` under bounds and linear inequalities.
+//! Convex constraints that are not linear (a link's inertia must be one that a body can have) come as cuts: half-spaces
+//! that hold everywhere and that the last step broke; the subproblem is solved again until none is broken. A step that
+//! does not lower the cost as foreseen, or cannot be simulated, raises the damping `lambda` (Levenberg-Marquardt, with
+//! Nielsen's update).
+
+use clarabel::{
+    algebra::CscMatrix,
+    solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT},
+};
+use nalgebra::{DMatrix, DVector};
+
+/// What is minimised.
+pub trait Objective {
+    /// The cost at `x`; `None` where the model cannot be simulated.
+    fn cost(&self, x: &[f64]) -> Option<f64>;
+
+    /// Cost, gradient and Gauss-Newton Hessian at `x`.
+    fn quadratic(&self, x: &[f64]) -> Option<Quadratic>;
+
+    /// Half-spaces that contain every allowed point and that `x` lies outside of; none where `x` is allowed.
+    fn cuts(&self, x: &[f64]) -> Vec<HalfSpace>;
+}
+
+/// A cost near a point: `cost + gradient . d + d . hessian d / 2`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quadratic {
+    /// At the point.
+    pub cost: f64,
+    /// There.
+    pub gradient: DVector<f64>,
+    /// Symmetric, positive semi-definite.
+    pub hessian: DMatrix<f64>,
+}
+
+/// `sum(factor * x[index]) <= limit`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HalfSpace {
+    /// Index and factor.
+    pub terms: Vec<(usize, f64)>,
+    /// What the sum must not exceed.
+    pub limit: f64,
+}
+
+impl HalfSpace {
+    fn excess(&self, x: &[f64]) -> f64 {
+        self.terms.iter().map(|(index, factor)| factor * x[*index]).sum::<f64>() - self.limit
+    }
+
+    /// Size of the sum's terms, which its rounding is measured by.
+    fn size(&self, x: &[f64]) -> f64 {
+        self.terms.iter().map(|(index, factor)| (factor * x[*index]).abs()).sum::<f64>() + self.limit.abs()
+    }
+}
+
+/// Where the search may go.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Region {
+    /// Lower bounds; `-inf` where there is none.
+    pub lower: Vec<f64>,
+    /// Upper bounds; `inf` where there is none.
+    pub upper: Vec<f64>,
+    /// Linear inequalities, and the cuts met so far.
+    pub half_spaces: Vec<HalfSpace>,
+}
+
+/// When to stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Linearisations at most.
+    pub iterations: usize,
+    /// Converged when the foreseen decrease is below this fraction of the cost.
+    pub tolerance: f64,
+}
+
+/// How a search ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// No step promises a decrease worth taking.
+    Converged,
+    /// The iterations are used up.
+    IterationLimit,
+    /// No step, however short, keeps its promise; or the start cannot be simulated.
+    Stuck,
+    /// The caller asked to stop.
+    Interrupted,
+}
+
+/// Where a search ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// The best point.
+    pub x: Vec<f64>,
+    /// The cost around it; `None` only where the start cannot be simulated.
+    pub quadratic: Option<Quadratic>,
+    /// How.
+    pub ended: Ended,
+    /// Linearisations used.
+    pub iterations: usize,
+}
+
+/// One iteration, for those who watch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Iteration {
+    /// From 1, within this search.
+    pub number: usize,
+    /// The cost that it reached.
+    pub cost: f64,
+    /// Length of its step, in units of the foreseen standard deviation of each unknown.
+    pub step: f64,
+}
+
+/// Whether to go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Watch {
+    /// Go on.
+    Continue,
+    /// Stop at the best point so far.
+    Stop,
+}
+
+/// Damping at the start: nearly a full Gauss-Newton step.
+const FIRST_DAMPING: f64 = 1e-3;
+/// Up to this damping a step is as good as a Gauss-Newton step.
+const UNDAMPED: f64 = 0.1;
+/// Beyond this damping the step is too short to matter.
+const LAST_DAMPING: f64 = 1e12;
+/// So many accepted steps in a row, each of a decrease below so many tolerances, are enough: a valley so flat is not
+/// worth following to its end.
+const IDLE_ITERATIONS: usize = 3;
+const IDLE: f64 = 3.0;
+/// A search that gets stuck still ends at a minimum if all that is promised is below so many tolerances.
+const NEAR: f64 = 100.0;
+/// A step counts as good from this share of the foreseen decrease.
+const ACCEPTED_SHARE: f64 = 1e-3;
+/// How often a subproblem is solved again for new cuts.
+const CUT_ROUNDS: usize = 30;
+
+/// Minimises `objective` from `start`, which lies within `region`; cuts are added to it.
+pub fn minimise(
+    objective: &impl Objective,
+    region: &mut Region,
+    start: &[f64],
+    limits: &Limits,
+    watch: &mut dyn FnMut(&Iteration) -> Watch,
+) -> Outcome {
+    let mut x = start.to_vec();
+    let Some(mut quadratic) = objective.quadratic(&x) else {
+        return Outcome { x, quadratic: None, ended: Ended::Stuck, iterations: 0 };
+    };
+    let mut damping = FIRST_DAMPING;
+    let mut growth = 2.0;
+    let mut idle = 0;
+    let mut iterations = 1;
+    let ended = loop {
+        if damping > LAST_DAMPING || idle >= IDLE_ITERATIONS {
+            // Near the minimum the cost's kinks and rounding can spoil the last, tiny steps.
+            let near = allowed_step(objective, region, &quadratic, &x, FIRST_DAMPING)
+                .is_some_and(|step| foreseen_decrease(&quadratic, &step) <= NEAR * limits.tolerance * quadratic.cost);
+            break if near { Ended::Converged } else { Ended::Stuck };
+        }
+        let Some(step) = allowed_step(objective, region, &quadratic, &x, damping) else {
+            damping *= growth;
+            growth *= 2.0;
+            continue;
+        };
+        let foreseen = foreseen_decrease(&quadratic, &step);
+        // A damped step promises little because it is short, not because the minimum is near.
+        if damping <= UNDAMPED && foreseen <= limits.tolerance * quadratic.cost {
+            break Ended::Converged;
+        }
+        let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
+        let decrease = objective.cost(&trial).map_or(f64::NEG_INFINITY, |cost| quadratic.cost - cost);
+        let share = decrease / foreseen;
+        if share < ACCEPTED_SHARE || share.is_nan() {
+            damping *= growth;
+            growth *= 2.0;
+            continue;
+        }
+        if iterations >= limits.iterations {
+            break Ended::IterationLimit;
+        }
+        let Some(next) = objective.quadratic(&trial) else {
+            damping *= growth;
+            growth *= 2.0;
+            continue;
+        };
+        let length = (0..x.len()).map(|k| step[k] * step[k] * quadratic.hessian[(k, k)]).sum::<f64>().sqrt();
+        x = trial;
+        quadratic = next;
+        iterations += 1;
+        damping *= (1.0 - (2.0 * share - 1.0).powi(3)).clamp(0.1, 1.0);
+        damping = damping.max(1e-12);
+        growth = 2.0;
+        idle = if decrease <= IDLE * limits.tolerance * quadratic.cost { idle + 1 } else { 0 };
+        let told = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
+        if watch(&told) == Watch::Stop {
+            break Ended::Interrupted;
+        }
+    };
+    Outcome { x, quadratic: Some(quadratic), ended, iterations }
+}
+
+/// By how much `step` lowers the undamped quadratic.
+fn foreseen_decrease(quadratic: &Quadratic, step: &DVector<f64>) -> f64 {
+    -(quadratic.gradient.dot(step) + 0.5 * step.dot(&(&quadratic.hessian * step)))
+}
+
+/// The step of the damped subproblem, within the region and all cuts.
+fn allowed_step(
+    objective: &impl Objective,
+    region: &mut Region,
+    quadratic: &Quadratic,
+    x: &[f64],
+    damping: f64,
+) -> Option<DVector<f64>> {
+    let mut hessian = quadratic.hessian.clone();
+    for k in 0..x.len() {
+        hessian[(k, k)] += damping * quadratic.hessian[(k, k)];
+    }
+    for _ in 0..CUT_ROUNDS {
+        let step = subproblem(&hessian, &quadratic.gradient, region, x)?;
+        let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
+        let cuts = objective.cuts(&trial);
+        if cuts.is_empty() {
+            return Some(step);
+        }
+        region.half_spaces.extend(cuts);
+    }
+    None
+}
+
+/// Minimises `g'd + d'Hd / 2` with `x + d` in the region.
+fn subproblem(hessian: &DMatrix<f64>, gradient: &DVector<f64>, region: &Region, x: &[f64]) -> Option<DVector<f64>> {
+    let n = x.len();
+    // Unit diagonal: the unknowns have all sorts of units.
+    let scale = DVector::from_fn(n, |k, _| 1.0 / hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt());
+    let scaled = DMatrix::from_fn(n, n, |row, column| hessian[(row, column)] * scale[row] * scale[column]);
+    let slope = gradient.component_mul(&scale);
+    if let Some(factor) = scaled.clone().cholesky() {
+        let step = -factor.solve(&slope).component_mul(&scale);
+        if within(region, x, &step) {
+            return Some(step);
+        }
+    }
+    let (matrix, limits) = constraints(region, x, &scale);
+    let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
+    let cones = [SupportedConeT::NonnegativeConeT(limits.len())];
+    let mut solver =
+        DefaultSolver::new(&upper_triangle(&scaled), slope.as_slice(), &matrix, &limits, &cones, settings).ok()?;
+    solver.solve();
+    if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
+        return None;
+    }
+    // The interior point stops a hair from the bounds, on either side.
+    Some(DVector::from_fn(n, |k, _| {
+        (solver.solution.x[k] * scale[k]).clamp(region.lower[k] - x[k], region.upper[k] - x[k])
+    }))
+}
+
+fn within(region: &Region, x: &[f64], step: &DVector<f64>) -> bool {
+    let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
+    let bounded = trial.iter().zip(&region.lower).zip(&region.upper).all(|((x, low), high)| low <= x && x <= high);
+    bounded && region.half_spaces.iter().all(|half_space| half_space.excess(&trial) <= 1e-12 * half_space.size(&trial))
+}
+
+/// `A y <= b` for the scaled step `y = d / scale`, every row scaled to length one.
+fn constraints(region: &Region, x: &[f64], scale: &DVector<f64>) -> (CscMatrix<f64>, Vec<f64>) {
+    let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); x.len()];
+    let mut limits = Vec::new();
+    let mut add = |terms: &[(usize, f64)], limit: f64| {
+        let length = terms.iter().map(|(index, factor)| (factor * scale[*index]).powi(2)).sum::<f64>().sqrt();
+        if !limit.is_finite() || length == 0.0 {
+            return;
+        }
+        for (index, factor) in terms {
+            columns[*index].push((limits.len(), factor * scale[*index] / length));
+        }
+        limits.push(limit / length);
+    };
+    for k in 0..x.len() {
+        add(&[(k, 1.0)], (region.upper[k] - x[k]).max(0.0));
+        add(&[(k, -1.0)], (x[k] - region.lower[k]).max(0.0));
+    }
+    for half_space in &region.half_spaces {
+        // `x` is allowed up to rounding; the step zero must be feasible.
+        add(&half_space.terms, (-half_space.excess(x)).max(0.0));
+    }
+    let mut starts = vec![0];
+    let (mut rows, mut values) = (Vec::new(), Vec::new());
+    for column in columns {
+        for (row, value) in column {
+            rows.push(row);
+            values.push(value);
+        }
+        starts.push(rows.len());
+    }
+    (CscMatrix::new(limits.len(), x.len(), starts, rows, values), limits)
+}
+
+fn upper_triangle(matrix: &DMatrix<f64>) -> CscMatrix<f64> {
+    let n = matrix.nrows();
+    let mut starts = vec![0];
+    let (mut rows, mut values) = (Vec::new(), Vec::new());
+    for column in 0..n {
+        for row in 0..=column {
+            rows.push(row);
+            values.push(matrix[(row, column)]);
+        }
+        starts.push(rows.len());
+    }
+    CscMatrix::new(n, n, starts, rows, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rosenbrock's valley as a least-squares problem, optionally within the unit disk.
+    struct Valley {
+        disk: bool,
+    }
+
+    impl Objective for Valley {
+        fn cost(&self, x: &[f64]) -> Option<f64> {
+            Some(0.5 * ((1.0 - x[0]).powi(2) + 100.0 * (x[1] - x[0] * x[0]).powi(2)))
+        }
+
+        fn quadratic(&self, x: &[f64]) -> Option<Quadratic> {
+            let residual = DVector::from_vec(vec![1.0 - x[0], 10.0 * (x[1] - x[0] * x[0])]);
+            let jacobian = DMatrix::from_row_slice(2, 2, &[-1.0, 0.0, -20.0 * x[0], 10.0]);
+            Some(Quadratic {
+                cost: self.cost(x)?,
+                gradient: jacobian.transpose() * &residual,
+                hessian: jacobian.transpose() * jacobian,
+            })
+        }
+
+        fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {
+            let length = x[0].hypot(x[1]);
+            if !self.disk || length <= 1.0 + 1e-9 {
+                return Vec::new();
+            }
+            vec![HalfSpace { terms: vec![(0, x[0] / length), (1, x[1] / length)], limit: 1.0 }]
+        }
+    }
+
+    const LIMITS: Limits = Limits { iterations: 200, tolerance: 1e-14 };
+
+    fn region() -> Region {
+        Region { lower: vec![f64::NEG_INFINITY; 2], upper: vec![f64::INFINITY; 2], half_spaces: Vec::new() }
+    }
+
+    #[test]
+    fn the_valley_is_followed_to_its_end() {
+        let end = minimise(&Valley { disk: false }, &mut region(), &[-1.2, 1.0], &LIMITS, &mut |_| Watch::Continue);
+        assert!((end.x[0] - 1.0).abs() < 1e-6 && (end.x[1] - 1.0).abs() < 1e-6, "{:?}", end.x);
+        assert!(end.iterations < 100, "{}", end.iterations);
+    }
+
+    #[test]
+    fn a_bound_holds_and_is_optimal() {
+        let mut region = region();
+        region.upper[0] = 0.5;
+        let end = minimise(&Valley { disk: false }, &mut region, &[-1.2, 1.0], &LIMITS, &mut |_| Watch::Continue);
+        assert_eq!(end.ended, Ended::Converged);
+        assert!((end.x[0] - 0.5).abs() < 1e-7 && end.x[0] <= 0.5, "{:?}", end.x);
+        assert!((end.x[1] - 0.25).abs() < 1e-5, "{:?}", end.x);
+    }
+
+    /// The published optimum of Rosenbrock's function in the unit disk: (0.7864, 0.6177).
+    #[test]
+    fn cuts_keep_to_a_curved_region() {
+        let end = minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
+        assert!((end.x[0] - 0.786_415).abs() < 1e-4 && (end.x[1] - 0.617_698).abs() < 1e-4, "{:?}", end.x);
+        assert!(end.x[0].hypot(end.x[1]) <= 1.0 + 1e-8);
+    }
+}

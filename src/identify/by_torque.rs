@@ -1,0 +1,66 @@
+//! A fit of the torque error, told like every other.
+
+use super::{ErrorKind, Found, Identified, Progress};
+use crate::{
+    error::Error,
+    experiment::{Role, Run},
+    fit::{
+        orders,
+        torque::{self, TorqueFit, TorqueRun},
+    },
+    model::Model,
+    system::System,
+    torque::Motion,
+};
+
+/// Fits `model` to the torque error of those of `runs` that are for it.
+///
+/// # Errors
+/// As [`torque::fit`].
+pub(super) fn by_torque(
+    model: &Model,
+    runs: &[&Run],
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Identified, Error> {
+    let fitted: Vec<TorqueRun> = runs
+        .iter()
+        .filter(|run| run.role == Role::Fit)
+        .map(|run| {
+            Ok(TorqueRun {
+                name: run.file.clone(),
+                role: run.role,
+                system: System::of_model(model, &run.free, |joint| run.log.mean_position(joint))?,
+                motion: Motion::of(run)?,
+            })
+        })
+        .collect::<Result<_, Error>>()?;
+    let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =
+        torque::fit(&fitted, &model.parameters(), &orders(model), &mut |iteration, cost| {
+            progress(&Progress { iteration, cost, tether: 0.0, configuration: None });
+        })?;
+    let mut fitted = model.clone();
+    let parameters: Vec<Found> = parameters
+        .into_iter()
+        .map(|parameter| {
+            fitted.set_value(&parameter.name, parameter.value)?;
+            Ok(Found {
+                name: parameter.name,
+                start: parameter.start,
+                value: parameter.value,
+                std_error: parameter.std_error,
+                identifiable: parameter.identifiable,
+                held: parameter.held,
+            })
+        })
+        .collect::<Result<_, Error>>()?;
+    Ok(Identified {
+        model: fitted,
+        error: ErrorKind::Torque,
+        status,
+        iterations,
+        cost_before,
+        cost_after,
+        parameters,
+        open: flat,
+    })
+}

@@ -1,0 +1,97 @@
+//! Writing results: whole or not at all, and never over something without being told to.
+
+use std::{
+    fs::{self, File},
+    io::{self, Write},
+    path::Path,
+};
+
+use crate::error::Error;
+
+/// What to do with an output that exists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Overwrite {
+    /// Keep it and fail.
+    Refuse,
+    /// Replace it.
+    Force,
+}
+
+/// Fails early where [`write_new`] would fail late, so that no work is lost: the output exists, or its folder does not.
+///
+/// # Errors
+/// [`Error::Exists`], [`Error::Unwritable`].
+pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
+    let unwritable = |source| Error::Unwritable { path: path.to_owned(), source };
+    if path.is_dir() {
+        return Err(unwritable(io::Error::other("it is a folder")));
+    }
+    if overwrite == Overwrite::Refuse && path.try_exists().map_err(unwritable)? {
+        return Err(Error::Exists { path: path.to_owned() });
+    }
+    let folder = folder_of(path);
+    if !folder.is_dir() {
+        return Err(unwritable(io::Error::other(format!("there is no folder {}", folder.display()))));
+    }
+    if fs::metadata(folder).map_err(unwritable)?.permissions().readonly() {
+        return Err(unwritable(io::Error::other(format!("the folder {} is read-only", folder.display()))));
+    }
+    Ok(())
+}
+
+/// Writes a file whole: a reader sees the old content, or all of the new one.
+///
+/// # Errors
+/// [`Error::Exists`] unless forced; [`Error::Unwritable`], with nothing left behind.
+pub fn write_new(path: &Path, text: &str, overwrite: Overwrite) -> Result<(), Error> {
+    check_output(path, overwrite)?;
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let partial = folder_of(path).join(format!(".{name}.{}.partial", std::process::id()));
+    let written = write_all(&partial, text).and_then(|()| fs::rename(&partial, path));
+    written.map_err(|source| {
+        // The first error is the one to tell; a leftover that cannot be removed changes nothing.
+        let _ = fs::remove_file(&partial);
+        Error::Unwritable { path: path.to_owned(), source }
+    })
+}
+
+fn write_all(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_overwritten_without_force() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        write_new(&path, "one", Overwrite::Refuse).unwrap();
+        assert!(matches!(write_new(&path, "two", Overwrite::Refuse), Err(Error::Exists { .. })));
+        assert_eq!(fs::read_to_string(&path).unwrap(), "one");
+        write_new(&path, "two", Overwrite::Force).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "two");
+        let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
+        assert_eq!(left.len(), 1, "no partial file is left");
+    }
+
+    #[test]
+    fn a_missing_folder_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("no/such/model.toml");
+        let error = write_new(&path, "one", Overwrite::Refuse).unwrap_err().to_string();
+        assert!(error.contains("no/such/model.toml") && error.contains("there is no folder"), "{error}");
+        assert!(write_new(folder.path(), "one", Overwrite::Force).is_err(), "a folder is no file");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

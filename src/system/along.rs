@@ -1,0 +1,104 @@
+//! The equations along a given motion, for the torque error: nothing is integrated but the effects' own states.
+
+use dynid_generated::Signal;
+
+use super::{Linear, N_SIGNALS, NONE, System};
+
+impl Linear {
+    /// Evaluates the equations and their gradient at the state `x = [q, dq, z]` and the given accelerations `ddq`:
+    /// drive and load torques, the regressor, `torque_by_parameter`, `torque_by_state` (that of the effects only), and
+    /// the rates of the effects' states (in `dx`) with their gradients. `ddq = None` leaves the rigid body out.
+    pub(crate) fn along(
+        &mut self,
+        system: &System,
+        t: f64,
+        x: &[f64],
+        ddq: Option<&[f64]>,
+        command: &[f64],
+        dx: &mut [f64],
+    ) {
+        self.renew_drive();
+        self.effects(system, t, x, command, dx);
+        let Some(ddq) = ddq else { return };
+        let n = system.n_free();
+        if system.kernel.n_lumps > 0 {
+            let (q, dq) = (&x[..n], &x[n..2 * n]);
+            (system.kernel.regressor)(&system.prepared, q, dq, ddq, &mut self.regressor);
+        }
+        self.inertias(system, ddq);
+    }
+
+    /// Torque that the drive path delivers to each free joint, at the last [`Linear::along`].
+    pub(crate) fn drive(&self) -> &[f64] {
+        &self.scratch.drive
+    }
+
+    /// Torque of the joint effects on each free joint, positive along `dq` when it resists, at the last
+    /// [`Linear::along`].
+    pub(crate) fn load(&self) -> &[f64] {
+        &self.scratch.load
+    }
+}
+
+impl System {
+    /// Adds to `torque` what the link effects need for the accelerations `ddq`.
+    pub(crate) fn add_inertia_torque(&self, ddq: &[f64], torque: &mut [f64]) {
+        for &(row, column, value) in &self.added_inertia {
+            torque[row] += value * ddq[column];
+        }
+    }
+
+    /// Number of states of the effects.
+    pub(crate) fn n_effect_states(&self) -> usize {
+        self.n_effect_states
+    }
+
+    /// How much torque at each free joint a unit of its command makes: the product of the slopes of those actuator
+    /// stages that are linear in the command over the commands of typical size `typical` (one per free joint). With
+    /// the slopes come their derivatives: free joint, effect parameter, value.
+    pub(crate) fn drive_slope(&self, typical: &[f64]) -> (Vec<f64>, Vec<(usize, usize, f64)>) {
+        let mut slopes = vec![1.0; self.n_free()];
+        let mut relative = Vec::new();
+        let mut linear = Linear::new(self);
+        let mut probe = self.clone();
+        let mut dx = vec![0.0; self.n_states()];
+        for element in &self.actuators {
+            let slot = element.joint.slot;
+            let size = if typical[slot] > 0.0 { typical[slot] } else { 1.0 };
+            let x = self.rest(&vec![0.0; self.n_free()]);
+            let mut slope = |system: &System, command: f64| {
+                let mut signals = [0.0; N_SIGNALS];
+                signals[Signal::Command as usize] = command;
+                signals[Signal::Load as usize] = command;
+                linear.evaluate(system, element, &signals, &x, &mut dx);
+                let by = |signal: Signal| linear.entry(element, element.torque, element.np + signal as usize);
+                by(Signal::Command) + by(Signal::Load)
+            };
+            let here = slope(self, size);
+            let is_linear = element.nz == 0
+                && here != 0.0
+                && here.is_finite()
+                && [-2.0, -0.5, 0.5, 2.0].iter().all(|factor| slope(self, factor * size) == here);
+            if !is_linear || slot == NONE {
+                continue;
+            }
+            slopes[slot] *= here;
+            for parameter in element.p..element.p + element.np {
+                // A linear stage's slope is at most bilinear in its parameters, so the difference is exact.
+                let value = self.effect_parameters[parameter];
+                let step = if value == 0.0 { 1.0 } else { 0.5 * value.abs() };
+                let mut at = |value: f64| {
+                    probe.effect_parameters[parameter] = value;
+                    slope(&probe, size)
+                };
+                let by = (at(value + step) - at(value - step)) / (2.0 * step);
+                probe.effect_parameters[parameter] = value;
+                if by != 0.0 {
+                    relative.push((slot, parameter, by / here));
+                }
+            }
+        }
+        let gradient = relative.into_iter().map(|(slot, parameter, by)| (slot, parameter, by * slopes[slot])).collect();
+        (slopes, gradient)
+    }
+}

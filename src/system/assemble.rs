@@ -1,0 +1,94 @@
+//! From a user's model to a [`System`].
+
+use std::collections::BTreeSet;
+
+use dynid_generated::{Kernel, Signal};
+use dynid_model::{Effect, Place};
+
+use super::{Output, PlacedEffect, SignalSet, System, SystemError};
+use crate::model::{EffectInstance, Model};
+
+impl System {
+    /// The equations of `model` with the joints `free`, the others locked at `position_of(joint)` [rad or m].
+    pub fn of_model(model: &Model, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<Self, SystemError> {
+        let kernel = kernel_of(model, free)?;
+        let values: std::collections::BTreeMap<String, f64> =
+            model.parameters().into_iter().map(|(name, parameter)| (name, parameter.value)).collect();
+        let link_parameters = kernel
+            .parameters
+            .iter()
+            .map(|name| {
+                let missing = || SystemError::MissingParameter { name: (*name).to_owned() };
+                values.get(*name).copied().ok_or_else(missing)
+            })
+            .collect::<Result<_, _>>()?;
+        let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
+        let effects = model.effects.iter().map(PlacedEffect::of_model).collect::<Result<Vec<_>, _>>()?;
+        Self::new(kernel, model.device.joints.len(), link_parameters, locked, &effects)
+    }
+}
+
+/// The kernel of the configuration with these free joints.
+fn kernel_of(model: &Model, free: &[usize]) -> Result<&'static Kernel, SystemError> {
+    let device = model.device;
+    let number = device.configurations.iter().position(|configuration| configuration.free == free);
+    number.and_then(|index| dynid_generated::kernel(&device.id, index + 1)).ok_or_else(|| {
+        SystemError::NoConfiguration {
+            device: device.id.clone(),
+            free: free.to_vec(),
+            known: device.configurations.iter().map(|configuration| configuration.free.clone()).collect(),
+        }
+    })
+}
+
+impl PlacedEffect {
+    /// An effect of a model, with its values.
+    pub fn of_model(instance: &EffectInstance) -> Result<Self, SystemError> {
+        let effect = instance.effect;
+        let kernel =
+            dynid_generated::effect(&effect.id).ok_or_else(|| SystemError::NoEffectKernel { id: effect.id.clone() })?;
+        let names: Vec<String> = (0..effect.parameters.len()).map(|index| instance.parameter_name(index)).collect();
+        let place = match (instance.joint, instance.from) {
+            (Some(joint), Some(from)) => format!("joint.{joint}.{}.{from}", effect.id),
+            (Some(joint), None) => format!("joint.{joint}.{}", effect.id),
+            _ => format!("device.{}", effect.id),
+        };
+        if effect.place == Place::Link && effect.outputs.iter().any(|(name, _)| name != "inertia") {
+            return Err(SystemError::Unsupported {
+                id: effect.id.clone(),
+                why: "a body merged into a link is not simulated yet".to_owned(),
+            });
+        }
+        Ok(Self {
+            kernel,
+            place: effect.place,
+            stage: effect.stage,
+            is_friction: effect.family.as_deref() == Some("friction"),
+            joint: instance.joint,
+            from: instance.from,
+            names,
+            parameters: instance.values(),
+            state_names: effect.states.iter().map(|state| format!("{place}.{}", state.symbol)).collect(),
+            initial_states: effect.states.iter().map(|state| state.initial).collect(),
+            outputs: effect.outputs.iter().map(|(name, _)| Output::named(name)).collect(),
+            uses: signals_of(effect),
+        })
+    }
+}
+
+/// The signals that an effect's formulas read; a parameter hides a signal of its name.
+fn signals_of(effect: &Effect) -> SignalSet {
+    let mut symbols = BTreeSet::new();
+    let formulas = effect.terms.iter().chain(&effect.outputs).map(|(_, formula)| formula);
+    for formula in formulas.chain(effect.states.iter().map(|state| &state.rate)) {
+        formula.for_each_symbol(&mut |symbol| {
+            symbols.insert(symbol.to_owned());
+        });
+    }
+    let none: &[Signal] = &[];
+    symbols
+        .iter()
+        .filter(|symbol| effect.parameter(symbol).is_none())
+        .filter_map(|symbol| SignalSet::named(symbol))
+        .fold(SignalSet::of(none), SignalSet::union)
+}

@@ -1,0 +1,322 @@
+//! The torque error (equation error): commanded torque minus the torque that the measured motion needs.
+//!
+//! Along the measured motion the equations say `drive(command) = Y(q, dq, ddq) lumps + load + inertias ddq`, where
+//! `load` is the sum of the joint effects. What is left over, brought back through the linear stages of the drive path
+//! (so that it is in the unit of the command, and a small gain cannot make it small), is the torque error. It passes the
+//! same zero-phase filter and decimation as the torque that it is compared with. Nothing is simulated but the states
+//! of effects that have some (LuGre's bristles), which follow the measured speed.
+
+mod motion;
+mod states;
+
+use dynid_model::Device;
+use rayon::prelude::*;
+
+pub use motion::{Motion, MotionError};
+
+use crate::{
+    experiment::Run,
+    system::{Linear, System, SystemError},
+};
+
+/// Samples that one task handles; the result does not depend on it.
+const CHUNK: usize = 2048;
+
+/// The torque error of one free joint. Vectors hold one entry a kept sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointTorqueError {
+    /// The device's joint index.
+    pub joint: usize,
+    /// Time [s].
+    pub time: Vec<f64>,
+    /// Speed of the joint [rad/s or m/s].
+    pub speed: Vec<f64>,
+    /// Position of the joint [rad or m].
+    pub position: Vec<f64>,
+    /// Commanded torque, filtered [unit of the command].
+    pub torque: Vec<f64>,
+    /// Commanded torque minus the model's, filtered [unit of the command].
+    pub residual: Vec<f64>,
+    /// Whether the sample counts.
+    pub used: Vec<bool>,
+}
+
+impl JointTorqueError {
+    /// Number of samples that count.
+    pub fn n_used(&self) -> usize {
+        self.used.iter().filter(|used| **used).count()
+    }
+
+    /// Root mean square of the residual where it counts; `None` where nothing does.
+    pub fn rms(&self) -> Option<f64> {
+        let n_used = self.n_used();
+        (n_used > 0).then(|| (square_sum(&self.residual, &self.used) / n_used as f64).sqrt())
+    }
+
+    /// `100 |residual| / |torque|` where it counts; `None` where no torque does.
+    pub fn percent(&self) -> Option<f64> {
+        let torque = square_sum(&self.torque, &self.used);
+        (torque > 0.0).then(|| 100.0 * (square_sum(&self.residual, &self.used) / torque).sqrt())
+    }
+}
+
+/// `100 |residual| / |torque|` of several joints together.
+pub fn total_percent<'a>(joints: impl IntoIterator<Item = &'a JointTorqueError>) -> Option<f64> {
+    let (mut residual, mut torque) = (0.0, 0.0);
+    for joint in joints {
+        residual += square_sum(&joint.residual, &joint.used);
+        torque += square_sum(&joint.torque, &joint.used);
+    }
+    (torque > 0.0).then(|| 100.0 * (residual / torque).sqrt())
+}
+
+fn square_sum(values: &[f64], used: &[bool]) -> f64 {
+    values.iter().zip(used).filter(|(_, used)| **used).map(|(value, _)| value * value).sum()
+}
+
+/// The torque error of each free joint of `run`, in their order, for a system of its configuration.
+///
+/// # Errors
+/// A filter that does not fit the log.
+pub fn torque_error(system: &System, run: &Run) -> Result<Vec<JointTorqueError>, MotionError> {
+    Ok(along(system, &Motion::of(run)?))
+}
+
+/// The torque error along `motion`.
+pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
+    let n = system.n_free();
+    let states = states::follow(system, motion);
+    let slopes = system.drive_slope(&typical_commands(system, motion)).0;
+    let chunks: Vec<Vec<Vec<f64>>> = chunks(motion)
+        .into_par_iter()
+        .map(|range| {
+            let mut linear = Linear::new(system);
+            let mut sample = Sample::new(system);
+            let mut columns = vec![Vec::with_capacity(range.len()); n];
+            let mut needed = vec![0.0; n];
+            for k in range {
+                sample.load(motion, states.as_ref(), k);
+                let Sample { x, ddq, command, dx, .. } = &mut sample;
+                linear.along(system, motion.grid.time(k), x, None, command, dx);
+                (system.kernel().inverse_dynamics)(system.prepared(), &x[..n], &x[n..2 * n], ddq, &mut needed);
+                system.add_inertia_torque(ddq, &mut needed);
+                for slot in 0..n {
+                    columns[slot].push((linear.drive()[slot] - linear.load()[slot] - needed[slot]) / slopes[slot]);
+                }
+            }
+            columns
+        })
+        .collect();
+    (0..n)
+        .into_par_iter()
+        .map(|slot| {
+            let residual: Vec<f64> = chunks.iter().flat_map(|columns| columns[slot].iter().copied()).collect();
+            let joint = system.kernel().free[slot];
+            let kept = |values: &[f64]| motion.kept.iter().map(|&k| values[k]).collect();
+            JointTorqueError {
+                joint,
+                time: motion.kept.iter().map(|&k| motion.grid.time(k)).collect(),
+                speed: kept(&motion.dq[slot]),
+                position: kept(&motion.q[slot]),
+                torque: motion.filtered(&motion.command[joint]),
+                residual: motion.filtered(&residual),
+                used: motion.used[slot].clone(),
+            }
+        })
+        .collect()
+}
+
+/// The linear part of the torque error of one free joint: its regressor of the kernel's lumps, filtered, at the kept
+/// samples, in torque at the joint. `None` for a lump that the joint does not feel.
+pub(crate) type RigidColumns = Vec<Option<Vec<f64>>>;
+
+/// Regressor columns of each free joint. They do not depend on the model's values.
+pub(crate) fn rigid_columns(system: &System, motion: &Motion) -> Vec<RigidColumns> {
+    let n = system.n_free();
+    let n_lumps = system.kernel().n_lumps;
+    let chunks: Vec<Vec<f64>> = chunks(motion)
+        .into_par_iter()
+        .map(|range| {
+            // Column after column, each of the chunk's length.
+            let length = range.len();
+            let mut columns = vec![0.0; n * n_lumps * length];
+            let mut sample = Sample::new(system);
+            let mut y = vec![0.0; n * n_lumps];
+            for (row, k) in range.enumerate() {
+                sample.load(motion, None, k);
+                let (q, dq) = (&sample.x[..n], &sample.x[n..2 * n]);
+                (system.kernel().regressor)(system.prepared(), q, dq, &sample.ddq, &mut y);
+                y.iter().enumerate().for_each(|(column, value)| columns[column * length + row] = *value);
+            }
+            columns
+        })
+        .collect();
+    let column = |index: usize| {
+        let mut column = Vec::with_capacity(motion.len());
+        for chunk in &chunks {
+            let length = chunk.len() / (n * n_lumps);
+            column.extend_from_slice(&chunk[index * length..(index + 1) * length]);
+        }
+        column.iter().any(|value| *value != 0.0).then(|| motion.filtered(&column))
+    };
+    let columns: Vec<Option<Vec<f64>>> = (0..n * n_lumps).into_par_iter().map(column).collect();
+    (0..n).map(|slot| columns[slot * n_lumps..(slot + 1) * n_lumps].to_vec()).collect()
+}
+
+/// The torque error of one free joint about the system's present values: filtered, at the kept samples, in the unit
+/// of the command.
+#[derive(Debug, Clone)]
+pub(crate) struct JointLinear {
+    /// The torque error.
+    pub(crate) residual: Vec<f64>,
+    /// Its derivative by each effect parameter of the system; `None` where it is zero.
+    pub(crate) by_parameter: Vec<Option<Vec<f64>>>,
+    /// Torque at the joint per unit of command.
+    pub(crate) slope: f64,
+}
+
+/// The torque error of each free joint about the system's present values. Its derivative by the lumps is `-Y / slope`,
+/// with Y from [`rigid_columns`].
+pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]) -> Vec<JointLinear> {
+    let n = system.n_free();
+    let n_parameters = system.effect_parameters().len();
+    let n_columns = n_parameters + 1;
+    let states = states::follow_with_gradient(system, motion);
+    let (slopes, slopes_by) = system.drive_slope(&typical_commands(system, motion));
+    let chunks: Vec<Vec<f64>> = chunks(motion)
+        .into_par_iter()
+        .map(|range| {
+            let length = range.len();
+            let mut columns = vec![0.0; n * n_columns * length];
+            let mut linear = Linear::new(system);
+            let mut sample = Sample::new(system);
+            let mut inertial = vec![0.0; n];
+            for (row, k) in range.enumerate() {
+                sample.load(motion, states.as_ref(), k);
+                let Sample { x, ddq, command, dx, .. } = &mut sample;
+                linear.along(system, motion.grid.time(k), x, Some(ddq), command, dx);
+                inertial.fill(0.0);
+                system.add_inertia_torque(ddq, &mut inertial);
+                let mut add = |slot: usize, column: usize, value: f64| {
+                    columns[(slot * n_columns + column) * length + row] += value;
+                };
+                for slot in 0..n {
+                    add(slot, n_parameters, linear.drive()[slot] - linear.load()[slot] - inertial[slot]);
+                }
+                for &(slot, parameter, value) in &linear.torque_by_parameter {
+                    add(slot, parameter, value);
+                }
+                if let Some(states) = &states {
+                    for slot in 0..n {
+                        for state in 0..states.n_states {
+                            let by_state = linear.torque_by_state[slot * system.n_states() + 2 * n + state];
+                            if by_state != 0.0 {
+                                for parameter in 0..n_parameters {
+                                    add(slot, parameter, by_state * states.by_parameter(k, state, parameter));
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+            columns
+        })
+        .collect();
+    let column = |index: usize| {
+        let mut column = Vec::with_capacity(motion.len());
+        for chunk in &chunks {
+            let length = chunk.len() / (n * n_columns);
+            column.extend_from_slice(&chunk[index * length..(index + 1) * length]);
+        }
+        column.iter().any(|value| *value != 0.0).then(|| motion.filtered(&column))
+    };
+    let columns: Vec<Option<Vec<f64>>> = (0..n * n_columns).into_par_iter().map(column).collect();
+
+    let lumps = &system.prepared()[..system.kernel().n_lumps];
+    (0..n)
+        .map(|slot| {
+            let slope = slopes[slot];
+            let mut by_parameter = columns[slot * n_columns..slot * n_columns + n_parameters].to_vec();
+            let mut residual =
+                columns[slot * n_columns + n_parameters].clone().unwrap_or_else(|| vec![0.0; motion.kept.len()]);
+            for (column, lump) in rigid[slot].iter().zip(lumps) {
+                if let Some(column) = column {
+                    residual.iter_mut().zip(column).for_each(|(residual, y)| *residual -= y * lump);
+                }
+            }
+            residual.iter_mut().for_each(|value| *value /= slope);
+            by_parameter.iter_mut().flatten().flatten().for_each(|value| *value /= slope);
+            // The error at the joint is divided by the slope, which depends on parameters itself.
+            for &(_, parameter, by) in slopes_by.iter().filter(|(other, ..)| *other == slot) {
+                let column = by_parameter[parameter].get_or_insert_with(|| vec![0.0; motion.kept.len()]);
+                column.iter_mut().zip(&residual).for_each(|(value, residual)| *value -= residual * by / slope);
+            }
+            JointLinear { residual, by_parameter, slope }
+        })
+        .collect()
+}
+
+/// Root mean square of each free joint's command.
+fn typical_commands(system: &System, motion: &Motion) -> Vec<f64> {
+    let command = |joint: &usize| {
+        let command = &motion.command[*joint];
+        (command.iter().map(|value| value * value).sum::<f64>() / command.len() as f64).sqrt()
+    };
+    system.kernel().free.iter().map(command).collect()
+}
+
+fn chunks(motion: &Motion) -> Vec<std::ops::Range<usize>> {
+    (0..motion.len()).step_by(CHUNK).map(|from| from..(from + CHUNK).min(motion.len())).collect()
+}
+
+/// Room for the state at one sample.
+struct Sample {
+    n: usize,
+    x: Vec<f64>,
+    ddq: Vec<f64>,
+    command: Vec<f64>,
+    dx: Vec<f64>,
+}
+
+impl Sample {
+    fn new(system: &System) -> Self {
+        let n = system.n_free();
+        Self {
+            n,
+            x: system.rest(&vec![0.0; n]),
+            ddq: vec![0.0; n],
+            command: vec![0.0; system.n_joints()],
+            dx: vec![0.0; system.n_states()],
+        }
+    }
+
+    /// The measured state and command at sample `k`.
+    fn load(&mut self, motion: &Motion, states: Option<&states::States>, k: usize) {
+        for slot in 0..self.n {
+            self.x[slot] = motion.q[slot][k];
+            self.x[self.n + slot] = motion.dq[slot][k];
+            self.ddq[slot] = motion.ddq[slot][k];
+        }
+        for (value, command) in self.command.iter_mut().zip(&motion.command) {
+            *value = command[k];
+        }
+        if let Some(states) = states {
+            self.x[2 * self.n..].copy_from_slice(states.at(k));
+        }
+    }
+}
+
+/// A system of `run`'s configuration.
+///
+/// # Errors
+/// No kernel for the configuration, or an effect that cannot be placed.
+pub fn kernel_of(device: &Device, run: &Run) -> Result<&'static dynid_generated::Kernel, SystemError> {
+    dynid_generated::kernel(&device.id, run.configuration).ok_or_else(|| SystemError::NoConfiguration {
+        device: device.id.clone(),
+        free: run.free.clone(),
+        known: device.configurations.iter().map(|configuration| configuration.free.clone()).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

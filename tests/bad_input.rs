@@ -1,0 +1,228 @@
+//! Bad input, through the binary: one clear error, exit status 2, nothing on stdout, nothing written.
+
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::Command;
+use tempfile::TempDir;
+
+/// A small experiment of the two-link arm that is right.
+const EXPERIMENT: &str = "device = \"planar2r\"\n\n[[run]]\nfile = \"swing.csv\"\nfree = [1]\nrole = \"fit\"\n";
+
+/// A small log that is right.
+fn log() -> String {
+    let mut text = String::from("t,tau0,tau1,q0,q1\n");
+    for k in 0..200 {
+        let t = f64::from(k) * 0.01;
+        text.push_str(&format!("{t:.2},0,{:.4},0.1,{:.5}\n", (3.0 * t).cos(), 0.2 * (3.0 * t).sin()));
+    }
+    text
+}
+
+/// A small model that is right.
+const MODEL: &str =
+    "device = \"planar2r\"\n\n[link.2]\nm = 0.7\n\n[[effect]]\nid = \"viscous\"\njoint = 1\nFv = 0.02\n";
+
+/// A folder with the three files.
+fn folder() -> TempDir {
+    let folder = TempDir::new().unwrap();
+    put(&folder, "experiment.toml", EXPERIMENT);
+    put(&folder, "swing.csv", &log());
+    put(&folder, "model.toml", MODEL);
+    folder
+}
+
+fn put(folder: &TempDir, name: &str, text: &str) {
+    fs::write(folder.path().join(name), text).unwrap();
+}
+
+fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut contents: Vec<(String, Vec<u8>)> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap())
+        .filter(|entry| entry.path().is_file())
+        .map(|entry| (entry.file_name().to_string_lossy().into_owned(), fs::read(entry.path()).unwrap()))
+        .collect();
+    contents.sort();
+    contents
+}
+
+/// Runs `dynid` in the folder; it must refuse and leave the folder as it was. Returns what it said.
+fn refused(folder: &TempDir, arguments: &[&str]) -> String {
+    let before = contents(folder.path());
+    let output = Command::cargo_bin("dynid").unwrap().args(arguments).current_dir(folder.path()).output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?} said: {told}");
+    assert!(output.stdout.is_empty(), "{arguments:?} wrote to stdout");
+    assert_eq!(told.matches("error").count(), 1, "one error, not more: {told}");
+    assert!(told.starts_with("error: "), "{told}");
+    assert!(before == contents(folder.path()), "{arguments:?} changed files");
+    told.replace(&folder.path().display().to_string(), "[folder]")
+}
+
+/// The smallest device file of the library with one thing replaced.
+fn device_with(from: &str, to: &str) -> TempDir {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/devices/planar2r.toml");
+    let text = fs::read_to_string(file).unwrap().replace("\r\n", "\n");
+    assert!(text.contains(from), "`{from}` is in the device file");
+    let folder = TempDir::new().unwrap();
+    put(&folder, "arm.toml", &text.replacen(from, to, 1));
+    folder
+}
+
+fn device_refused(from: &str, to: &str) -> String {
+    refused(&device_with(from, to), &["devices", "--check", "arm.toml"])
+}
+
+const FIT: [&str; 6] = ["fit", "experiment.toml", "--model", "model.toml", "--out", "fitted.toml"];
+
+#[test]
+fn the_inputs_that_the_others_are_made_from_are_right() {
+    let folder = device_with("m = 1.2", "m = 1.2");
+    Command::cargo_bin("dynid")
+        .unwrap()
+        .args(["devices", "--check", "arm.toml"])
+        .current_dir(folder.path())
+        .assert()
+        .success();
+    let folder = self::folder();
+    Command::cargo_bin("dynid")
+        .unwrap()
+        .args(["compare", "experiment.toml", "--model", "model.toml", "--error", "torque"])
+        .current_dir(folder.path())
+        .assert()
+        .success();
+}
+
+#[test]
+fn a_row_that_names_an_unknown_joint() {
+    insta::assert_snapshot!(device_refused("theta = \"q1\"", "theta = \"q2\""));
+}
+
+#[test]
+fn a_row_that_names_an_unknown_frame() {
+    insta::assert_snapshot!(device_refused("parent = \"f1\"", "parent = \"f7\""));
+}
+
+#[test]
+fn a_cycle_of_frames() {
+    insta::assert_snapshot!(device_refused("parent = \"base\"", "parent = \"f2\""));
+}
+
+#[test]
+fn a_missing_unit() {
+    insta::assert_snapshot!(device_refused("mass = \"kg\"\n", ""));
+}
+
+#[test]
+fn a_negative_mass() {
+    insta::assert_snapshot!(device_refused("m = 1.2", "m = -1.2"));
+}
+
+#[test]
+fn a_negative_mass_in_a_model() {
+    let folder = folder();
+    put(&folder, "model.toml", &MODEL.replace("m = 0.7", "m = -0.7"));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn an_inertia_that_no_body_has() {
+    insta::assert_snapshot!(device_refused("Izz = 1.612e-2", "Izz = 9.0e-2"));
+}
+
+#[test]
+fn a_log_without_a_column() {
+    let folder = folder();
+    put(&folder, "swing.csv", &log().replacen("q1", "angle", 1));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn a_log_with_nan() {
+    let folder = folder();
+    put(&folder, "swing.csv", &log().replacen("0.50,0,", "0.50,NaN,", 1));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn a_log_whose_time_runs_backwards() {
+    let folder = folder();
+    put(&folder, "swing.csv", &log().replacen("\n0.50,", "\n0.05,", 1));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn a_log_that_is_a_header_only() {
+    let folder = folder();
+    put(&folder, "swing.csv", "t,tau0,tau1,q0,q1\n");
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn a_run_whose_free_joints_are_no_configuration() {
+    let folder = folder();
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("planar2r", "freedom6s").replace("[1]", "[2, 4]"));
+    insta::assert_snapshot!(refused(&folder, &["fit", "experiment.toml", "--out", "fitted.toml"]));
+}
+
+#[test]
+fn a_model_for_another_device() {
+    let folder = folder();
+    put(&folder, "model.toml", "device = \"double_pendulum\"\n");
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn an_unknown_effect() {
+    let folder = folder();
+    put(&folder, "model.toml", &MODEL.replace("viscous", "viscos"));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn an_unknown_parameter_of_an_effect() {
+    let folder = folder();
+    put(&folder, "model.toml", &MODEL.replace("Fv", "Fw"));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn an_unknown_parameter_of_a_link() {
+    let folder = folder();
+    put(&folder, "model.toml", &MODEL.replace("m = 0.7", "Ixxx = 0.7"));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn an_unknown_device() {
+    let folder = folder();
+    insta::assert_snapshot!(refused(&folder, &["devices", "planar3r"]));
+}
+
+#[test]
+fn an_unknown_method() {
+    let folder = folder();
+    insta::assert_snapshot!(refused(&folder, &["plan", "planar2r", "--method", "isolate"]));
+}
+
+#[test]
+fn an_output_that_cannot_be_written() {
+    let folder = folder();
+    let mut arguments = FIT;
+    arguments[5] = "no/such/folder/fitted.toml";
+    insta::assert_snapshot!(refused(&folder, &arguments));
+}
+
+#[test]
+fn an_output_that_exists() {
+    let folder = folder();
+    put(&folder, "fitted.toml", "mine\n");
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn an_experiment_that_is_not_there() {
+    let folder = TempDir::new().unwrap();
+    insta::assert_snapshot!(refused(&folder, &["compare", "experiment.toml", "--model", "model.toml"]));
+}

@@ -1,7 +1,8 @@
 //! Lagrange's equations of few free joints, collected: polynomials in what moves, with lumps as coefficients.
 //!
 //! A lump is what stands before one product of the free joints' cosines, sines and positions: parameters, lengths and
-//! locked angles, computed once per parameter set. Lumps that are multiples of each other are one.
+//! locked angles, computed once per parameter set. Lumps that are multiples of each other are one; those of the torque
+//! are linearly independent, as each is a column of the regressor.
 
 use std::collections::BTreeMap;
 
@@ -50,7 +51,16 @@ impl Subset {
     /// A group of outputs; bit k of `kept_sines` says that squares of the k-th moving angle's cosine are eliminated
     /// rather than of its sine.
     pub fn program(&self, context: &Context, group: Group, kept_sines: usize) -> Program {
-        let mut writer = Writer { context, kept_sines, program: Program::new(), lumps: Vec::new(), values: Vec::new() };
+        let mut writer = Writer {
+            context,
+            group,
+            kept_sines,
+            program: Program::new(),
+            lumps: Vec::new(),
+            basis: Basis::default(),
+            independent: Vec::new(),
+            values: Vec::new(),
+        };
         let free = context.free;
         let inertia: BTreeMap<(usize, usize), Node> = match group {
             Group::Bias => BTreeMap::new(),
@@ -103,11 +113,15 @@ impl Subset {
 /// Writes polynomials over a growing list of lumps.
 struct Writer<'a> {
     context: &'a Context<'a>,
+    group: Group,
     kept_sines: usize,
     program: Program,
     /// Lumps divided by their leading coefficient, that coefficient, and their terms in the program.
     lumps: Vec<(Polynomial, f64, Node)>,
-    /// The same of polynomials in what moves.
+    /// Linearly independent lumps, and their terms in the program.
+    basis: Basis,
+    independent: Vec<Node>,
+    /// As `lumps`, of polynomials in what moves.
     values: Vec<(Polynomial, f64, Node)>,
 }
 
@@ -140,8 +154,9 @@ impl Writer<'_> {
         }
         let mut terms = Vec::new();
         for (exponents, coefficient) in products(context, &polynomial) {
-            let lump = self.lump(&coefficient);
-            terms.push(Term { coefficient: 1.0, leaf: Some(lump), exponents });
+            for (ratio, lump) in self.lump(&coefficient) {
+                terms.push(Term { coefficient: ratio, leaf: Some(lump), exponents: exponents.clone() });
+            }
         }
         let mut symbol = |position: usize, program: &mut Program| {
             context.algebra.node(position, context.device, context.free, program)
@@ -152,20 +167,89 @@ impl Writer<'_> {
         (1.0, value)
     }
 
-    /// The polynomial as a lump, or as a multiple of a lump: still a constant, so that `prepare` computes it.
-    fn lump(&mut self, polynomial: &Polynomial) -> Node {
+    /// The polynomial as a sum of multiples of lumps.
+    fn lump(&mut self, polynomial: &Polynomial) -> Vec<(f64, Node)> {
         if let Some(whole) = polynomial.as_integer() {
-            return self.program.number(whole as f64);
+            return vec![(whole as f64, self.program.number(1.0))];
         }
-        let (leading, normal) = normalised(self.context, polynomial);
-        if let Some(&(_, first, lump)) = self.lumps.iter().find(|(known, _, _)| *known == normal) {
-            let ratio = self.program.number(leading / first);
-            return self.program.multiply(ratio, lump);
+        match self.group {
+            // A multiple of a lump is a constant that `prepare` computes.
+            Group::Inertia | Group::Bias => {
+                let (leading, normal) = normalised(self.context, polynomial);
+                let lump = match self.lumps.iter().find(|(known, _, _)| *known == normal) {
+                    Some(&(_, first, lump)) => {
+                        let ratio = self.program.number(leading / first);
+                        self.program.multiply(ratio, lump)
+                    }
+                    None => {
+                        let lump = self.write_lump(polynomial, self.lumps.len());
+                        self.lumps.push((normal, leading, lump));
+                        lump
+                    }
+                };
+                vec![(1.0, lump)]
+            }
+            // The regressor has one column per lump: only independent ones.
+            Group::Torque => {
+                let n_known = self.basis.len();
+                match self.basis.express(polynomial) {
+                    Some(parts) => parts.into_iter().map(|(part, ratio)| (ratio, self.independent[part])).collect(),
+                    None => {
+                        let lump = self.write_lump(polynomial, n_known);
+                        self.independent.push(lump);
+                        vec![(1.0, lump)]
+                    }
+                }
+            }
         }
+    }
+
+    fn write_lump(&mut self, polynomial: &Polynomial, number: usize) -> Node {
         let lump = self.context.emit(&mut self.program, polynomial);
-        self.program.name(lump, &format!("lump{}", self.lumps.len()));
-        self.lumps.push((normal, leading, lump));
-        lump
+        self.program.name(lump, &format!("{}_lump{number}", self.group.symbol().to_lowercase()))
+    }
+}
+
+/// Linearly independent polynomials, in echelon form.
+#[derive(Default)]
+struct Basis {
+    /// What is left of each polynomial after the earlier ones, its pivot, and how it is made of the polynomials.
+    rows: Vec<(BTreeMap<Vec<u8>, Rational>, Vec<u8>, Vec<Rational>)>,
+}
+
+impl Basis {
+    fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// The polynomial as a combination of those before: which ones, and how many times. An independent one joins
+    /// the basis.
+    fn express(&mut self, polynomial: &Polynomial) -> Option<Vec<(usize, f64)>> {
+        let zero = Rational::from(0);
+        let mut rest: BTreeMap<Vec<u8>, Rational> =
+            polynomial.terms().map(|(coefficient, exponents)| (exponents.to_vec(), coefficient.clone())).collect();
+        let mut parts = vec![zero.clone(); self.rows.len()];
+        for (row, pivot, made_of) in &self.rows {
+            let Some(at_pivot) = rest.get(pivot) else { continue };
+            let ratio = at_pivot / &row[pivot];
+            for (exponents, coefficient) in row {
+                let entry = rest.entry(exponents.clone()).or_insert_with(|| zero.clone());
+                *entry = &*entry - &(&ratio * coefficient);
+            }
+            rest.retain(|_, coefficient| *coefficient != zero);
+            for (part, coefficient) in parts.iter_mut().zip(made_of) {
+                *part = &*part + &(&ratio * coefficient);
+            }
+        }
+        let Some(pivot) = rest.keys().next().cloned() else {
+            let parts = parts.into_iter().enumerate().filter(|(_, part)| *part != zero);
+            return Some(parts.map(|(at, part)| (at, part.to_f64())).collect());
+        };
+        // rest = polynomial - sum(parts)
+        let mut made_of: Vec<Rational> = parts.into_iter().map(|part| -part).collect();
+        made_of.push(Rational::from(1));
+        self.rows.push((rest, pivot, made_of));
+        None
     }
 }
 

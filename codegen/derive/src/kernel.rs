@@ -5,7 +5,7 @@ use dynid_model::Device;
 
 use crate::{
     DeriveError,
-    algebra::{Algebra, joint_unit},
+    algebra::{Algebra, Symbol, joint_unit},
     collected::Subset,
     composite,
     emit::Context,
@@ -71,7 +71,7 @@ pub fn derive(algebra: &Algebra, lagrangian: &Lagrangian, device: &Device, numbe
     let locked = (0..device.joints.len()).filter(|joint| !free.contains(joint)).collect();
     let context = Context { algebra, device, free: &free };
     let tree = Tree::new(algebra, device, &free)?;
-    let mut program = Program::new();
+    let mut program = declared(&context);
     let mut forms = Vec::new();
     for group in Group::ALL {
         let mut candidates = vec![candidate("recursion", recursion(&context, &tree, group))];
@@ -100,8 +100,34 @@ pub fn derive(algebra: &Algebra, lagrangian: &Lagrangian, device: &Device, numbe
         locked,
         model_sha256: device.structure_digest(),
         forms,
-        program: program.compact(),
+        program,
     })
+}
+
+/// A program that declares every input in the device's order; those that are not used are not written.
+fn declared(context: &Context) -> Program {
+    let mut program = Program::new();
+    for symbol in context.algebra.symbols() {
+        if let Symbol::Parameter(name, unit) = symbol {
+            program.parameter(name, unit);
+        }
+    }
+    let device = context.device;
+    let (free, locked): (Vec<usize>, Vec<usize>) =
+        (0..device.joints.len()).partition(|joint| context.free.contains(joint));
+    for joint in locked {
+        program.locked(joint, joint_unit(device, joint));
+    }
+    for &joint in &free {
+        program.position(joint, joint_unit(device, joint));
+    }
+    for &joint in &free {
+        program.velocity(joint, &format!("{}/s", joint_unit(device, joint)));
+    }
+    for &joint in &free {
+        program.acceleration(joint, &format!("{}/s^2", joint_unit(device, joint)));
+    }
+    program
 }
 
 /// Choices of which square to eliminate are tried for so many angles; a numerical choice.

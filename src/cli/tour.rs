@@ -271,10 +271,13 @@ impl Tour<'_> {
             let _ = writeln!(text, "\n{} was there already and is kept.", taken.display());
         }
         let folder = folder.display();
+        // as it was called: a fresh build is not on anybody's path
+        let program = std::env::args().next().unwrap_or_else(|| "dynid".to_owned());
         let _ = writeln!(text, "\nThe page:  {folder}/{REPORT}");
         text.push_str("Go on by hand:\n");
-        let _ = writeln!(text, "  dynid compare {folder}/experiment.toml --model {folder}/{FITTED}");
-        let _ = writeln!(text, "  dynid fit {folder}/experiment.toml --model {folder}/believed.toml --out again.toml");
+        let _ = writeln!(text, "  {program} compare {folder}/experiment.toml --model {folder}/{FITTED}");
+        let _ =
+            writeln!(text, "  {program} fit {folder}/experiment.toml --model {folder}/believed.toml --out again.toml");
         text
     }
 

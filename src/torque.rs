@@ -211,8 +211,8 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
                         for state in 0..states.n_states {
                             let by_state = linear.torque_by_state[slot * system.n_states() + 2 * n + state];
                             if by_state != 0.0 {
-                                for parameter in 0..n_parameters {
-                                    add(slot, parameter, by_state * states.by_parameter(k, state, parameter));
+                                for (parameter, value) in states.gradient(k, state) {
+                                    add(slot, parameter, by_state * value);
                                 }
                             }
                         }

@@ -81,8 +81,8 @@ pub struct Progress {
     pub iteration: usize,
     /// What it makes small.
     pub cost: f64,
-    /// How much of each run is used [s]; `None` for all.
-    pub horizon_s: Option<f64>,
+    /// How firmly the simulation is pulled to the logs while the start is poor [1/s]; 0 when it runs free.
+    pub tether: f64,
     /// The configuration being fitted; `None` where all runs are.
     pub configuration: Option<usize>,
 }

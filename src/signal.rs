@@ -7,7 +7,9 @@
 mod filter;
 mod resample;
 mod spectrum;
+mod whiteness;
 
 pub use filter::{Lowpass, decimate, first_derivative, second_derivative};
 pub use resample::{Grid, held, straight};
 pub use spectrum::{PowerSpectrum, motion_bandwidth, power_spectrum};
+pub use whiteness::{autocorrelation, is_white};

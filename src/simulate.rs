@@ -3,6 +3,8 @@
 //! Classical Runge-Kutta of fourth order with a fixed step, a fraction of the sample time. Torques are held over the
 //! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
 
+pub mod control;
+
 pub use crate::experiment::Hold;
 use crate::system::{Scratch, System};
 
@@ -25,6 +27,59 @@ impl<'a> Input<'a> {
         let n_joints = self.command.len() / self.time.len().max(1);
         Self { time: &self.time[..samples], command: &self.command[..samples * n_joints], hold: self.hold }
     }
+}
+
+/// Pulls a simulation to a measurement, like a critically damped observer:
+/// `ddq += rate^2 (q_measured - q) + 2 rate (dq_measured - dq)`.
+///
+/// A fit from a poor start first follows its log on such a tether, which it then loosens: what a wrong model does within
+/// one `1/rate` stays visible, but errors no longer pile up, and the cost has one minimum.
+#[derive(Debug, Clone, Copy)]
+pub struct Tether<'a> {
+    /// How fast errors decay [1/s].
+    pub rate: f64,
+    /// Measured positions of the free joints, one row a sample.
+    pub position: &'a [f64],
+}
+
+impl Tether<'_> {
+    /// Measured position and speed of a joint between two samples.
+    pub(crate) fn target(&self, slot: usize, n_free: usize, sample: usize, share: f64, span_s: f64) -> (f64, f64) {
+        let now = self.position[sample * n_free + slot];
+        let next = self.position[(sample + 1) * n_free + slot];
+        (now + share * (next - now), (next - now) / span_s)
+    }
+}
+
+/// Simulates on a tether, from rest at `q0`.
+pub(crate) fn simulate_tethered(
+    system: &System,
+    input: &Input<'_>,
+    tether: &Tether<'_>,
+    q0: &[f64],
+    options: &Options,
+) -> Result<Trajectory, SimulationError> {
+    check(system, input, q0)?;
+    let n = system.n_free();
+    let n_joints = system.n_joints();
+    let mut recorder = Recorder::new(system, input.time.len());
+    let mut stepper = Stepper::new(system, &system.rest(q0));
+    recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
+    let grid = Grid::new(input.time, options.substeps);
+    for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
+        let (now, next) = rows.split_at(n_joints);
+        let (start, end) = (input.time[sample], input.time[sample + 1]);
+        let pull = |t: f64, x: &[f64], dx: &mut [f64]| {
+            for slot in 0..n {
+                let (q, dq) = tether.target(slot, n, sample, (t - start) / (end - start), end - start);
+                dx[n + slot] += tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n + slot]));
+            }
+        };
+        let next = if input.hold == Hold::Zero { now } else { next };
+        stepper.pulled(system, (start, end), grid.steps(start, end), now, next, pull);
+        recorder.take(system, end, &stepper.x, options)?;
+    }
+    Ok(recorder.finish(stepper.x))
 }
 
 /// How to integrate.
@@ -280,12 +335,26 @@ impl Stepper {
 
     /// From `start` to `end` [s] in `steps` steps under commands that run from `now` to `next`.
     pub(crate) fn linear(&mut self, system: &System, start: f64, end: f64, steps: usize, now: &[f64], next: &[f64]) {
+        self.pulled(system, (start, end), steps, now, next, |_, _, _| ());
+    }
+
+    /// As [`Stepper::linear`], with something more added to the rates.
+    fn pulled(
+        &mut self,
+        system: &System,
+        (start, end): (f64, f64),
+        steps: usize,
+        now: &[f64],
+        next: &[f64],
+        pull: impl Fn(f64, &[f64], &mut [f64]),
+    ) {
         let step = (end - start) / steps as f64;
         for k in 0..steps {
             let (scratch, command) = (&mut self.scratch, &mut self.command);
             let rate = |t: f64, x: &[f64], dx: &mut [f64]| {
                 interpolate((t - start) / (end - start), now, next, command);
                 system.derivative(scratch, t, x, command, dx);
+                pull(t, x, dx);
             };
             runge_kutta(
                 rate,

@@ -54,15 +54,42 @@ pub(crate) struct Region {
     pub(crate) scale: Vec<f64>,
     /// Inertias about the centroid that must be physical.
     pub(crate) bodies: Vec<[Entry; 6]>,
+    /// `(larger, smaller)`: the first is never below the second.
+    pub(crate) orders: Vec<(Entry, Entry)>,
 }
 
-/// One entry of a body's inertia.
+/// A number that is sought or known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Entry {
     /// An unknown, by its index.
     Unknown(usize),
-    /// Known [kg m^2].
+    /// Its value.
     Known(f64),
+}
+
+impl Entry {
+    /// The number at `x`.
+    pub(crate) fn at(self, x: &[f64]) -> f64 {
+        match self {
+            Self::Unknown(index) => x[index],
+            Self::Known(value) => value,
+        }
+    }
+
+    fn index(self) -> Option<usize> {
+        match self {
+            Self::Unknown(index) => Some(index),
+            Self::Known(_) => None,
+        }
+    }
+}
+
+impl Region {
+    /// Distance to the limit of an order, and its natural size.
+    fn gap(&self, (larger, smaller): (Entry, Entry), x: &[f64]) -> (f64, f64) {
+        let size = [larger, smaller].into_iter().filter_map(Entry::index).map(|index| self.scale[index]);
+        (larger.at(x) - smaller.at(x), size.fold(0.0, f64::max))
+    }
 }
 
 /// How a minimisation ended.
@@ -184,6 +211,16 @@ fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Qua
             hessian[(index, index)] += weight / (above * above);
         }
     }
+    for &order in &region.orders {
+        let gap = region.gap(order, x).0;
+        let ends = [(order.0.index(), 1.0), (order.1.index(), -1.0)];
+        for (index, sign) in ends.into_iter().filter_map(|(index, sign)| Some((index?, sign))) {
+            gradient[index] -= weight * sign / gap;
+            for (other, other_sign) in ends.into_iter().filter_map(|(index, sign)| Some((index?, sign))) {
+                hessian[(index, other)] += weight * sign * other_sign / (gap * gap);
+            }
+        }
+    }
     for body in &region.bodies {
         let InertiaBarrier { gradient: by, hessian: by_by, .. } = inertia_barrier(&inertia(body, x))?;
         for (row, entry) in body.iter().enumerate() {
@@ -212,6 +249,13 @@ fn barrier_value(region: &Region, x: &[f64]) -> Option<f64> {
             }
         }
     }
+    for &order in &region.orders {
+        let (gap, size) = region.gap(order, x);
+        if gap.is_nan() || gap <= 0.0 {
+            return None;
+        }
+        value -= (gap / size).ln();
+    }
     for body in &region.bodies {
         value += inertia_barrier(&inertia(body, x))?.value;
     }
@@ -225,10 +269,7 @@ pub(crate) fn is_inside(region: &Region, x: &[f64]) -> bool {
 
 /// A body's inertia at `x`.
 pub(crate) fn inertia(body: &[Entry; 6], x: &[f64]) -> [f64; 6] {
-    body.map(|entry| match entry {
-        Entry::Unknown(index) => x[index],
-        Entry::Known(value) => value,
-    })
+    body.map(|entry| entry.at(x))
 }
 
 #[cfg(test)]
@@ -258,7 +299,13 @@ mod tests {
     }
 
     fn free(n: usize) -> Region {
-        Region { lower: vec![f64::NEG_INFINITY; n], upper: vec![f64::INFINITY; n], scale: vec![1.0; n], bodies: vec![] }
+        Region {
+            lower: vec![f64::NEG_INFINITY; n],
+            upper: vec![f64::INFINITY; n],
+            scale: vec![1.0; n],
+            bodies: vec![],
+            orders: vec![],
+        }
     }
 
     #[test]
@@ -298,6 +345,19 @@ mod tests {
             assert!((found - expected).abs() < 1e-8, "{x:?}");
         }
         assert!(x[0] + x[1] > x[2]);
+    }
+
+    /// Pulled towards (1, 3) with x >= y: both end at 2. Pulled towards (3, 1): nothing holds.
+    #[test]
+    fn an_order_is_kept() {
+        let mut region = free(2);
+        region.orders = vec![(Entry::Unknown(0), Entry::Unknown(1))];
+        let mut x = vec![5.0, 0.0];
+        assert_eq!(minimise(&region, &bowl(DMatrix::identity(2, 2), vec![1.0, 3.0]), &mut x), Ending::Minimum);
+        assert!((x[0] - 2.0).abs() < 1e-8 && (x[1] - 2.0).abs() < 1e-8 && x[0] > x[1], "{x:?}");
+        let mut x = vec![5.0, 0.0];
+        assert_eq!(minimise(&region, &bowl(DMatrix::identity(2, 2), vec![3.0, 1.0]), &mut x), Ending::Minimum);
+        assert!((x[0] - 3.0).abs() < 1e-8 && (x[1] - 1.0).abs() < 1e-8, "{x:?}");
     }
 
     #[test]

@@ -9,6 +9,30 @@ pub mod sequence;
 pub mod sqp;
 pub mod torque;
 
+use dynid_model::expression::Comparison;
+
+use crate::model::Model;
+
+/// `(larger, smaller)`: names of the parameters of which the effects of `model` want one not below the other, e.g.
+/// LuGre's `Fs >= Fc` (thesis Eq. 4.1).
+pub fn orders(model: &Model) -> Vec<(String, String)> {
+    let mut orders = Vec::new();
+    for instance in &model.effects {
+        let name = |symbol: &str| {
+            let index = instance.effect.parameters.iter().position(|parameter| parameter.symbol == symbol)?;
+            Some(instance.parameter_name(index))
+        };
+        for (left, comparison, right) in &instance.effect.inequalities {
+            let (Some(left), Some(right)) = (name(left), name(right)) else { continue };
+            orders.push(match comparison {
+                Comparison::Greater => (left, right),
+                Comparison::Less => (right, left),
+            });
+        }
+    }
+    orders
+}
+
 /// How a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FitStatus {

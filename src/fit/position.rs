@@ -5,8 +5,9 @@
 //! only through the noise; velocities and effect states start at rest. A parameter's range also enters as a weak prior
 //! (its [`Unknown::spread`] as standard deviation) that decides only where the data say nothing.
 //!
-//! A poor start is met by a growing horizon: the first seconds of every run are fitted first, then more and more of
-//! them, with as few integration steps as their accuracy allows; the last search takes all samples and the stated step.
+//! A poor start is met by a tether ([`simulate::Tether`]): first the simulation is pulled to the log, so that errors do not
+//! pile up, then the tether is loosened step by step and let go. Until the last search, as few integration steps are taken
+//! as their accuracy allows; the last takes the stated step.
 
 mod assemble;
 mod evaluate;
@@ -121,13 +122,26 @@ pub struct Options {
     pub iterations: usize,
     /// Converged when the foreseen decrease is below this fraction of the cost.
     pub tolerance: f64,
-    /// First horizon [s].
-    pub first_horizon_s: f64,
+    /// How far the start may be off.
+    pub start: Start,
 }
+
+/// How far the start may be off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Start {
+    /// Simulated and measured motion may part: the fit is led to the minimum on a tether.
+    #[default]
+    Poor,
+    /// The model explains the logs nearly.
+    Near,
+}
+
+/// Rates of the tether, one search each [1/s].
+const TETHERS: [f64; 3] = [10.0, 3.0, 1.0];
 
 impl Default for Options {
     fn default() -> Self {
-        Self { substeps: 60, iterations: 200, tolerance: 1e-6, first_horizon_s: 2.0 }
+        Self { substeps: 60, iterations: 200, tolerance: 1e-6, start: Start::Poor }
     }
 }
 
@@ -140,8 +154,8 @@ pub struct Progress {
     pub cost: f64,
     /// Length of the step in standard deviations.
     pub step: f64,
-    /// How much of each run was used [s]; `None` for all.
-    pub horizon_s: Option<f64>,
+    /// Rate of the tether to the logs [1/s]; 0 without one.
+    pub tether: f64,
 }
 
 /// Why no fit could be made.
@@ -260,26 +274,26 @@ pub fn fit(
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
     let mut x = evaluator.start(&problem);
-    let full = Resolution { horizon_s: f64::INFINITY, substeps: options.substeps };
+    let full = Resolution { horizon_s: f64::INFINITY, substeps: options.substeps, tether: 0.0 };
     let mut iterations = 0;
     let mut ended = Ended::IterationLimit;
 
-    for resolution in schedule(&problem, &evaluator, &x, options) {
+    for resolution in schedule(&evaluator, &x, options) {
         let is_last = resolution == full;
-        let is_whole = resolution.horizon_s == f64::INFINITY;
+        let is_whole = resolution.tether == 0.0;
         let at = evaluator.at(resolution);
         let limits = Limits {
             iterations: if is_whole { options.iterations.saturating_sub(iterations).max(1) } else { 6 },
             tolerance: if is_whole { options.tolerance } else { 1e-2 },
         };
         let samples = at.samples() as f64;
-        let horizon_s = resolution.horizon_s.is_finite().then_some(resolution.horizon_s);
+        let tether = resolution.tether;
         let mut told = |iteration: &Iteration| {
             watch(&Progress {
                 iteration: iterations + iteration.number,
                 cost: iteration.cost / samples,
                 step: iteration.step,
-                horizon_s,
+                tether,
             })
         };
         let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut told);
@@ -317,7 +331,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
     let mut x = evaluator.start(&problem);
-    for resolution in schedule(&problem, &evaluator, &x, options) {
+    for resolution in schedule(&evaluator, &x, &Options { start: Start::Near, ..*options }) {
         let at = evaluator.at(resolution);
         let limits = Limits { iterations: 20, tolerance: 1e-4 };
         let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut |_| Watch::Continue);
@@ -448,22 +462,17 @@ fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
     }
 }
 
-/// Horizons that double until all samples are in, then the full resolution.
-fn schedule(problem: &PositionProblem, evaluator: &Evaluator<'_>, x: &[f64], options: &Options) -> Vec<Resolution> {
-    let span = |run: &FitRun| run.time.last().copied().unwrap_or(0.0) - run.time.first().copied().unwrap_or(0.0);
-    let longest = problem.runs.iter().map(span).fold(0.0, f64::max);
-    let cut = problem.runs.iter().map(|run| run.from_s).fold(0.0, f64::max);
+/// A tether that loosens, then none; few steps first, then the full resolution.
+fn schedule(evaluator: &Evaluator<'_>, x: &[f64], options: &Options) -> Vec<Resolution> {
     let substeps = evaluator.coarse_substeps(x, options.substeps);
     let mut resolutions = Vec::new();
-    let mut horizon_s = cut + options.first_horizon_s;
-    while horizon_s < longest {
-        resolutions.push(Resolution { horizon_s, substeps });
-        horizon_s = cut + (horizon_s - cut) * 2.5;
+    if options.start == Start::Poor {
+        resolutions.extend(TETHERS.map(|tether| Resolution { horizon_s: f64::INFINITY, substeps, tether }));
     }
     if substeps < options.substeps {
-        resolutions.push(Resolution { horizon_s: f64::INFINITY, substeps });
+        resolutions.push(Resolution { horizon_s: f64::INFINITY, substeps, tether: 0.0 });
     }
-    resolutions.push(Resolution { horizon_s: f64::INFINITY, substeps: options.substeps });
+    resolutions.push(Resolution { horizon_s: f64::INFINITY, substeps: options.substeps, tether: 0.0 });
     resolutions
 }
 

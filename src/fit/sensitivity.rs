@@ -6,7 +6,7 @@
 //! positions of the free joints. A row of S holds all columns of one state, padded to whole blocks.
 
 use crate::{
-    simulate::{Grid, Hold, Input, Options, SimulationError, check, check_state, interpolate},
+    simulate::{Grid, Hold, Input, Options, SimulationError, Tether, check, check_state, interpolate},
     system::{Linear, NONE, System, solve_columns},
 };
 
@@ -82,17 +82,19 @@ pub enum Lumps {
     Known,
 }
 
-/// Simulates from rest at `q0` and hands every sample to `observe`: its index, the logged positions of the free joints
+/// Simulates from rest at `q0`, on a tether if one is given, and hands every sample to `observe`: its index, the logged positions of the free joints
 /// and their derivatives, n_free x width.
 pub fn simulate(
     system: &System,
     columns: &Columns,
     input: &Input<'_>,
+    tether: Option<&Tether<'_>>,
     q0: &[f64],
     options: &Options,
     mut observe: impl FnMut(usize, &[f64], &[f64]),
 ) -> Result<(), SimulationError> {
     check(system, input, q0)?;
+    let n = system.n_free();
     let n_joints = system.n_joints();
     let mut motion = Variation::new(system, columns, q0);
     let mut view = View::new(system, columns);
@@ -111,7 +113,17 @@ pub fn simulate(
                 Hold::Zero => command.copy_from_slice(now),
                 Hold::Linear => interpolate((t - start) / (end - start), now, next, command),
             };
-            motion.step(system, columns, start + k as f64 * step, step, input.hold, &mut command, commanded);
+            let pull = |t: f64, x: &[f64], dx: &mut [f64]| match tether {
+                Some(tether) => {
+                    for slot in 0..n {
+                        let (q, dq) = tether.target(slot, n, sample, (t - start) / (end - start), end - start);
+                        dx[n + slot] += tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n + slot]));
+                    }
+                    tether.rate
+                }
+                None => 0.0,
+            };
+            motion.step(system, columns, start + k as f64 * step, step, input.hold, &mut command, commanded, pull);
         }
         check_state(system, end, &motion.x, options)?;
         view.show(system, columns, end, &mut motion, sample + 1, &mut observe);
@@ -196,6 +208,7 @@ impl Variation {
         hold: Hold,
         command: &mut [f64],
         commanded: impl Fn(f64, &mut [f64]),
+        pull: impl Fn(f64, &[f64], &mut [f64]) -> f64,
     ) {
         /// Where a stage stands, what its slope weighs in the sum, and how far the next stage goes with it.
         const STAGES: [(f64, f64, f64); 4] = [(0.0, 1.0, 0.5), (0.5, 2.0, 0.5), (0.5, 2.0, 1.0), (1.0, 1.0, 0.0)];
@@ -208,7 +221,15 @@ impl Variation {
                 self.linear.renew_drive();
             }
             self.linear.update(system, now, &self.x_stage, command, &mut self.x_rate);
+            let tether_rate = pull(now, &self.x_stage, &mut self.x_rate);
             rates(&self.linear, system, columns, &self.s_stage, &mut self.s_rate);
+            if tether_rate > 0.0 {
+                let n = system.n_free() * columns.width;
+                let (q, dq) = self.s_stage[..2 * n].split_at(n);
+                for ((rate, q), dq) in self.s_rate[n..2 * n].iter_mut().zip(q).zip(dq) {
+                    *rate -= tether_rate * (tether_rate * q + 2.0 * dq);
+                }
+            }
             let ahead = reach * step;
             if stage == 0 {
                 begin(&self.x, &self.x_rate, &mut self.x_sum, ahead, &mut self.x_stage);
@@ -369,7 +390,7 @@ mod tests {
             let columns = Columns::new(&system, |_| true, Lumps::Wanted);
             let mut s = Vec::new();
             let mut q = Vec::new();
-            simulate(&system, &columns, &input, &[0.3, -0.5], &Options::default(), |_, position, rows| {
+            simulate(&system, &columns, &input, None, &[0.3, -0.5], &Options::default(), |_, position, rows| {
                 q.extend_from_slice(position);
                 s.extend(rows.chunks(columns.width()).map(<[f64]>::to_vec));
             })

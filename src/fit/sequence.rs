@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress},
+    position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start},
     sqp::Watch,
 };
 use crate::{
@@ -82,8 +82,7 @@ pub fn fit(
         steps.push((*configuration, fit));
     }
     let mut told = |progress: &Progress| watch(&SequenceProgress { configuration: None, progress: *progress });
-    // The chain has brought the estimates near: no horizon needs to grow.
-    let near = Options { first_horizon_s: f64::INFINITY, ..*options };
+    let near = Options { start: Start::Near, ..*options };
     let joint = position::fit(&problem(model, &believed, &used)?, &near, &mut told)?;
     let model = joint.applied_to(&believed);
     Ok(SequenceFit { steps, joint, model })

@@ -123,8 +123,14 @@ pub enum Watch {
 
 /// Damping at the start: nearly a full Gauss-Newton step.
 const FIRST_DAMPING: f64 = 1e-3;
+/// Up to this damping a step is as good as a Gauss-Newton step.
+const UNDAMPED: f64 = 0.1;
 /// Beyond this damping the step is too short to matter.
 const LAST_DAMPING: f64 = 1e12;
+/// So many accepted steps in a row without a decrease worth speaking of are enough.
+const IDLE_ITERATIONS: usize = 3;
+/// A search that gets stuck still ends at a minimum if all that is promised is below so many tolerances.
+const NEAR: f64 = 100.0;
 /// A step counts as good from this share of the foreseen decrease.
 const ACCEPTED_SHARE: f64 = 1e-3;
 /// How often a subproblem is solved again for new cuts.
@@ -144,18 +150,23 @@ pub fn minimise(
     };
     let mut damping = FIRST_DAMPING;
     let mut growth = 2.0;
+    let mut idle = 0;
     let mut iterations = 1;
     let ended = loop {
-        if damping > LAST_DAMPING {
-            break Ended::Stuck;
+        if damping > LAST_DAMPING || idle >= IDLE_ITERATIONS {
+            // Near the minimum the cost's kinks and rounding can spoil the last, tiny steps.
+            let near = allowed_step(objective, region, &quadratic, &x, FIRST_DAMPING)
+                .is_some_and(|step| foreseen_decrease(&quadratic, &step) <= NEAR * limits.tolerance * quadratic.cost);
+            break if near { Ended::Converged } else { Ended::Stuck };
         }
         let Some(step) = allowed_step(objective, region, &quadratic, &x, damping) else {
             damping *= growth;
             growth *= 2.0;
             continue;
         };
-        let foreseen = -(quadratic.gradient.dot(&step) + 0.5 * step.dot(&(&quadratic.hessian * &step)));
-        if foreseen <= limits.tolerance * quadratic.cost {
+        let foreseen = foreseen_decrease(&quadratic, &step);
+        // A damped step promises little because it is short, not because the minimum is near.
+        if damping <= UNDAMPED && foreseen <= limits.tolerance * quadratic.cost {
             break Ended::Converged;
         }
         let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
@@ -181,12 +192,18 @@ pub fn minimise(
         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).clamp(0.1, 1.0);
         damping = damping.max(1e-12);
         growth = 2.0;
+        idle = if decrease <= 1e-3 * limits.tolerance * quadratic.cost { idle + 1 } else { 0 };
         let told = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
         if watch(&told) == Watch::Stop {
             break Ended::Interrupted;
         }
     };
     Outcome { x, quadratic: Some(quadratic), ended, iterations }
+}
+
+/// By how much `step` lowers the undamped quadratic.
+fn foreseen_decrease(quadratic: &Quadratic, step: &DVector<f64>) -> f64 {
+    -(quadratic.gradient.dot(step) + 0.5 * step.dot(&(&quadratic.hessian * step)))
 }
 
 /// The step of the damped subproblem, within the region and all cuts.

@@ -150,13 +150,15 @@ pub enum TorqueFitError {
     },
 }
 
-/// Fits `parameters` (all of the model's, in its order) to the runs with role fit. `progress` hears iteration and cost.
+/// Fits `parameters` (all of the model's, in its order) to the runs with role fit. Of a pair in `orders`, names of
+/// parameters, the first is never below the second. `progress` hears iteration and cost.
 ///
 /// # Errors
 /// No run to fit to, nothing to fit, no samples left, bounds that no body satisfies.
 pub fn fit(
     runs: &[TorqueRun],
     parameters: &[(String, Parameter)],
+    orders: &[(String, String)],
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<TorqueFit, TorqueFitError> {
     let runs: Vec<&TorqueRun> = runs.iter().filter(|run| run.role == Role::Fit).collect();
@@ -180,7 +182,7 @@ pub fn fit(
     if layout.start.is_empty() {
         return Err(TorqueFitError::NothingToFit);
     }
-    let region = layout.region();
+    let region = layout.region(orders);
     x.clone_from(&layout.start);
     let start_residuals = data.square_sums();
     let mut sigma = data.deviations();
@@ -449,7 +451,13 @@ impl Layout {
         jacobian
     }
 
-    fn region(&self) -> Region {
+    fn region(&self, orders: &[(String, String)]) -> Region {
+        let entry = |name: &String| {
+            let effect = self.effects.iter().find(|effect| effect.name == *name)?;
+            Some(effect.unknown.map_or(Entry::Known(effect.value), Entry::Unknown))
+        };
+        let orders = orders.iter().filter_map(|(larger, smaller)| Some((entry(larger)?, entry(smaller)?)));
+        let orders = orders.filter(|ends| !matches!(ends, (Entry::Known(_), Entry::Known(_))));
         let bodies = self.links.iter().filter(|link| link.unknown[4..].iter().any(Option::is_some)).map(|link| {
             std::array::from_fn(|entry| match link.unknown[4 + entry] {
                 Some(index) => Entry::Unknown(index),
@@ -461,6 +469,7 @@ impl Layout {
             upper: self.upper.clone(),
             scale: self.scale.clone(),
             bodies: bodies.collect(),
+            orders: orders.collect(),
         }
     }
 
@@ -486,6 +495,21 @@ impl Layout {
                 let (lower, upper) = (region.lower[index], region.upper[index]);
                 let room = (margin * region.scale[index]).min(0.25 * (upper - lower));
                 *value = value.clamp(lower + room, upper - room);
+            }
+            for &(larger, smaller) in &region.orders {
+                let excess = smaller.at(&point) - larger.at(&point);
+                // Either end may have no room on its side, so both go the whole way.
+                let ends = [(larger, 1.0), (smaller, -1.0)];
+                for (end, sign) in ends {
+                    if let Entry::Unknown(index) = end
+                        && excess > -margin * region.scale[index]
+                    {
+                        let moved = point[index] + sign * (excess + 2.0 * margin * region.scale[index]);
+                        let (lower, upper) = (region.lower[index], region.upper[index]);
+                        let room = (0.5 * margin * region.scale[index]).min(0.1 * (upper - lower));
+                        point[index] = moved.clamp(lower + room, upper - room);
+                    }
+                }
             }
             if is_inside(region, &point) {
                 return Ok(point);

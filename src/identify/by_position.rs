@@ -29,7 +29,7 @@ pub(super) fn by_position(
         progress(&Progress {
             iteration: told.iteration,
             cost: told.cost,
-            horizon_s: told.horizon_s,
+            tether: told.tether,
             configuration: None,
         });
         Watch::Continue
@@ -67,7 +67,7 @@ pub(super) fn by_method(
             progress(&Progress {
                 iteration: told.progress.iteration,
                 cost: told.progress.cost,
-                horizon_s: told.progress.horizon_s,
+                tether: told.progress.tether,
                 configuration: told.configuration,
             });
             Watch::Continue

@@ -4,7 +4,10 @@ use super::{ErrorKind, Found, Identified, Progress};
 use crate::{
     error::Error,
     experiment::{Role, Run},
-    fit::torque::{self, TorqueFit, TorqueRun},
+    fit::{
+        orders,
+        torque::{self, TorqueFit, TorqueRun},
+    },
     model::Model,
     system::System,
     torque::Motion,
@@ -32,8 +35,8 @@ pub(super) fn by_torque(
         })
         .collect::<Result<_, Error>>()?;
     let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =
-        torque::fit(&fitted, &model.parameters(), &mut |iteration, cost| {
-            progress(&Progress { iteration, cost, horizon_s: None, configuration: None });
+        torque::fit(&fitted, &model.parameters(), &orders(model), &mut |iteration, cost| {
+            progress(&Progress { iteration, cost, tether: 0.0, configuration: None });
         })?;
     let mut fitted = model.clone();
     let parameters: Vec<Found> = parameters

@@ -231,6 +231,6 @@ mod tests {
             refused.to_string()
         };
         insta::assert_snapshot!(error(15.0, 1000), @"sine.csv: cutoff_hz = 10 is not below half of the sample rate (15.0000 Hz); choose a lower cut-off");
-        insta::assert_snapshot!(error(200.0, 50), @"");
+        insta::assert_snapshot!(error(200.0, 50), @"sine.csv: 50 samples are too few for a filter of 10 Hz, which needs 121; use a longer log, a higher cutoff_hz or a smaller decimate");
     }
 }

@@ -1,7 +1,5 @@
 //! From a user's model and an experiment's runs to a [`PositionProblem`], and back.
 
-use dynid_model::expression::Comparison;
-
 use super::{FitRun, PositionFit, PositionFitError, PositionProblem, Unknown};
 use crate::{
     experiment::Run,
@@ -43,20 +41,7 @@ impl PositionProblem {
                 unknowns.push(Unknown { name, value, expected: value, lower, upper });
             }
         }
-        let mut inequalities = Vec::new();
-        for instance in &model.effects {
-            let name = |symbol: &str| {
-                let index = instance.effect.parameters.iter().position(|parameter| parameter.symbol == symbol)?;
-                Some(instance.parameter_name(index))
-            };
-            for (left, comparison, right) in &instance.effect.inequalities {
-                let (Some(left), Some(right)) = (name(left), name(right)) else { continue };
-                inequalities.push(match comparison {
-                    Comparison::Greater => (left, right),
-                    Comparison::Less => (right, left),
-                });
-            }
-        }
+        let inequalities = crate::fit::orders(model);
         Ok(Self { runs, unknowns, known, inequalities, prior: None })
     }
 }

@@ -9,7 +9,7 @@ use crate::{
         sensitivity::{self, Columns, Lumps},
         sqp::{HalfSpace, Objective, Quadratic},
     },
-    simulate::{self, Input, Options, SimulationError},
+    simulate::{self, Input, Options, SimulationError, Tether},
     system::System,
 };
 
@@ -50,6 +50,8 @@ pub(super) struct Evaluator<'a> {
 pub(super) struct Resolution {
     pub(super) horizon_s: f64,
     pub(super) substeps: usize,
+    /// Rate of the tether to the log [1/s]; 0 without one.
+    pub(super) tether: f64,
 }
 
 /// An evaluator at one resolution.
@@ -116,7 +118,7 @@ impl<'a> Evaluator<'a> {
         /// Share of the noise that the integration may add: a numerical choice.
         const SHARE: f64 = 0.1;
         let simulated = |substeps: usize| -> Option<Vec<Vec<f64>>> {
-            let resolution = Resolution { horizon_s: 5.0, substeps };
+            let resolution = Resolution { horizon_s: 5.0, substeps, tether: 0.0 };
             self.ready.par_iter().map(|ready| ready.simulate(x, resolution).ok()).collect()
         };
         let Some(reference) = simulated(fine) else { return fine };
@@ -197,8 +199,16 @@ impl<'a> Ready<'a> {
 
     fn simulate(&self, x: &[f64], resolution: Resolution) -> Result<Vec<f64>, SimulationError> {
         let options = Options { substeps: resolution.substeps, ..Options::default() };
-        simulate::simulate(&self.system(x), &self.input(resolution), self.initial(x), &options)
-            .map(|trajectory| trajectory.q)
+        let (system, input) = (self.system(x), self.input(resolution));
+        let trajectory = match self.tether(resolution) {
+            Some(tether) => simulate::simulate_tethered(&system, &input, &tether, self.initial(x), &options),
+            None => simulate::simulate(&system, &input, self.initial(x), &options),
+        };
+        trajectory.map(|trajectory| trajectory.q)
+    }
+
+    fn tether(&self, resolution: Resolution) -> Option<Tether<'a>> {
+        (resolution.tether > 0.0).then_some(Tether { rate: resolution.tether, position: &self.run.position })
     }
 
     /// Index of the first sample that counts.
@@ -245,7 +255,9 @@ impl<'a> Ready<'a> {
             }
         };
         let input = self.input(resolution);
-        sensitivity::simulate(&system, &self.columns, &input, self.initial(x), &options, observe).ok()?;
+        let tether = self.tether(resolution);
+        let initial = self.initial(x);
+        sensitivity::simulate(&system, &self.columns, &input, tether.as_ref(), initial, &options, observe).ok()?;
         let by_unknown = self.chain(&system);
         let gradient = DVector::from_fn(count, |k, _| gradient[k]);
         let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);

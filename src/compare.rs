@@ -1,0 +1,234 @@
+//! How far a model is from the logs: position error and torque error of every free joint of every run.
+//!
+//! The *position error* is the measured position minus the one simulated from the commanded torque. The simulation
+//! starts from rest at positions that are estimated from the log, for the log shows them only through its noise. A
+//! mechanism that nothing holds drifts away from its log in such a simulation; then the numbers say so, or, where the
+//! motion leaves all bounds, a note takes their place. The *torque error* needs no simulation (see [`crate::torque`]).
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::{
+    error::Error,
+    experiment::{Role, Run},
+    fit::position::{self, FitRun, RunError, noise_floor},
+    model::Model,
+    signal::is_white,
+    simulate::{self, Input},
+    system::System,
+    torque::{self, JointTorqueError, Motion},
+};
+
+/// Longest integration step [s]: what the thesis's 60 steps a sample of 10 ms come to.
+const LONGEST_STEP: f64 = 0.01 / 60.0;
+
+/// A simulation whose error is larger than this share of the motion's own spread has lost its log; where it started
+/// from does not matter then.
+const LOST: f64 = 0.5;
+
+/// All runs against a model.
+#[derive(Debug, Clone, Serialize)]
+pub struct Comparison {
+    /// In the order of the runs.
+    pub runs: Vec<RunComparison>,
+    /// Root mean square of the position error over all runs to fit to [rad or m]; `None` where one has none.
+    pub rmse_fit: Option<f64>,
+    /// The same over the held-out runs.
+    pub rmse_validate: Option<f64>,
+    /// `100 |torque error| / |torque|` over all runs to fit to.
+    pub torque_percent_fit: Option<f64>,
+    /// The same over the held-out runs.
+    pub torque_percent_validate: Option<f64>,
+}
+
+/// One run against a model.
+#[derive(Debug, Clone, Serialize)]
+pub struct RunComparison {
+    /// The log, as the experiment names it.
+    pub file: String,
+    /// `fit` or `validate`.
+    pub role: String,
+    /// Its free joints.
+    pub joints: Vec<JointComparison>,
+    /// Cut-off of the positions' filter in the torque error [Hz].
+    pub cutoff_hz: Option<f64>,
+    /// Cut-off of the filter that torque and model pass [Hz].
+    pub torque_cutoff_hz: Option<f64>,
+    /// Why an error is missing or means little.
+    pub notes: Vec<String>,
+    /// Simulated positions of the free joints, one vector each, at the log's samples.
+    #[serde(skip)]
+    pub simulated: Option<Vec<Vec<f64>>>,
+    /// The torque error of the free joints.
+    #[serde(skip)]
+    pub torque: Vec<JointTorqueError>,
+}
+
+/// One joint of one run against a model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointComparison {
+    /// The device's joint index.
+    pub joint: usize,
+    /// Root mean square of the position error [rad or m].
+    pub rmse: Option<f64>,
+    /// `100 (1 - |y - yh| / |y - mean(y)|)` of the position.
+    pub fit_percent: Option<f64>,
+    /// Largest position error [rad or m].
+    pub max_abs: Option<f64>,
+    /// Standard deviation of the log's own noise, from the log alone [rad or m].
+    pub noise_floor: f64,
+    /// Whether the position error is white noise (Ljung-Box, 1 %): nothing is left to explain. False without one.
+    pub white: bool,
+    /// Root mean square of the torque error [unit of the command].
+    pub torque_rmse: Option<f64>,
+    /// `100 |torque error| / |torque|`.
+    pub torque_percent: Option<f64>,
+}
+
+/// Compares `model` with `runs`; one result a run, in their order.
+///
+/// # Errors
+/// A model that makes no equations for a run.
+pub fn compare(model: &Model, runs: &[&Run]) -> Result<Comparison, Error> {
+    let systems = runs
+        .iter()
+        .map(|run| Ok(System::of_model(model, &run.free, |joint| run.log.mean_position(joint))?))
+        .collect::<Result<Vec<System>, Error>>()?;
+    let runs: Vec<(RunComparison, Role)> = runs
+        .par_iter()
+        .zip(&systems)
+        .map(|(run, system)| Ok((compare_run(model, run, system)?, run.role)))
+        .collect::<Result<_, Error>>()?;
+    let of = |role: Role| runs.iter().filter(move |(_, other)| *other == role).map(|(run, _)| run);
+    Ok(Comparison {
+        rmse_fit: pooled(of(Role::Fit)),
+        rmse_validate: pooled(of(Role::Validate)),
+        torque_percent_fit: torque::total_percent(of(Role::Fit).flat_map(|run| &run.torque)),
+        torque_percent_validate: torque::total_percent(of(Role::Validate).flat_map(|run| &run.torque)),
+        runs: runs.iter().map(|(run, _)| run.clone()).collect(),
+    })
+}
+
+/// Root mean square over all samples of all joints; `None` without runs or where one lacks its position error.
+fn pooled<'a>(runs: impl Iterator<Item = &'a RunComparison>) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for run in runs {
+        let samples = run.simulated.as_ref()?.first()?.len() as f64;
+        for joint in &run.joints {
+            sum += samples * joint.rmse?.powi(2);
+            count += samples;
+        }
+    }
+    (count > 0.0).then(|| (sum / count).sqrt())
+}
+
+fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunComparison, Error> {
+    let mut notes = Vec::new();
+    let motion = Motion::of(run);
+    let torque = match &motion {
+        Ok(motion) => torque::along(system, motion),
+        Err(reason) => {
+            notes.push(format!("no torque error: {reason}"));
+            Vec::new()
+        }
+    };
+    let simulated = match simulated(model, run, &mut notes)? {
+        Ok(simulated) => Some(simulated),
+        Err(reason) => {
+            notes.push(format!("no position error: {reason}"));
+            None
+        }
+    };
+    let joints = run
+        .free
+        .iter()
+        .enumerate()
+        .map(|(slot, &joint)| {
+            let measured = &run.log.q[joint];
+            let residual: Option<Vec<f64>> = simulated
+                .as_ref()
+                .map(|simulated| measured.iter().zip(&simulated[slot]).map(|(y, model)| y - model).collect());
+            JointComparison {
+                joint,
+                rmse: residual.as_deref().map(rms),
+                fit_percent: residual.as_deref().and_then(|residual| fit_percent(measured, residual)),
+                max_abs: residual.as_deref().map(|residual| residual.iter().fold(0.0_f64, |size, e| size.max(e.abs()))),
+                noise_floor: noise_floor(measured),
+                white: residual.as_deref().is_some_and(is_white),
+                torque_rmse: torque.get(slot).and_then(JointTorqueError::rms),
+                torque_percent: torque.get(slot).and_then(JointTorqueError::percent),
+            }
+        })
+        .collect();
+    Ok(RunComparison {
+        file: run.file.clone(),
+        role: run.role.to_string(),
+        joints,
+        cutoff_hz: motion.as_ref().ok().map(|motion| motion.cutoff_hz),
+        torque_cutoff_hz: motion.as_ref().ok().map(|motion| motion.parallel_cutoff_hz),
+        notes,
+        simulated,
+        torque,
+    })
+}
+
+/// Positions of the free joints that `model` shows under the run's commands, one vector a joint, or why there are none.
+fn simulated(model: &Model, run: &Run, notes: &mut Vec<String>) -> Result<Result<Vec<Vec<f64>>, String>, Error> {
+    let fit_run = FitRun::of_run(model, run)?;
+    let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
+    let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
+    let options = simulate::Options { substeps, ..simulate::Options::default() };
+    let first: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
+    let by_joint = |values: &[f64]| -> Vec<Vec<f64>> {
+        let n_free = run.free.len();
+        (0..n_free).map(|slot| values.iter().skip(slot).step_by(n_free).copied().collect()).collect()
+    };
+    // From the first sample first: where that loses the log, a better start does not bring it back.
+    let from_first = match simulate::simulate(&fit_run.system, &input, &first, &options) {
+        Ok(trajectory) => by_joint(&trajectory.q),
+        Err(error) => return Ok(Err(error.to_string())),
+    };
+    let is_lost = run.free.iter().zip(&from_first).any(|(&joint, simulated)| {
+        let measured = &run.log.q[joint];
+        let residual: Vec<f64> = measured.iter().zip(simulated).map(|(y, model)| y - model).collect();
+        let mean = run.log.mean_position(joint);
+        let spread: Vec<f64> = measured.iter().map(|y| y - mean).collect();
+        rms(&residual) > LOST * rms(&spread)
+    });
+    if is_lost {
+        notes.push(
+            "the simulation from the commanded torque drifts away from the log: judge by the torque error".to_owned(),
+        );
+        return Ok(Ok(from_first));
+    }
+    let options = position::Options { substeps, ..position::Options::default() };
+    Ok(match position::judge(&fit_run, &options) {
+        Ok(RunError { simulated, .. }) => Ok(by_joint(&simulated)),
+        Err(error) => Err(error.to_string()),
+    })
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+/// MATLAB's normalised root mean square fit; `None` for a position that does not move.
+fn fit_percent(measured: &[f64], residual: &[f64]) -> Option<f64> {
+    let mean = measured.iter().sum::<f64>() / measured.len() as f64;
+    let spread: Vec<f64> = measured.iter().map(|y| y - mean).collect();
+    let spread = rms(&spread);
+    (spread > 0.0).then(|| 100.0 * (1.0 - rms(residual) / spread))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fit_percent_is_100_without_error_and_0_for_the_mean() {
+        let y = [1.0, 3.0, 2.0, 6.0];
+        assert_eq!(fit_percent(&y, &[0.0; 4]), Some(100.0));
+        assert!(fit_percent(&y, &y.map(|y| y - 3.0)).expect("it moves").abs() < 1e-12);
+        assert_eq!(fit_percent(&[2.0; 4], &[1.0; 4]), None);
+    }
+}

@@ -1,0 +1,63 @@
+//! Is a residual nothing but noise?
+
+/// Lags that are looked at.
+const LAGS: usize = 20;
+
+/// What a chi-squared variable of [`LAGS`] degrees of freedom exceeds in one case of a hundred.
+const CHI_SQUARED: f64 = 37.566;
+
+/// Autocorrelation of `residual`, freed of its mean, at lags `1..=lags`; zeros for a constant.
+pub fn autocorrelation(residual: &[f64], lags: usize) -> Vec<f64> {
+    let mean = residual.iter().sum::<f64>() / residual.len().max(1) as f64;
+    let centred: Vec<f64> = residual.iter().map(|value| value - mean).collect();
+    let power: f64 = centred.iter().map(|value| value * value).sum();
+    (1..=lags)
+        .map(|lag| {
+            let product: f64 = centred.iter().zip(centred.iter().skip(lag)).map(|(a, b)| a * b).sum();
+            if power > 0.0 { product / power } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Whether successive samples of `residual` are uncorrelated: the test of Ljung & Box (1978, Biometrika 65, 297-303) over
+/// 20 lags at a level of 1 %. False for fewer than 40 samples, of which nothing can be said.
+pub fn is_white(residual: &[f64]) -> bool {
+    let n = residual.len() as f64;
+    if residual.len() < 2 * LAGS {
+        return false;
+    }
+    let sum: f64 =
+        autocorrelation(residual, LAGS).iter().zip(1..).map(|(rho, lag)| rho * rho / (n - f64::from(lag))).sum();
+    n * (n + 2.0) * sum < CHI_SQUARED
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(n_samples: usize, seed: u64) -> Vec<f64> {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        (0..n_samples).map(|_| next()).collect()
+    }
+
+    #[test]
+    fn noise_is_white_in_99_of_100_cases() {
+        let white = (0..300).filter(|&seed| is_white(&noise(1000, 9_176 * seed + 5))).count();
+        assert!((288..=300).contains(&white), "{white} of 300");
+    }
+
+    #[test]
+    fn a_little_memory_is_noticed() {
+        let raw = noise(4000, 3);
+        let red: Vec<f64> = raw.windows(2).map(|pair| pair[1] + 0.2 * pair[0]).collect();
+        assert!(!is_white(&red));
+        // x[k] + a x[k-1] has rho_1 = a / (1 + a^2).
+        assert!((autocorrelation(&red, 1)[0] - 0.2 / 1.04).abs() < 0.04);
+        assert!(!is_white(&raw[..30]), "too short to tell");
+        assert_eq!(autocorrelation(&[2.0; 10], 2), [0.0, 0.0]);
+    }
+}

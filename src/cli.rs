@@ -3,7 +3,9 @@
 //! A verb returns an [`Outcome`]: text for people, one JSON object for programs, and whether the answer is yes. Results
 //! go to stdout, progress and errors to stderr.
 
+mod compare;
 mod devices;
+mod fit;
 mod inputs;
 mod plan;
 mod progress;
@@ -46,6 +48,10 @@ enum Verb {
     Plan(plan::Arguments),
     /// The positions that a model shows under the torques of the logs.
     Simulate(simulate::Arguments),
+    /// Parameters from logs.
+    Fit(fit::Arguments),
+    /// How far a model is from the logs, and where.
+    Compare(compare::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
     Tour(tour::Arguments),
 }
@@ -72,6 +78,8 @@ pub fn main() -> ExitCode {
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Plan(arguments) => plan::run(arguments),
         Verb::Simulate(arguments) => simulate::run(arguments),
+        Verb::Fit(arguments) => fit::run(arguments),
+        Verb::Compare(arguments) => compare::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
     };
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {

@@ -1,7 +1,7 @@
 //! How far a model is from the logs: position error and torque error of every free joint of every run.
 //!
-//! The *position error* is the measured position minus the one simulated from the commanded torque. The simulation
-//! starts from rest at positions that are estimated from the log, for the log shows them only through its noise. A
+//! The *position error* is the measured position minus the one simulated from the commanded torque, or through the
+//! controller where the run has one and its references are logged. The simulation starts from rest at positions that are estimated from the log, for the log shows them only through its noise. A
 //! mechanism that nothing holds drifts away from its log in such a simulation; then the numbers say so, or, where the
 //! motion leaves all bounds, a note takes their place. The *torque error* needs no simulation (see [`crate::torque`]).
 
@@ -14,7 +14,10 @@ use crate::{
     fit::position::{self, FitRun, RunError, noise_floor},
     model::Model,
     signal::is_white,
-    simulate::{self, Input},
+    simulate::{
+        self, Input,
+        control::{self, Controller},
+    },
     system::System,
     torque::{self, JointTorqueError, Motion},
 };
@@ -172,7 +175,8 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
     })
 }
 
-/// Positions of the free joints that `model` shows under the run's commands, one vector a joint, or why there are none.
+/// Positions of the free joints that `model` shows under the run's commands, or under its controller where it has one: one
+/// vector a joint, or why there are none.
 fn simulated(model: &Model, run: &Run, notes: &mut Vec<String>) -> Result<Result<Vec<Vec<f64>>, String>, Error> {
     let fit_run = FitRun::of_run(model, run)?;
     let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
@@ -183,6 +187,14 @@ fn simulated(model: &Model, run: &Run, notes: &mut Vec<String>) -> Result<Result
         let n_free = run.free.len();
         (0..n_free).map(|slot| values.iter().skip(slot).step_by(n_free).copied().collect()).collect()
     };
+    if let (Some(path), Some(reference)) = (&run.settings.controller, &run.log.reference) {
+        let n_joints = model.device.joints.len();
+        let controller = Controller::read(path, &run.file, n_joints, run.log.sample_time())?;
+        let rows = 0..run.log.len();
+        let reference: Vec<f64> = rows.flat_map(|k| reference.iter().map(move |joint| joint[k])).collect();
+        let played = control::simulate(&fit_run.system, &controller, &run.log.t, &reference, &first, &options);
+        return Ok(played.map(|(trajectory, _)| by_joint(&trajectory.q)).map_err(|error| error.to_string()));
+    }
     // From the first sample first: where that loses the log, a better start does not bring it back.
     let from_first = match simulate::simulate(&fit_run.system, &input, &first, &options) {
         Ok(trajectory) => by_joint(&trajectory.q),

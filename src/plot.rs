@@ -190,12 +190,14 @@ fn curve(svg: &mut String, class: &str, place: &Area, time: &Axis, axis: &Axis, 
     let points: Vec<(f64, f64)> = times
         .iter()
         .zip(values)
-        .filter(|(_, value)| value.is_finite())
         .map(|(&t, &value)| (time.place(t, LEFT, WIDTH - RIGHT), place.y(axis, value)))
         .collect();
     let mut path = String::new();
-    for (index, (x, y)) in thinned(&points).iter().enumerate() {
-        let _ = write!(path, "{}{x:.1} {y:.1}", if index == 0 { 'M' } else { 'L' });
+    // what is not a number leaves a gap
+    for piece in points.split(|point| !point.1.is_finite()) {
+        for (index, (x, y)) in thinned(piece).iter().enumerate() {
+            let _ = write!(path, "{}{x:.1} {y:.1}", if index == 0 { 'M' } else { 'L' });
+        }
     }
     let _ = writeln!(svg, "<path class=\"{class}\" d=\"{path}\"/>");
 }
@@ -298,6 +300,17 @@ mod tests {
         assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
         let highest = |points: &[(f64, f64)]| points.iter().fold(0.0_f64, |high, point| high.max(point.1));
         assert_eq!(highest(&kept), highest(&points));
+    }
+
+    #[test]
+    fn what_is_not_a_number_leaves_a_gap() {
+        let values = vec![0.0, 1.0, f64::NAN, 2.0, 1.0];
+        let time = (0..5).map(f64::from).collect();
+        let panel = Panel { time, measured: values.clone(), predicted: values, ..Panel::default() };
+        let svg = inline(&panel);
+        let measured = svg.lines().filter(|line| line.starts_with("<path class=\"measured\"")).next_back().unwrap();
+        assert_eq!(measured.matches('M').count(), 2, "{measured}");
+        assert!(!svg.contains("NaN"));
     }
 
     #[test]

@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use anyhow::bail;
 use clap::ValueEnum;
 use dynid::experiment::Run;
 use dynid::fit::position::Options;
+use dynid::fit::sequence::Weighting;
 use dynid::identify::{self, ErrorKind, Found, Identified};
 use dynid::output::{Overwrite, check_output, write_new};
 use dynid::report::number;
@@ -22,6 +24,7 @@ Examples:
   dynid fit experiment.toml --model believed.toml --out fitted.toml
   dynid fit experiment.toml --free 4 --out wrist.toml                only runs with just joint 4 free
   dynid fit experiment.toml --error torque --out fitted.toml
+  dynid fit experiment.toml --method isolated --out fitted.toml      configuration after configuration, then all
 
 Fitted is whatever the model does not fix and the runs depend on, within its bounds; links stay bodies that can be.
 
@@ -46,6 +49,10 @@ pub struct Arguments {
     /// Which error to make small.
     #[arg(long, value_enum)]
     error: Option<Kind>,
+    /// Fit one configuration of this method of the device after another, each with what the earlier ones found, then
+    /// all their runs together (position error).
+    #[arg(long, value_name = "METHOD", conflicts_with = "free")]
+    method: Option<String>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
@@ -83,12 +90,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let experiment = inputs::experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
+    if arguments.method.is_some() && matches!(arguments.error, Some(Kind::Torque | Kind::Both)) {
+        bail!("a method is fitted to the position error; leave --error out, or use --free with --error torque");
+    }
     let error = arguments.error.map_or_else(|| identify::default_error(&model, &runs), ErrorKind::from);
     let options =
         Options { substeps: arguments.substeps.max(1), iterations: arguments.iterations.max(1), ..Options::default() };
 
-    let found = progress::shown(|told| identify::identify(&model, &experiment, &runs, error, &options, told))?;
-    let judged = compare::judge(&found.model, &runs)?;
+    let found = progress::shown(|told| match &arguments.method {
+        Some(method) => {
+            identify::identify_method(&model, &experiment, &runs, method, Weighting::default(), &options, told)
+        }
+        None => identify::identify(&model, &experiment, &runs, error, &options, told),
+    })?;
+    let judged = dynid::compare::compare(&found.model, &runs)?;
 
     let may_write = found.status.may_update_model();
     if may_write {
@@ -111,7 +126,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "out": may_write.then(|| arguments.out.display().to_string()),
     });
     let mut text = told(&found, wall_seconds);
-    text.push_str(&judged.summary());
+    text.push_str(&compare::summary(&judged));
     text.push_str(&if may_write {
         format!("written: {}\n", arguments.out.display())
     } else {

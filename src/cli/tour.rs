@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::{anyhow, bail};
 use dynid::experiment::{Experiment, Role, Run};
 use dynid::fit::position::{FitRun, Options, RunError, judge};
 use dynid::identify::{self, Identified};
@@ -40,17 +40,33 @@ pub struct Arguments {
 const FITTED: &str = "fitted.toml";
 const REPORT: &str = "report.html";
 
-/// Walks through the loop.
+/// Walks through the loop beside the folder that it is for; a tour that fails leaves nothing behind.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
-    let (folder, moved) = folder(arguments, overwrite)?;
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    for (name, text) in FILES {
-        write_new(&folder.join(name), text, overwrite)?;
+    let (folder, taken) = folder(arguments, overwrite)?;
+    let mut partial = folder.clone().into_os_string();
+    partial.push(format!(".{}.partial", std::process::id()));
+    let partial = PathBuf::from(partial);
+    let outcome = walk(&partial, &folder, taken.as_deref()).and_then(|outcome| {
+        settle(&partial, &folder)?;
+        Ok(outcome)
+    });
+    if outcome.is_err() {
+        // the first error is the one to tell
+        let _ = fs::remove_dir_all(&partial);
     }
+    outcome
+}
 
-    let experiment = inputs::experiment(&folder.join("experiment.toml"))?;
-    let believed = inputs::model(Some(&folder.join("believed.toml")), &experiment)?;
+/// Does everything in `partial`; what is told is about `folder`.
+fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<Outcome> {
+    fs::create_dir_all(partial).map_err(|error| anyhow!("cannot make the folder {}: {error}", partial.display()))?;
+    let put = |name: &str, text: &str| write_new(&partial.join(name), text, Overwrite::Refuse);
+    for (name, text) in FILES {
+        put(name, text)?;
+    }
+    let experiment = inputs::experiment(&partial.join("experiment.toml"))?;
+    let believed = inputs::model(Some(&partial.join("believed.toml")), &experiment)?;
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     let options = Options::default();
 
@@ -62,9 +78,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let after = errors(&found.model, &runs, &options)?;
 
     let tour = Tour { experiment: &experiment, believed: &believed, before, found, after, fit_seconds };
-    write_new(&folder.join(FITTED), &tour.found.model.to_toml(), overwrite)?;
-    write_new(&folder.join(REPORT), &tour.page(), overwrite)?;
-    Ok(Outcome { text: tour.story(&folder, moved.as_deref()), json: tour.json(&folder), answer: Answer::Yes })
+    put(FITTED, &tour.found.model.to_toml())?;
+    put(REPORT, &tour.page())?;
+    Ok(Outcome { text: tour.story(folder, taken), json: tour.json(folder), answer: Answer::Yes })
+}
+
+/// Moves what was made to where it belongs.
+fn settle(partial: &Path, folder: &Path) -> anyhow::Result<()> {
+    let told = |error: std::io::Error| anyhow!("cannot write {}: {error}", folder.display());
+    if !folder.exists() {
+        return fs::rename(partial, folder).map_err(told);
+    }
+    for entry in fs::read_dir(partial).map_err(told)? {
+        let entry = entry.map_err(told)?;
+        fs::rename(entry.path(), folder.join(entry.file_name())).map_err(told)?;
+    }
+    fs::remove_dir(partial).map_err(told)
 }
 
 /// Where to write, and the name that was taken, if another had to be found.

@@ -1,13 +1,15 @@
 //! Least squares within bounds and among physical bodies: a primal interior-point method.
 //!
-//! Minimises `cost(x) + mu B(x)` for falling `mu` by damped Gauss-Newton steps, where `B` is minus the logarithm of
-//! every distance to a bound and `-log det S` of every link (see [`super::physical`]). At the end the cost is within
+//! Minimises `cost(x) + mu B(x)` for falling `mu` by damped Newton steps, where `B` is minus the logarithm of every
+//! distance to a bound and `-log det P` of every link's pseudo-inertia (see [`super::physical`]). Steps run straight in
+//! the standard parameters `(m, m c, J)` of the links: there the cost is quadratic and the barrier self-concordant, while
+//! in mass, centroid and inertia, which the bounds are about, combinations that the cost does not see are curved. At the end the cost is within
 //! `mu` times the number of constraints of the constrained minimum (Boyd & Vandenberghe, Convex Optimization,
 //! section 11.3), far less than what one standard error makes of it.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::physical::{InertiaBarrier, inertia_barrier};
+use super::physical::{self, BodyBarrier, body_barrier, body_barrier_value};
 
 /// The weight of the barrier falls by this factor from stage to stage.
 const BARRIER_FALL: f64 = 0.1;
@@ -36,12 +38,8 @@ pub(crate) struct Quadratic {
 pub(crate) trait Cost {
     /// Its value.
     fn value(&self, x: &[f64]) -> f64;
-    /// Its value and derivatives.
+    /// Its value and derivatives, the second ones along the lines of [`Region::moved`].
     fn expand(&self, x: &[f64]) -> Quadratic;
-    /// Where a step leads: `x + step` to first order. A cost that is quadratic along curved lines says here along which.
-    fn moved(&self, x: &[f64], step: &[f64]) -> Vec<f64> {
-        x.iter().zip(step).map(|(x, step)| x + step).collect()
-    }
 }
 
 /// Where a minimum is sought. Entries of all vectors belong to the unknowns, in their order.
@@ -52,8 +50,8 @@ pub(crate) struct Region {
     pub(crate) upper: Vec<f64>,
     /// A natural size of each unknown, positive.
     pub(crate) scale: Vec<f64>,
-    /// Inertias about the centroid that must be physical.
-    pub(crate) bodies: Vec<[Entry; 6]>,
+    /// Bodies.
+    pub(crate) links: Vec<Body>,
     /// `(larger, smaller)`: the first is never below the second.
     pub(crate) orders: Vec<(Entry, Entry)>,
 }
@@ -65,6 +63,26 @@ pub(crate) enum Entry {
     Unknown(usize),
     /// Its value.
     Known(f64),
+}
+
+/// A link's ten parameters, in the order of [`dynid_model::Link::SYMBOLS`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Body {
+    pub(crate) inertial: [Entry; 10],
+    /// Whether it must be one that can exist; not asked of a link whose inertia is known.
+    pub(crate) is_physical: bool,
+}
+
+impl Body {
+    /// Its parameters at `x`.
+    pub(crate) fn at(&self, x: &[f64]) -> [f64; 10] {
+        self.inertial.map(|entry| entry.at(x))
+    }
+
+    /// Which unknown is which of its parameters.
+    fn unknowns(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        self.inertial.iter().enumerate().filter_map(|(symbol, entry)| Some((symbol, entry.index()?)))
+    }
 }
 
 impl Entry {
@@ -85,6 +103,38 @@ impl Entry {
 }
 
 impl Region {
+    /// Where a step leads: straight in the links' standard parameters, `x + step` to first order. Known numbers stay
+    /// what they are. Not a number where a mass would vanish.
+    fn moved(&self, x: &[f64], step: &[f64]) -> Vec<f64> {
+        let mut moved: Vec<f64> = x.iter().zip(step).map(|(x, step)| x + step).collect();
+        for link in &self.links {
+            let here = link.at(x);
+            let jacobian = physical::standard_jacobian(&here);
+            let mut standard = physical::standard(&here);
+            for (symbol, index) in link.unknowns() {
+                standard.iter_mut().zip(&jacobian).for_each(|(value, row)| *value += row[symbol] * step[index]);
+            }
+            let there = physical::inertial(&standard);
+            for (symbol, index) in link.unknowns() {
+                moved[index] = if standard[0] > 0.0 { there[symbol] } else { f64::NAN };
+            }
+        }
+        moved
+    }
+
+    /// For each unknown that is a link's centroid: the link's mass, by value and as an unknown.
+    fn masses(&self, x: &[f64]) -> Vec<Option<(f64, Option<usize>)>> {
+        let mut masses = vec![None; x.len()];
+        for link in &self.links {
+            for (symbol, index) in link.unknowns() {
+                if (1..=3).contains(&symbol) {
+                    masses[index] = Some((link.inertial[0].at(x), link.inertial[0].index()));
+                }
+            }
+        }
+        masses
+    }
+
     /// Distance to the limit of an order, and its natural size.
     fn gap(&self, (larger, smaller): (Entry, Entry), x: &[f64]) -> (f64, f64) {
         let size = [larger, smaller].into_iter().filter_map(Entry::index).map(|index| self.scale[index]);
@@ -184,7 +234,7 @@ fn line_search(
         }
     }
     for _ in 0..30 {
-        let next = cost.moved(x, (step * length).as_slice());
+        let next = region.moved(x, (step * length).as_slice());
         if let Some(barrier) = barrier_value(region, &next)
             && cost.value(&next) + weight * barrier <= value - 1e-4 * length * promised
         {
@@ -200,15 +250,20 @@ fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Qua
     let barrier = barrier_value(region, x)?;
     let Quadratic { mut value, mut gradient, mut hessian } = cost.expand(x);
     value += weight * barrier;
-    for index in 0..x.len() {
-        let (below, above) = (x[index] - region.lower[index], region.upper[index] - x[index]);
-        if below.is_finite() {
-            gradient[index] -= weight / below;
-            hessian[(index, index)] += weight / (below * below);
-        }
-        if above.is_finite() {
-            gradient[index] += weight / above;
-            hessian[(index, index)] += weight / (above * above);
+    for (index, mass) in region.masses(x).into_iter().enumerate() {
+        for (distance, sign) in [(x[index] - region.lower[index], 1.0), (region.upper[index] - x[index], -1.0)] {
+            if distance.is_infinite() {
+                continue;
+            }
+            // A centroid's distance times the mass, m c - m c_lower, is linear in the standard parameters.
+            let by_mass = mass.and_then(|(mass, unknown)| Some((unknown?, 1.0 / mass)));
+            let slopes = [Some((index, sign / distance)), by_mass];
+            for (row, slope) in slopes.into_iter().flatten() {
+                gradient[row] -= weight * slope;
+                for (column, other) in slopes.into_iter().flatten() {
+                    hessian[(row, column)] += weight * slope * other;
+                }
+            }
         }
     }
     for &order in &region.orders {
@@ -221,15 +276,16 @@ fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Qua
             }
         }
     }
-    for body in &region.bodies {
-        let InertiaBarrier { gradient: by, hessian: by_by, .. } = inertia_barrier(&inertia(body, x))?;
-        for (row, entry) in body.iter().enumerate() {
-            let Entry::Unknown(index) = *entry else { continue };
-            gradient[index] += weight * by[row];
-            for (column, other) in body.iter().enumerate() {
-                if let Entry::Unknown(other) = *other {
-                    hessian[(index, other)] += weight * by_by[row][column];
-                }
+    for link in region.links.iter().filter(|link| link.is_physical) {
+        let inertial = link.at(x);
+        let BodyBarrier { gradient: by, hessian: by_by, .. } = body_barrier(&inertial)?;
+        let jacobian = physical::standard_jacobian(&inertial);
+        for (symbol, index) in link.unknowns() {
+            gradient[index] += weight * (0..10).map(|row| jacobian[row][symbol] * by[row]).sum::<f64>();
+            let half: [f64; 10] = std::array::from_fn(|row| (0..10).map(|k| by_by[row][k] * jacobian[k][symbol]).sum());
+            for (other_symbol, other) in link.unknowns() {
+                hessian[(other, index)] +=
+                    weight * (0..10).map(|row| jacobian[row][other_symbol] * half[row]).sum::<f64>();
             }
         }
     }
@@ -239,13 +295,13 @@ fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Qua
 /// The barrier; `None` outside of the region.
 fn barrier_value(region: &Region, x: &[f64]) -> Option<f64> {
     let mut value = 0.0;
-    for index in 0..x.len() {
+    for (index, mass) in region.masses(x).into_iter().enumerate() {
         for distance in [x[index] - region.lower[index], region.upper[index] - x[index]] {
             if distance.is_nan() || distance <= 0.0 {
                 return None;
             }
             if distance.is_finite() {
-                value -= (distance / region.scale[index]).ln();
+                value -= (distance / region.scale[index]).ln() + mass.map_or(0.0, |(mass, _)| mass.ln());
             }
         }
     }
@@ -256,20 +312,15 @@ fn barrier_value(region: &Region, x: &[f64]) -> Option<f64> {
         }
         value -= (gap / size).ln();
     }
-    for body in &region.bodies {
-        value += inertia_barrier(&inertia(body, x))?.value;
+    for link in region.links.iter().filter(|link| link.is_physical) {
+        value += body_barrier_value(&link.at(x))?;
     }
-    Some(value)
+    value.is_finite().then_some(value)
 }
 
 /// Whether `x` lies strictly inside `region`.
 pub(crate) fn is_inside(region: &Region, x: &[f64]) -> bool {
     barrier_value(region, x).is_some()
-}
-
-/// A body's inertia at `x`.
-pub(crate) fn inertia(body: &[Entry; 6], x: &[f64]) -> [f64; 6] {
-    body.map(|entry| entry.at(x))
 }
 
 #[cfg(test)]
@@ -303,7 +354,7 @@ mod tests {
             lower: vec![f64::NEG_INFINITY; n],
             upper: vec![f64::INFINITY; n],
             scale: vec![1.0; n],
-            bodies: vec![],
+            links: vec![],
             orders: vec![],
         }
     }
@@ -337,7 +388,9 @@ mod tests {
     fn an_impossible_inertia_ends_at_the_nearest_possible_one() {
         let mut region = free(3);
         use Entry::{Known, Unknown};
-        region.bodies = vec![[Unknown(0), Known(0.0), Known(0.0), Unknown(1), Known(0.0), Unknown(2)]];
+        let zero = Known(0.0);
+        let inertial = [Known(2.0), zero, zero, zero, Unknown(0), zero, zero, Unknown(1), zero, Unknown(2)];
+        region.links = vec![Body { inertial, is_physical: true }];
         let mut x = vec![1.0, 1.0, 1.0];
         let ending = minimise(&region, &bowl(DMatrix::identity(3, 3), vec![1.0, 1.0, 4.0]), &mut x);
         assert_eq!(ending, Ending::Minimum);

@@ -120,17 +120,26 @@ pub struct Standing {
     pub flat: Vec<Vec<f64>>,
 }
 
-/// Analyses a weighted regressor by its triangular `factor`, rows divided by their standard deviation. `noise` is the
+/// An unknown that moves the prediction, over its natural size, by less than this share of what the strongest does, moves
+/// it by rounding only.
+pub(crate) const NO_EFFECT: f64 = 1e-11;
+
+/// Analyses a weighted regressor by its triangular `factor`, rows divided by their standard deviation. `scale` is a
+/// natural size of each unknown. `noise` is the
 /// sum over groups of rows of `A_g^T A_g` times how many rows of the group share one independent error (1 for white
 /// residuals), so that the covariance is the sandwich `H^+ noise H^+` with `H = A^T A`.
-pub fn standing(factor: &DMatrix<f64>, noise: &DMatrix<f64>) -> Standing {
+pub fn standing(factor: &DMatrix<f64>, noise: &DMatrix<f64>, scale: &[f64]) -> Standing {
     let n = factor.ncols();
-    let lengths: Vec<f64> = factor.column_iter().map(|column| column.norm()).collect();
+    let mut lengths: Vec<f64> = factor.column_iter().map(|column| column.norm()).collect();
+    let strongest = lengths.iter().zip(scale).map(|(length, scale)| length * scale).fold(0.0, f64::max);
+    for (length, scale) in lengths.iter_mut().zip(scale) {
+        if *length * scale <= NO_EFFECT * strongest {
+            *length = 0.0;
+        }
+    }
     let mut scaled = factor.clone();
     for (mut column, length) in scaled.column_iter_mut().zip(&lengths) {
-        if *length > 0.0 {
-            column /= *length;
-        }
+        column.iter_mut().for_each(|entry| *entry = if *length > 0.0 { *entry / length } else { 0.0 });
     }
     let svd = scaled.svd(false, true);
     let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
@@ -282,7 +291,7 @@ mod tests {
             3 => 0.0,
             _ => 1e3 * base[(row, 2)],
         });
-        let standing = standing(&a.clone().qr().r(), &(a.transpose() * &a));
+        let standing = standing(&a.clone().qr().r(), &(a.transpose() * &a), &[1.0; 5]);
         assert_eq!(standing.rank, 3);
         assert_eq!(standing.identifiable, [false, false, false, false, true]);
         assert_eq!(standing.flat.len(), 2);
@@ -298,7 +307,7 @@ mod tests {
     fn standard_errors_are_those_of_least_squares() {
         let a = random(100, 2, 3);
         let information = a.transpose() * &a;
-        let standing = standing(&a.qr().r(), &information);
+        let standing = standing(&a.qr().r(), &information, &[1.0; 2]);
         let inverse = information.clone().try_inverse().expect("random columns are independent");
         for index in 0..2 {
             let expected = inverse[(index, index)].sqrt();

@@ -90,39 +90,54 @@ fn second_moment(inertia: &[f64; 6]) -> Matrix3<f64> {
     Matrix3::new(half - xx, -xy, -xz, -xy, half - yy, -yz, -xz, -yz, half - zz)
 }
 
-/// `-log det S` with its first and second derivatives by the entries of the inertia.
+/// `-log det` of the pseudo-inertia with its first and second derivatives by the standard parameters.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct InertiaBarrier {
+pub(crate) struct BodyBarrier {
     pub(crate) value: f64,
-    pub(crate) gradient: [f64; 6],
-    pub(crate) hessian: [[f64; 6]; 6],
+    pub(crate) gradient: [f64; 10],
+    pub(crate) hessian: [[f64; 10]; 10],
 }
 
-/// The barrier at `inertia` (about the centroid); `None` where S is not positive definite.
-pub(crate) fn inertia_barrier(inertia: &[f64; 6]) -> Option<InertiaBarrier> {
-    let factor = second_moment(inertia).cholesky()?;
-    let value = -2.0 * factor.l_dirty().diagonal().iter().map(|entry| entry.ln()).sum::<f64>();
-    let inverse = factor.inverse();
-    // d(-log det S)/dI_k = -tr(S^-1 S_k); second derivative tr(S^-1 S_k S^-1 S_l), S being linear in I.
-    let products: [Matrix3<f64>; 6] = std::array::from_fn(|entry| inverse * second_moment_by(entry));
-    let gradient = std::array::from_fn(|entry| -products[entry].trace());
+/// `-log det P = -log m - log det S` alone; `None` where P is not positive definite.
+pub(crate) fn body_barrier_value(inertial: &[f64; 10]) -> Option<f64> {
+    // The factors of the Schur complement are well scaled where P itself may not be.
+    let factor = second_moment(&std::array::from_fn(|entry| inertial[4 + entry])).cholesky()?;
+    let value = -2.0 * factor.l_dirty().diagonal().iter().map(|entry| entry.ln()).sum::<f64>() - inertial[0].ln();
+    (inertial[0] > 0.0 && value.is_finite()).then_some(value)
+}
+
+/// The barrier of a body; `None` where its pseudo-inertia is not positive definite.
+pub(crate) fn body_barrier(inertial: &[f64; 10]) -> Option<BodyBarrier> {
+    let value = body_barrier_value(inertial)?;
+    let inverse = pseudo_inertia(inertial).cholesky()?.inverse();
+    // d(-log det P)/dpi_k = -tr(P^-1 P_k); second derivative tr(P^-1 P_k P^-1 P_l), P being linear in pi.
+    let products: [Matrix4<f64>; 10] = std::array::from_fn(|index| inverse * pseudo_inertia_by(index));
+    let gradient = std::array::from_fn(|index| -products[index].trace());
     let hessian = std::array::from_fn(|row| std::array::from_fn(|column| (products[row] * products[column]).trace()));
-    value.is_finite().then_some(InertiaBarrier { value, gradient, hessian })
+    Some(BodyBarrier { value, gradient, hessian })
 }
 
-/// Derivative of S by one entry of the inertia.
-fn second_moment_by(entry: usize) -> Matrix3<f64> {
-    let (row, column) = ENTRIES[entry];
-    if row == column {
-        let mut matrix = Matrix3::from_diagonal_element(0.5);
-        matrix[(row, row)] -= 1.0;
-        matrix
-    } else {
-        let mut matrix = Matrix3::zeros();
-        matrix[(row, column)] = -1.0;
-        matrix[(column, row)] = -1.0;
-        matrix
+/// Derivative of the pseudo-inertia by one standard parameter.
+fn pseudo_inertia_by(index: usize) -> Matrix4<f64> {
+    let mut matrix = Matrix4::zeros();
+    match index {
+        0 => matrix[(3, 3)] = 1.0,
+        1..=3 => {
+            matrix[(index - 1, 3)] = 1.0;
+            matrix[(3, index - 1)] = 1.0;
+        }
+        _ => {
+            let (row, column) = ENTRIES[index - 4];
+            if row == column {
+                (0..3).for_each(|axis| matrix[(axis, axis)] = 0.5);
+                matrix[(row, row)] -= 1.0;
+            } else {
+                matrix[(row, column)] = -1.0;
+                matrix[(column, row)] = -1.0;
+            }
+        }
     }
+    matrix
 }
 
 /// The inertia nearest to `inertia` for which every eigenvalue of S is at least `least`.
@@ -204,23 +219,23 @@ mod tests {
             }
         }
 
+        /// Along straight lines of the standard parameters.
         #[test]
         fn barrier_derivatives_agree_with_differences(points in points(5..9)) {
             let body = of_points(&points);
-            let inertia: [f64; 6] = std::array::from_fn(|entry| body[4 + entry]);
-            let barrier = inertia_barrier(&inertia).expect("points in general position have a definite moment");
+            let barrier = body_barrier(&body).expect("points in general position have a definite moment");
             // A step relative to the distance from the boundary keeps the difference accurate.
-            let step = 1e-4 * second_moment(&inertia).symmetric_eigenvalues().min();
-            for column in 0..6 {
+            let step = 1e-4 * pseudo_inertia(&body).symmetric_eigenvalues().min();
+            for column in 0..10 {
                 let at = |sign: f64| {
-                    let mut moved = inertia;
+                    let mut moved = standard(&body);
                     moved[column] += sign * step;
-                    inertia_barrier(&moved).expect("a small step stays inside")
+                    body_barrier(&inertial(&moved)).expect("a small step stays inside")
                 };
                 let (low, high) = (at(-1.0), at(1.0));
                 let difference = (high.value - low.value) / (2.0 * step);
                 prop_assert!((barrier.gradient[column] - difference).abs() <= 1e-9 / step);
-                for row in 0..6 {
+                for row in 0..10 {
                     let difference = (high.gradient[row] - low.gradient[row]) / (2.0 * step);
                     let size = (barrier.hessian[row][row] * barrier.hessian[column][column]).sqrt();
                     prop_assert!((barrier.hessian[row][column] - difference).abs() <= 1e-5 * size);
@@ -239,10 +254,12 @@ mod tests {
 
     #[test]
     fn no_barrier_outside() {
-        assert_eq!(inertia_barrier(&[1.0, 0.0, 0.0, 1.0, 0.0, 2.1]), None, "violates the triangle inequality");
-        assert_eq!(inertia_barrier(&[0.0; 6]), None);
-        // A solid cube of unit moments: S = 1/2 1, -log det = 3 log 2.
-        let cube = inertia_barrier(&[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]).expect("a cube is a body");
-        assert!((cube.value - 3.0 * 2.0_f64.ln()).abs() < 1e-14);
+        let body = |m: f64, xx: f64, yy: f64, zz: f64| [m, 0.0, 0.0, 0.0, xx, 0.0, 0.0, yy, 0.0, zz];
+        assert_eq!(body_barrier(&body(1.0, 1.0, 1.0, 2.1)), None, "violates the triangle inequality");
+        assert_eq!(body_barrier(&body(1.0, 0.0, 0.0, 0.0)), None);
+        assert_eq!(body_barrier(&body(-1.0, 1.0, 1.0, 1.0)), None);
+        // A solid cube of unit moments and mass 2: S = 1/2 1, -log det P = 3 log 2 - log 2.
+        let cube = body_barrier(&body(2.0, 1.0, 1.0, 1.0)).expect("a cube is a body");
+        assert!((cube.value - 2.0 * 2.0_f64.ln()).abs() < 1e-14);
     }
 }

@@ -136,6 +136,8 @@ pub enum Start {
     Near,
 }
 
+/// The search with few integration steps ends at so many tolerances: the last one goes on from there.
+const COARSE: f64 = 10.0;
 /// Rates of the tether, one search each [1/s].
 const TETHERS: [f64; 3] = [10.0, 3.0, 1.0];
 
@@ -274,17 +276,24 @@ pub fn fit(
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
     let mut x = evaluator.start(&problem);
-    let full = Resolution { horizon_s: f64::INFINITY, substeps: options.substeps, tether: 0.0 };
+    let coarse = evaluator.coarse_substeps(&x, options.substeps);
+    let full = full(options, coarse);
     let mut iterations = 0;
     let mut ended = Ended::IterationLimit;
 
-    for resolution in schedule(&evaluator, &x, options) {
+    for resolution in schedule(options, coarse) {
         let is_last = resolution == full;
         let is_whole = resolution.tether == 0.0;
         let at = evaluator.at(resolution);
         let limits = Limits {
             iterations: if is_whole { options.iterations.saturating_sub(iterations).max(1) } else { 6 },
-            tolerance: if is_whole { options.tolerance } else { 1e-2 },
+            tolerance: if is_last {
+                options.tolerance
+            } else if is_whole {
+                COARSE * options.tolerance
+            } else {
+                1e-2
+            },
         };
         let samples = at.samples() as f64;
         let tether = resolution.tether;
@@ -331,7 +340,8 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
     let mut x = evaluator.start(&problem);
-    for resolution in schedule(&evaluator, &x, &Options { start: Start::Near, ..*options }) {
+    let coarse = evaluator.coarse_substeps(&x, options.substeps);
+    for resolution in schedule(&Options { start: Start::Near, ..*options }, coarse) {
         let at = evaluator.at(resolution);
         let limits = Limits { iterations: 20, tolerance: 1e-4 };
         let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut |_| Watch::Continue);
@@ -463,17 +473,21 @@ fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
 }
 
 /// A tether that loosens, then none; few steps first, then the full resolution.
-fn schedule(evaluator: &Evaluator<'_>, x: &[f64], options: &Options) -> Vec<Resolution> {
-    let substeps = evaluator.coarse_substeps(x, options.substeps);
+fn schedule(options: &Options, coarse: usize) -> Vec<Resolution> {
     let mut resolutions = Vec::new();
+    let rough = Resolution { substeps: coarse, ..full(options, coarse) };
     if options.start == Start::Poor {
-        resolutions.extend(TETHERS.map(|tether| Resolution { horizon_s: f64::INFINITY, substeps, tether }));
+        resolutions.extend(TETHERS.map(|tether| Resolution { tether, ..rough }));
     }
-    if substeps < options.substeps {
-        resolutions.push(Resolution { horizon_s: f64::INFINITY, substeps, tether: 0.0 });
+    if coarse < options.substeps {
+        resolutions.push(rough);
     }
-    resolutions.push(Resolution { horizon_s: f64::INFINITY, substeps: options.substeps, tether: 0.0 });
+    resolutions.push(full(options, coarse));
     resolutions
+}
+
+fn full(options: &Options, coarse: usize) -> Resolution {
+    Resolution { horizon_s: f64::INFINITY, substeps: options.substeps, jacobian_substeps: coarse, tether: 0.0 }
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start},
+    position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
     sqp::Watch,
 };
 use crate::{
@@ -78,7 +78,7 @@ pub fn fit(
             |progress: &Progress| watch(&SequenceProgress { configuration: Some(*configuration), progress: *progress });
         let fit = position::fit(&problem, options, &mut told)?;
         believed = fit.applied_to(&believed);
-        known.add(&fit);
+        known.add(&fit, &problem);
         steps.push((*configuration, fit));
     }
     let mut told = |progress: &Progress| watch(&SequenceProgress { configuration: None, progress: *progress });
@@ -104,25 +104,44 @@ fn problem(start: &Model, believed: &Model, runs: &[&Run]) -> Result<PositionPro
 struct Knowledge {
     names: Vec<String>,
     mean: Vec<f64>,
+    spread: Vec<f64>,
     information: DMatrix<f64>,
 }
 
+/// What is carried on is no surer than this share of a parameter's spread. Logs determine some combinations to 1e-5 and
+/// others hardly; along the latter the former are curved, and their linearised memory would bind the next fit to a
+/// tangent that the data never meant.
+const REACH_OF_LINEARISATION: f64 = 0.02;
+
 impl Knowledge {
+    /// The information with every variance widened by `e = (REACH_OF_LINEARISATION * spread)^2`:
+    /// `(I^-1 + E)^-1 = E^-1 - E^-1 (I + E^-1)^-1 E^-1`, which needs no inverse of the information I.
     fn prior(&self) -> Option<Prior> {
-        let known = !self.names.is_empty();
-        known.then(|| Prior {
+        if self.names.is_empty() {
+            return None;
+        }
+        let floor = DVector::from_iterator(
+            self.spread.len(),
+            self.spread.iter().map(|spread| (REACH_OF_LINEARISATION * spread).powi(-2)),
+        );
+        let floor = DMatrix::from_diagonal(&floor);
+        let inner = (&self.information + &floor).cholesky()?;
+        let widened = &floor - &floor * inner.solve(&floor);
+        Some(Prior {
             names: self.names.clone(),
             mean: DVector::from_column_slice(&self.mean),
-            information: self.information.clone(),
+            information: (&widened + widened.transpose()) * 0.5,
         })
     }
 
     /// Adds a fit's data. Its estimate, which already heeds everything earlier, becomes the mean.
-    fn add(&mut self, fit: &PositionFit) {
+    fn add(&mut self, fit: &PositionFit, problem: &PositionProblem) {
         for estimate in &fit.parameters {
             if !self.names.contains(&estimate.name) {
                 self.names.push(estimate.name.clone());
                 self.mean.push(estimate.value);
+                let unknown = problem.unknowns.iter().find(|unknown| unknown.name == estimate.name);
+                self.spread.push(unknown.map_or(1.0, Unknown::spread));
             }
         }
         let n = self.names.len();

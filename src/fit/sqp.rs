@@ -127,8 +127,10 @@ const FIRST_DAMPING: f64 = 1e-3;
 const UNDAMPED: f64 = 0.1;
 /// Beyond this damping the step is too short to matter.
 const LAST_DAMPING: f64 = 1e12;
-/// So many accepted steps in a row without a decrease worth speaking of are enough.
+/// So many accepted steps in a row, each of a decrease below so many tolerances, are enough: a valley so flat is not
+/// worth following to its end.
 const IDLE_ITERATIONS: usize = 3;
+const IDLE: f64 = 3.0;
 /// A search that gets stuck still ends at a minimum if all that is promised is below so many tolerances.
 const NEAR: f64 = 100.0;
 /// A step counts as good from this share of the foreseen decrease.
@@ -192,7 +194,7 @@ pub fn minimise(
         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).clamp(0.1, 1.0);
         damping = damping.max(1e-12);
         growth = 2.0;
-        idle = if decrease <= 1e-3 * limits.tolerance * quadratic.cost { idle + 1 } else { 0 };
+        idle = if decrease <= IDLE * limits.tolerance * quadratic.cost { idle + 1 } else { 0 };
         let told = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
         if watch(&told) == Watch::Stop {
             break Ended::Interrupted;

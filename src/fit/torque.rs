@@ -17,8 +17,8 @@ use rayon::prelude::*;
 
 use super::{
     FitStatus,
-    barrier::{Cost, Ending, Entry, Quadratic, Region, is_inside, minimise},
-    identifiability::{Compressed, Standing, correlation_time, standing},
+    barrier::{Body, Cost, Ending, Entry, Quadratic, Region, is_inside, minimise},
+    identifiability::{Compressed, NO_EFFECT, Standing, correlation_time, standing},
     physical,
 };
 use crate::{
@@ -275,6 +275,12 @@ struct EffectLayout {
     unknown: Option<usize>,
 }
 
+impl LinkLayout {
+    fn has_unknown_inertia(&self) -> bool {
+        self.unknown[4..].iter().any(Option::is_some)
+    }
+}
+
 impl Layout {
     fn new(runs: &[&TorqueRun], parameters: &[(String, Parameter)]) -> Result<Self, TorqueFitError> {
         let mut layout = Self {
@@ -386,11 +392,13 @@ impl Layout {
     fn touched(&self, data: &Data) -> Self {
         let information: DMatrix<f64> = data.joints.values().map(|joint| joint.equations.information()).sum();
         let jacobian = self.jacobian(&self.start);
-        let acts = |index: usize| {
+        let strength = |index: usize| {
             let column = jacobian.column(index);
-            (column.transpose() * &information * column)[0] > 0.0
+            (column.transpose() * &information * column)[0].max(0.0).sqrt() * self.scale[index]
         };
-        let mut keep: Vec<bool> = (0..self.start.len()).map(acts).collect();
+        let strengths: Vec<f64> = (0..self.start.len()).map(strength).collect();
+        let strongest = strengths.iter().copied().fold(0.0, f64::max);
+        let mut keep: Vec<bool> = strengths.iter().map(|strength| *strength > NO_EFFECT * strongest).collect();
         // One moment of inertia that moves needs the others of its link to stay a body.
         for link in &self.links {
             if link.unknown[4..].iter().flatten().any(|&index| keep[index]) {
@@ -458,17 +466,17 @@ impl Layout {
         };
         let orders = orders.iter().filter_map(|(larger, smaller)| Some((entry(larger)?, entry(smaller)?)));
         let orders = orders.filter(|ends| !matches!(ends, (Entry::Known(_), Entry::Known(_))));
-        let bodies = self.links.iter().filter(|link| link.unknown[4..].iter().any(Option::is_some)).map(|link| {
-            std::array::from_fn(|entry| match link.unknown[4 + entry] {
-                Some(index) => Entry::Unknown(index),
-                None => Entry::Known(link.values[4 + entry]),
-            })
+        let links = self.links.iter().map(|link| Body {
+            inertial: std::array::from_fn(|symbol| {
+                link.unknown[symbol].map_or(Entry::Known(link.values[symbol]), Entry::Unknown)
+            }),
+            is_physical: link.has_unknown_inertia(),
         });
         Region {
             lower: self.lower.clone(),
             upper: self.upper.clone(),
             scale: self.scale.clone(),
-            bodies: bodies.collect(),
+            links: links.collect(),
             orders: orders.collect(),
         }
     }
@@ -478,7 +486,7 @@ impl Layout {
         for margin in [1e-2, 1e-4, 1e-6, 1e-8] {
             let mut point = x.to_vec();
             for link in &self.links {
-                if link.unknown[4..].iter().all(Option::is_none) {
+                if !link.has_unknown_inertia() {
                     continue;
                 }
                 let inertial = Self::inertial(link, &point);
@@ -516,9 +524,7 @@ impl Layout {
             }
         }
         let link = self.links.iter().find(|link| {
-            let inertial = Self::inertial(link, x);
-            let inertia = std::array::from_fn(|entry| inertial[4 + entry]);
-            physical::inertia_barrier(&inertia).is_none() && link.unknown[4..].iter().any(Option::is_some)
+            link.has_unknown_inertia() && physical::body_barrier_value(&Self::inertial(link, x)).is_none()
         });
         Err(TorqueFitError::NoBody { link: link.map_or(0, |link| link.number) })
     }
@@ -767,34 +773,6 @@ impl Cost for Weighted<'_> {
         }
         Quadratic { value: self.value(x), gradient, hessian }
     }
-
-    /// Straight in the standard parameters, in which the torque error is linear: mass times centroid may stay while
-    /// both change. Fixed parameters stay what they are.
-    fn moved(&self, x: &[f64], step: &[f64]) -> Vec<f64> {
-        let mut moved: Vec<f64> = x.iter().zip(step).map(|(x, step)| x + step).collect();
-        for link in &self.layout.links {
-            if link.unknown.iter().all(Option::is_none) {
-                continue;
-            }
-            let here = Layout::inertial(link, x);
-            let change: [f64; 10] = std::array::from_fn(|symbol| link.unknown[symbol].map_or(0.0, |index| step[index]));
-            let jacobian = physical::standard_jacobian(&here);
-            let mut standard = physical::standard(&here);
-            for (value, row) in standard.iter_mut().zip(&jacobian) {
-                *value += row.iter().zip(&change).map(|(by, change)| by * change).sum::<f64>();
-            }
-            if standard[0] <= 0.0 {
-                moved.fill(f64::NAN);
-                return moved;
-            }
-            for (unknown, value) in link.unknown.iter().zip(physical::inertial(&standard)) {
-                if let Some(index) = *unknown {
-                    moved[index] = value;
-                }
-            }
-        }
-        moved
-    }
 }
 
 /// Standard errors, flags and status at the solution.
@@ -826,12 +804,12 @@ fn conclude(
         noise += information * (data.correlation_time / sigma[joint].powi(2));
     }
     let factor = weighted.factor() * &jacobian;
-    let all = standing(&factor, &noise);
+    let all = standing(&factor, &noise, &layout.scale);
     // A parameter on its bound is known as far as the others are concerned.
     let moving = if held.contains(&true) {
         let without_held =
             DMatrix::from_fn(factor.nrows(), n, |row, column| if held[column] { 0.0 } else { factor[(row, column)] });
-        standing(&without_held, &noise)
+        standing(&without_held, &noise, &layout.scale)
     } else {
         all.clone()
     };
@@ -849,7 +827,7 @@ fn conclude(
     let links_at_physical_limit: Vec<usize> = layout
         .links
         .iter()
-        .filter(|link| link.unknown[4..].iter().any(Option::is_some) && at_limit(&Layout::inertial(link, x)))
+        .filter(|link| link.has_unknown_inertia() && at_limit(&Layout::inertial(link, x)))
         .map(|link| link.number)
         .collect();
     let status = match status {

@@ -26,12 +26,7 @@ pub(super) fn by_position(
 ) -> Result<Identified, Error> {
     let problem = PositionProblem::of_model(model, fitted(runs))?;
     let fit = position::fit(&problem, options, &mut |told| {
-        progress(&Progress {
-            iteration: told.iteration,
-            cost: told.cost,
-            tether: told.tether,
-            configuration: None,
-        });
+        progress(&Progress { iteration: told.iteration, cost: told.cost, tether: told.tether, configuration: None });
         Watch::Continue
     })?;
     let after = fit.applied_to(model);

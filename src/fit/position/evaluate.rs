@@ -50,6 +50,8 @@ pub(super) struct Evaluator<'a> {
 pub(super) struct Resolution {
     pub(super) horizon_s: f64,
     pub(super) substeps: usize,
+    /// Steps of the sensitivities: fewer do, for an error of theirs only bends the path to the minimum a little.
+    pub(super) jacobian_substeps: usize,
     /// Rate of the tether to the log [1/s]; 0 without one.
     pub(super) tether: f64,
 }
@@ -118,7 +120,7 @@ impl<'a> Evaluator<'a> {
         /// Share of the noise that the integration may add: a numerical choice.
         const SHARE: f64 = 0.1;
         let simulated = |substeps: usize| -> Option<Vec<Vec<f64>>> {
-            let resolution = Resolution { horizon_s: 5.0, substeps, tether: 0.0 };
+            let resolution = Resolution { horizon_s: 5.0, substeps, jacobian_substeps: substeps, tether: 0.0 };
             self.ready.par_iter().map(|ready| ready.simulate(x, resolution).ok()).collect()
         };
         let Some(reference) = simulated(fine) else { return fine };
@@ -231,7 +233,12 @@ impl<'a> Ready<'a> {
         let count = self.columns.count();
         let width = self.columns.width();
         let first = self.first_sample();
-        let options = Options { substeps: resolution.substeps, ..Options::default() };
+        let options = Options { substeps: resolution.jacobian_substeps, ..Options::default() };
+        let finer = if resolution.jacobian_substeps == resolution.substeps {
+            None
+        } else {
+            Some(self.simulate(x, resolution).ok()?)
+        };
         let mut cost = 0.0;
         let mut gradient = vec![0.0; width];
         let mut hessian = vec![0.0; width * width];
@@ -239,6 +246,7 @@ impl<'a> Ready<'a> {
             if sample < first {
                 return;
             }
+            let position = finer.as_ref().map_or(position, |finer| &finer[sample * n_free..(sample + 1) * n_free]);
             for (slot, row) in rows.chunks_exact(width).enumerate() {
                 let weight = self.weights[slot];
                 let error = (self.run.position[sample * n_free + slot] - position[slot]) * weight;

@@ -1,0 +1,278 @@
+//! Lagrange's equations of few free joints, collected: polynomials in what moves, with lumps as coefficients.
+//!
+//! A lump is what stands before one product of the free joints' cosines, sines and positions: parameters, lengths and
+//! locked angles, computed once per parameter set. Lumps that are multiples of each other are one; those of the torque
+//! are linearly independent, as each is a column of the regressor.
+
+use std::collections::BTreeMap;
+
+use dynid_lower::{Node, Program};
+use symbolica::domains::rational::Rational;
+
+use crate::{
+    algebra::{Polynomial, joint_unit},
+    emit::{Context, Term, nested},
+    kernel::{Group, pairs},
+    lagrangian::Lagrangian,
+};
+
+/// The subset equations of the free joints as polynomials.
+pub struct Subset {
+    /// `D[i][j]`, i <= j.
+    inertia: BTreeMap<(usize, usize), Polynomial>,
+    /// What stands before `dq[i] dq[j]`, i <= j, in row k: (k, i, j).
+    velocity: BTreeMap<(usize, usize, usize), Polynomial>,
+    /// phi.
+    gravity: BTreeMap<usize, Polynomial>,
+}
+
+impl Subset {
+    /// Rows and columns of the free joints; `None` where D has more than `limit` products of what moves.
+    pub fn new(context: &Context, lagrangian: &Lagrangian, limit: usize) -> Option<Subset> {
+        let algebra = context.algebra;
+        let inertia: BTreeMap<_, _> =
+            pairs(context.free).into_iter().map(|(i, j)| ((i, j), lagrangian.inertia_entry(algebra, i, j))).collect();
+        let n_products: usize = inertia.values().map(|entry| products(context, entry).len()).sum();
+        if n_products > limit {
+            return None;
+        }
+        let gravity = context.free.iter().map(|&k| (k, lagrangian.gravity(algebra, k))).collect();
+        let mut velocity = BTreeMap::new();
+        for &k in context.free {
+            for (i, j) in pairs(context.free) {
+                let symbol = lagrangian.christoffel(algebra, i, j, k);
+                let sum = if i == j { symbol } else { &algebra.integer(2) * &symbol };
+                velocity.insert((k, i, j), sum);
+            }
+        }
+        Some(Subset { inertia, velocity, gravity })
+    }
+
+    /// A group of outputs; bit k of `kept_sines` says that squares of the k-th moving angle's cosine are eliminated
+    /// rather than of its sine.
+    pub fn program(&self, context: &Context, group: Group, kept_sines: usize) -> Program {
+        let mut writer = Writer {
+            context,
+            group,
+            kept_sines,
+            program: Program::new(),
+            lumps: Vec::new(),
+            basis: Basis::default(),
+            independent: Vec::new(),
+            values: Vec::new(),
+        };
+        let free = context.free;
+        let inertia: BTreeMap<(usize, usize), Node> = match group {
+            Group::Bias => BTreeMap::new(),
+            _ => self
+                .inertia
+                .iter()
+                .map(|(&(i, j), entry)| ((i, j), writer.emit(entry, &format!("d_{i}_{j}"))))
+                .collect(),
+        };
+        if group == Group::Inertia {
+            for ((i, j), entry) in inertia {
+                writer.program.output(&format!("D_{i}_{j}"), entry);
+            }
+            return writer.program;
+        }
+        for (&k, output) in free.iter().zip(group.outputs(free)) {
+            let mut terms = Vec::new();
+            for (&(_, i, j), symbol) in self.velocity.range((k, 0, 0)..(k + 1, 0, 0)) {
+                let (scale, leaf) = writer.emit_scaled(symbol, &format!("c_{k}_{i}_{j}"));
+                if scale != 0.0 {
+                    let mut exponents = vec![0; free.len()];
+                    for joint in [i, j] {
+                        exponents[free.iter().position(|&known| known == joint).unwrap_or(0)] += 1;
+                    }
+                    terms.push(Term { coefficient: scale, leaf: Some(leaf), exponents });
+                }
+            }
+            let mut velocity = |position: usize, program: &mut Program| {
+                let joint = free[position];
+                program.velocity(joint, &format!("{}/s", joint_unit(context.device, joint)))
+            };
+            let coriolis = nested(&mut writer.program, terms, &mut velocity);
+            writer.program.name(coriolis, &format!("coriolis{k}"));
+            let gravity = writer.emit(&self.gravity[&k], &format!("phi{k}"));
+            let mut sum = writer.program.add(coriolis, gravity);
+            if group == Group::Torque {
+                for &j in free {
+                    let unit = format!("{}/s^2", joint_unit(context.device, j));
+                    let acceleration = writer.program.acceleration(j, &unit);
+                    let inertial = writer.program.multiply(inertia[&(k.min(j), k.max(j))], acceleration);
+                    sum = writer.program.add(sum, inertial);
+                }
+            }
+            writer.program.output(&output, sum);
+        }
+        writer.program
+    }
+}
+
+/// Writes polynomials over a growing list of lumps.
+struct Writer<'a> {
+    context: &'a Context<'a>,
+    group: Group,
+    kept_sines: usize,
+    program: Program,
+    /// Lumps divided by their leading coefficient, that coefficient, and their terms in the program.
+    lumps: Vec<(Polynomial, f64, Node)>,
+    /// Linearly independent lumps, and their terms in the program.
+    basis: Basis,
+    independent: Vec<Node>,
+    /// As `lumps`, of polynomials in what moves.
+    values: Vec<(Polynomial, f64, Node)>,
+}
+
+impl Writer<'_> {
+    /// The polynomial's value.
+    fn emit(&mut self, polynomial: &Polynomial, name: &str) -> Node {
+        let (scale, value) = self.emit_scaled(polynomial, name);
+        let scale = self.program.number(scale);
+        self.program.multiply(scale, value)
+    }
+
+    /// A factor and the value of the polynomial without it; multiples of one polynomial share the value.
+    fn emit_scaled(&mut self, polynomial: &Polynomial, name: &str) -> (f64, Node) {
+        let context = self.context;
+        let moving_angles: Vec<usize> = (context.algebra.pairs().iter().enumerate())
+            .filter(|(_, (cosine, _))| context.algebra.moves(*cosine, context.free))
+            .map(|(angle, _)| angle)
+            .collect();
+        let eliminate_sine = |angle: usize| match moving_angles.iter().position(|&known| known == angle) {
+            Some(bit) => self.kept_sines >> bit & 1 == 0,
+            None => true,
+        };
+        let polynomial = context.algebra.eliminate(polynomial, eliminate_sine);
+        if polynomial.is_zero() {
+            return (0.0, self.program.number(0.0));
+        }
+        let (leading, normal) = normalised(context, &polynomial);
+        if let Some((_, first, value)) = self.values.iter().find(|(known, _, _)| *known == normal) {
+            return (leading / first, *value);
+        }
+        let mut terms = Vec::new();
+        for (exponents, coefficient) in products(context, &polynomial) {
+            for (ratio, lump) in self.lump(&coefficient) {
+                terms.push(Term { coefficient: ratio, leaf: Some(lump), exponents: exponents.clone() });
+            }
+        }
+        let mut symbol = |position: usize, program: &mut Program| {
+            context.algebra.node(position, context.device, context.free, program)
+        };
+        let value = nested(&mut self.program, terms, &mut symbol);
+        self.program.name(value, name);
+        self.values.push((normal, leading, value));
+        (1.0, value)
+    }
+
+    /// The polynomial as a sum of multiples of lumps.
+    fn lump(&mut self, polynomial: &Polynomial) -> Vec<(f64, Node)> {
+        if let Some(whole) = polynomial.as_integer() {
+            return vec![(whole as f64, self.program.number(1.0))];
+        }
+        match self.group {
+            // A multiple of a lump is a constant that `prepare` computes.
+            Group::Inertia | Group::Bias => {
+                let (leading, normal) = normalised(self.context, polynomial);
+                let lump = match self.lumps.iter().find(|(known, _, _)| *known == normal) {
+                    Some(&(_, first, lump)) => {
+                        let ratio = self.program.number(leading / first);
+                        self.program.multiply(ratio, lump)
+                    }
+                    None => {
+                        let lump = self.write_lump(polynomial, self.lumps.len());
+                        self.lumps.push((normal, leading, lump));
+                        lump
+                    }
+                };
+                vec![(1.0, lump)]
+            }
+            // The regressor has one column per lump: only independent ones.
+            Group::Torque => {
+                let n_known = self.basis.len();
+                match self.basis.express(polynomial) {
+                    Some(parts) => parts.into_iter().map(|(part, ratio)| (ratio, self.independent[part])).collect(),
+                    None => {
+                        let lump = self.write_lump(polynomial, n_known);
+                        self.independent.push(lump);
+                        vec![(1.0, lump)]
+                    }
+                }
+            }
+        }
+    }
+
+    fn write_lump(&mut self, polynomial: &Polynomial, number: usize) -> Node {
+        let lump = self.context.emit(&mut self.program, polynomial);
+        self.program.name(lump, &format!("{}_lump{number}", self.group.symbol().to_lowercase()))
+    }
+}
+
+/// Linearly independent polynomials, in echelon form.
+#[derive(Default)]
+struct Basis {
+    /// What is left of each polynomial after the earlier ones, its pivot, and how it is made of the polynomials.
+    rows: Vec<(BTreeMap<Vec<u8>, Rational>, Vec<u8>, Vec<Rational>)>,
+}
+
+impl Basis {
+    fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// The polynomial as a combination of those before: which ones, and how many times. An independent one joins
+    /// the basis.
+    fn express(&mut self, polynomial: &Polynomial) -> Option<Vec<(usize, f64)>> {
+        let zero = Rational::from(0);
+        let mut rest: BTreeMap<Vec<u8>, Rational> =
+            polynomial.terms().map(|(coefficient, exponents)| (exponents.to_vec(), coefficient.clone())).collect();
+        let mut parts = vec![zero.clone(); self.rows.len()];
+        for (row, pivot, made_of) in &self.rows {
+            let Some(at_pivot) = rest.get(pivot) else { continue };
+            let ratio = at_pivot / &row[pivot];
+            for (exponents, coefficient) in row {
+                let entry = rest.entry(exponents.clone()).or_insert_with(|| zero.clone());
+                *entry = &*entry - &(&ratio * coefficient);
+            }
+            rest.retain(|_, coefficient| *coefficient != zero);
+            for (part, coefficient) in parts.iter_mut().zip(made_of) {
+                *part = &*part + &(&ratio * coefficient);
+            }
+        }
+        let Some(pivot) = rest.keys().next().cloned() else {
+            let parts = parts.into_iter().enumerate().filter(|(_, part)| *part != zero);
+            return Some(parts.map(|(at, part)| (at, part.to_f64())).collect());
+        };
+        // rest = polynomial - sum(parts)
+        let mut made_of: Vec<Rational> = parts.into_iter().map(|part| -part).collect();
+        made_of.push(Rational::from(1));
+        self.rows.push((rest, pivot, made_of));
+        None
+    }
+}
+
+/// The first coefficient, and the polynomial divided by it.
+fn normalised(context: &Context, polynomial: &Polynomial) -> (f64, Polynomial) {
+    let Some((leading, _)) = polynomial.terms().next() else { return (0.0, polynomial.clone()) };
+    let leading: Rational = leading.clone();
+    let terms = polynomial
+        .terms()
+        .map(|(coefficient, exponents): (&Rational, &[u8])| (exponents.to_vec(), coefficient / &leading));
+    (leading.to_f64(), context.algebra.from_terms(terms))
+}
+
+/// The polynomial as a polynomial in what moves: exponents and coefficients.
+fn products(context: &Context, polynomial: &Polynomial) -> BTreeMap<Vec<u8>, Polynomial> {
+    let algebra = context.algebra;
+    let moves: Vec<bool> = (0..algebra.symbols().len()).map(|position| algebra.moves(position, context.free)).collect();
+    let mut groups: BTreeMap<Vec<u8>, Vec<(Vec<u8>, Rational)>> = BTreeMap::new();
+    for (coefficient, exponents) in polynomial.terms() {
+        let part = |moving: bool| -> Vec<u8> {
+            exponents.iter().zip(&moves).map(|(&exponent, &moves)| if moves == moving { exponent } else { 0 }).collect()
+        };
+        groups.entry(part(true)).or_default().push((part(false), coefficient.clone()));
+    }
+    groups.into_iter().map(|(exponents, terms)| (exponents, algebra.from_terms(terms))).collect()
+}

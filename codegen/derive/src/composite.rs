@@ -1,0 +1,241 @@
+//! The inertia matrix by composite bodies (Walker & Orin 1982; Featherstone's CRBA), over turnings and places.
+//!
+//! From the tips inwards, each turning takes in the second and first moments of what it carries. Turning at unit
+//! acceleration, the composite gives a moment and forces; what they ask of the turnings below is a column of D.
+
+use std::collections::BTreeMap;
+
+use dynid_lower::{Node, Program};
+
+use crate::{
+    recursion::{Mechanism, Motion},
+    spatial::{ENTRIES, Symmetric, Vector, add, cross, dot, entry, rotate_symmetric},
+    tree::Place,
+};
+
+/// Inertia between turnings, (upper, lower) with the lower index first; what vanishes is missing.
+type TurningInertia = BTreeMap<(usize, usize), Node>;
+
+/// D by joint pairs (i, j), i <= j; `None` where something slides.
+pub fn inertia(mechanism: &Mechanism, program: &mut Program) -> Option<BTreeMap<(usize, usize), Node>> {
+    let lumps = mechanism.lumps;
+    let slides = |place: &Place| place.values().any(|segment| !segment.slides.is_empty());
+    if (0..lumps.places.len()).any(|number| slides(lumps.places.place(number))) || !lumps.mass.is_empty() {
+        return None;
+    }
+    let by_turning = Composite::new(mechanism, program).turning_inertia();
+    let turnings = &mechanism.tree.turnings;
+    let mut inertia: BTreeMap<(usize, usize), Node> = BTreeMap::new();
+    for (&(a, b), &value) in &by_turning {
+        let (i, j) = (turnings[a].joint, turnings[b].joint);
+        // Two turnings of one joint meet twice in its diagonal entry.
+        let count = if a != b && i == j { 2 } else { 1 };
+        let factor = program.number((count * turnings[a].factor * turnings[b].factor) as f64);
+        let part = program.multiply(factor, value);
+        let zero = program.number(0.0);
+        let sum = inertia.entry((i.min(j), i.max(j))).or_insert(zero);
+        *sum = program.add(*sum, part);
+    }
+    Some(inertia)
+}
+
+/// Composite bodies under way.
+struct Composite<'a, 'b> {
+    mechanism: &'b Mechanism<'a>,
+    program: &'b mut Program,
+    places: Vec<Place>,
+    second: Vec<Symmetric>,
+    first: BTreeMap<(usize, usize), Vector<Node>>,
+    /// Moments on lower turnings that unit acceleration of a turning asks for through couplings: by (of, on).
+    extra: BTreeMap<(usize, usize), Vector<Node>>,
+    inertia: TurningInertia,
+}
+
+impl<'a, 'b> Composite<'a, 'b> {
+    fn new(mechanism: &'b Mechanism<'a>, program: &'b mut Program) -> Self {
+        let lumps = mechanism.lumps;
+        Composite {
+            mechanism,
+            places: (0..lumps.places.len()).map(|number| lumps.places.place(number).clone()).collect(),
+            second: lumps.second.clone(),
+            first: lumps.first.clone(),
+            extra: BTreeMap::new(),
+            inertia: BTreeMap::new(),
+            program,
+        }
+    }
+
+    fn turning_inertia(mut self) -> TurningInertia {
+        self.couplings();
+        for turning in (1..self.mechanism.tree.turnings.len()).rev() {
+            self.take_in_own_offsets(turning);
+            self.column(turning);
+            self.hand_down(turning);
+        }
+        self.inertia
+    }
+
+    /// First moments at places that end in the turning itself move to where it turns about.
+    fn take_in_own_offsets(&mut self, turning: usize) {
+        let ends_here =
+            |places: &[Place], place: usize| places[place].last_key_value().is_some_and(|(&last, _)| last == turning);
+        let keys: Vec<(usize, usize)> =
+            self.first.keys().filter(|key| key.0 == turning && ends_here(&self.places, key.1)).copied().collect();
+        for key in keys {
+            let (Some(first), Some(segment)) = (self.first.remove(&key), self.places[key.1].get(&turning).cloned())
+            else {
+                continue;
+            };
+            let offset = self.mechanism.offset(self.program, &segment);
+            for (at, (row, column)) in ENTRIES.into_iter().enumerate() {
+                let one = self.program.multiply(first[row], offset[column]);
+                let other = self.program.multiply(first[column], offset[row]);
+                let both = self.program.add(one, other);
+                self.second[turning][at] = self.program.add(self.second[turning][at], both);
+            }
+            let mut before = self.places[key.1].clone();
+            before.remove(&turning);
+            self.add_first(turning, before, first);
+        }
+    }
+
+    /// Unit acceleration about the turning's axis.
+    fn column(&mut self, turning: usize) {
+        let zero = self.program.number(0.0);
+        let second = self.second[turning];
+        let [xz, yz] = [second[entry(0, 2)], second[entry(1, 2)]].map(|product| self.program.negate(product));
+        let axial = self.program.add(second[entry(0, 0)], second[entry(1, 1)]);
+        let mut moments = vec![[zero; 3]; self.mechanism.tree.turnings.len()];
+        moments[turning] = [xz, yz, axial];
+        for (&(_, on), &moment) in self.extra.range((turning, 0)..(turning + 1, 0)) {
+            moments[on] = add(self.program, moments[on], moment);
+        }
+        let forces = self
+            .first
+            .range((turning, 0)..(turning + 1, 0))
+            .map(|(&(_, place), &[x, y, _])| (place, [self.program.negate(y), x, zero]))
+            .collect::<Vec<_>>();
+        let forces = forces.into_iter().map(|(place, force)| ((place, turning), force)).collect();
+        let motion = Motion { dq: Vec::new(), ddq: Vec::new(), gravity: [zero; 3], prefix: format!("e{turning}_") };
+        let places = &self.places;
+        let moments = self.mechanism.axial_moments(self.program, &motion, places, forces, moments);
+        for below in (1..=turning).filter(|&below| self.mechanism.tree.carries(below, turning)) {
+            self.add_inertia(below, turning, moments[below]);
+        }
+    }
+
+    /// The turning below carries the composite.
+    fn hand_down(&mut self, turning: usize) {
+        let parent = self.mechanism.tree.turnings[turning].parent;
+        if parent == 0 {
+            return;
+        }
+        let (c, s) = self.mechanism.cos_sin(self.program, turning);
+        let program = &mut *self.program;
+        let [xx, xy, xz, yy, yz, zz] = self.second[turning];
+        // Rz(q) M Rz(q)^T, with v = s (Mxx - Myy) + 2 c Mxy.
+        let (difference, twice) = (program.subtract(xx, yy), program.add(xy, xy));
+        let (v1, v2) = (program.multiply(s, difference), program.multiply(c, twice));
+        let v = program.add(v1, v2);
+        let (sv, cv) = (program.multiply(s, v), program.multiply(c, v));
+        let (cxz, syz) = (program.multiply(c, xz), program.multiply(s, yz));
+        let (sxz, cyz) = (program.multiply(s, xz), program.multiply(c, yz));
+        let turned = [
+            program.subtract(xx, sv),
+            program.subtract(cv, xy),
+            program.subtract(cxz, syz),
+            program.add(yy, sv),
+            program.add(sxz, cyz),
+            zz,
+        ];
+        let below = rotate_symmetric(program, &self.mechanism.lumps.fixed[turning], &turned);
+        for (at, name) in ["xx", "xy", "xz", "yy", "yz", "zz"].into_iter().enumerate() {
+            let sum = program.add(self.second[parent][at], below[at]);
+            program.name(sum, &format!("composite{parent}_{name}"));
+            self.second[parent][at] = sum;
+        }
+        let firsts: Vec<(usize, Vector<Node>)> =
+            self.first.range((turning, 0)..(turning + 1, 0)).map(|(&(_, place), &first)| (place, first)).collect();
+        for (place, first) in firsts {
+            let below = self.mechanism.down_from(self.program, turning, first);
+            let place = self.places[place].clone();
+            self.add_first(parent, place, below);
+        }
+    }
+
+    /// Mixed second moments between two turnings: part of the composite where both are carried, moments and cross
+    /// terms above.
+    fn couplings(&mut self) {
+        let tree = self.mechanism.tree;
+        for coupling in &self.mechanism.lumps.couplings {
+            let (turning, carrier) = (coupling.turning, coupling.carrier);
+            let mut common = turning;
+            while !tree.carries(common, carrier) {
+                common = tree.turnings[common].parent;
+            }
+            let (first, first_rates) = self.rates_above(common, turning, coupling.first);
+            let (offset, offset_rates) = self.rates_above(common, carrier, coupling.offset);
+            if common != 0 {
+                for (at, (row, column)) in ENTRIES.into_iter().enumerate() {
+                    let one = self.program.multiply(first[row], offset[column]);
+                    let other = self.program.multiply(first[column], offset[row]);
+                    let both = self.program.add(one, other);
+                    self.second[common][at] = self.program.add(self.second[common][at], both);
+                }
+                for (rates, arm) in [(&first_rates, offset), (&offset_rates, first)] {
+                    for &(of, rate) in rates {
+                        let moment = cross(self.program, arm, rate);
+                        let zero = self.program.number(0.0);
+                        let sum = self.extra.entry((of, common)).or_insert([zero; 3]);
+                        *sum = add(self.program, *sum, moment);
+                    }
+                }
+            }
+            for &(one, first_rate) in &first_rates {
+                for &(other, offset_rate) in &offset_rates {
+                    let value = dot(self.program, first_rate, offset_rate);
+                    self.add_inertia(one.min(other), one.max(other), value);
+                }
+            }
+        }
+    }
+
+    /// A vector fixed in `turning`, in the axes of `common`, and its change as each turning in between turns.
+    fn rates_above(
+        &mut self,
+        common: usize,
+        mut turning: usize,
+        mut vector: Vector<Node>,
+    ) -> (Vector<Node>, Vec<(usize, Vector<Node>)>) {
+        let zero = self.program.number(0.0);
+        let mut rates: Vec<(usize, Vector<Node>)> = Vec::new();
+        while turning != common {
+            rates.push((turning, [self.program.negate(vector[1]), vector[0], zero]));
+            vector = self.mechanism.down_from(self.program, turning, vector);
+            for (_, rate) in &mut rates {
+                *rate = self.mechanism.down_from(self.program, turning, *rate);
+            }
+            turning = self.mechanism.tree.turnings[turning].parent;
+        }
+        (vector, rates)
+    }
+
+    fn add_inertia(&mut self, lower: usize, upper: usize, value: Node) {
+        let zero = self.program.number(0.0);
+        let sum = self.inertia.entry((lower, upper)).or_insert(zero);
+        *sum = self.program.add(*sum, value);
+    }
+
+    fn add_first(&mut self, turning: usize, place: Place, first: Vector<Node>) {
+        let number = match self.places.iter().position(|known| *known == place) {
+            Some(known) => known,
+            None => {
+                self.places.push(place);
+                self.places.len() - 1
+            }
+        };
+        let zero = self.program.number(0.0);
+        let sum = self.first.entry((turning, number)).or_insert([zero; 3]);
+        *sum = add(self.program, *sum, first);
+    }
+}

@@ -1,0 +1,271 @@
+//! Inertial parameters regrouped: fewer of them move the same mechanism.
+//!
+//! Mass is carried as second moments `M = integral of r r^T dm` (so that `J = trace(M) 1 - M`), first moments `m c` and
+//! masses, in the axes of a turning and about a place. What a rotation about z does not show moves on to the turning
+//! below: masses, the first moment along z and `Mzz` (Khalil & Kleinfinger 1987; Gautier 1991 put the same with J,
+//! eliminating `Jyy` instead). A mass at a place becomes part of the turning in which the place is fixed. All of it
+//! depends on parameters and locked angles only, so it is computed once per parameter set.
+
+use std::collections::BTreeMap;
+
+use dynid_lower::{Node, Program};
+
+use crate::{
+    algebra::Polynomial,
+    emit::Context,
+    spatial::{ENTRIES, Matrix, Symmetric, Vector, add, apply, entry, rotate_symmetric, scale},
+    tree::{Body, Place, Tree},
+};
+
+/// Places by number; 0 is the base's origin.
+#[derive(Debug, Default)]
+pub struct Places {
+    places: Vec<Place>,
+}
+
+impl Places {
+    /// The number of a place.
+    pub fn number(&mut self, place: &Place) -> usize {
+        if let Some(known) = self.places.iter().position(|known| known == place) {
+            return known;
+        }
+        self.places.push(place.clone());
+        self.places.len() - 1
+    }
+
+    /// The place of a number.
+    pub fn place(&self, number: usize) -> &Place {
+        &self.places[number]
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+}
+
+/// A first moment whose place moves with another turning than the moment does: together they act like the mixed
+/// second moment `first offset^T`.
+#[derive(Debug, Clone)]
+pub struct Coupling {
+    /// Whose axes the first moment is fixed in.
+    pub turning: usize,
+    /// First moment [kg m], or times a length if `offset` is a unit vector.
+    pub first: Vector<Node>,
+    /// In whose axes the offset is fixed.
+    pub carrier: usize,
+    /// From the regular place to the actual one [m].
+    pub offset: Vector<Node>,
+}
+
+/// What is left of a device's inertial parameters in one configuration.
+pub struct Lumps {
+    /// The places that are needed.
+    pub places: Places,
+    /// Second moments by turning [kg m^2]; `Mzz` is 0.
+    pub second: Vec<Symmetric>,
+    /// First moments [kg m] by turning and place.
+    pub first: BTreeMap<(usize, usize), Vector<Node>>,
+    /// Masses [kg] by place: only at places that slide.
+    pub mass: BTreeMap<usize, Node>,
+    /// First moments at places that turn with something else.
+    pub couplings: Vec<Coupling>,
+    /// The constant rotations of the turnings as program terms.
+    pub fixed: Vec<Matrix<Node>>,
+}
+
+impl Lumps {
+    /// Regroups the parameters of all links.
+    pub fn new(context: &Context, tree: &Tree, program: &mut Program) -> Lumps {
+        let zero = program.number(0.0);
+        let fixed = tree.turnings.iter().map(|turning| emit_matrix(context, program, &turning.fixed)).collect();
+        let mut lumps = Lumps {
+            places: Places::default(),
+            second: vec![[zero; 6]; tree.turnings.len()],
+            first: BTreeMap::new(),
+            mass: BTreeMap::new(),
+            couplings: Vec::new(),
+            fixed,
+        };
+        lumps.places.number(&Place::new());
+        for body in &tree.bodies {
+            lumps.add_body(context, tree, program, body);
+        }
+        for turning in (1..tree.turnings.len()).rev() {
+            lumps.hand_down(context, tree, program, turning);
+        }
+        lumps.name(program);
+        lumps
+    }
+
+    /// Second moments, first moment and mass of a link, in the axes of its turning.
+    fn add_body(&mut self, context: &Context, tree: &Tree, program: &mut Program, body: &Body) {
+        let rotation = emit_matrix(context, program, &body.rotation);
+        let mut parameter =
+            |symbol: &str| context.emit(program, &context.algebra.parameter(&format!("link.{}.{symbol}", body.link)));
+        let mass = parameter("m");
+        let centroid = ["x", "y", "z"].map(&mut parameter);
+        let [xx, xy, xz, yy, yz, zz] = ["Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"].map(&mut parameter);
+
+        let first = scale(program, mass, centroid);
+        // Integral of x^2 from the inertia about the centroid: (Iyy + Izz - Ixx) / 2; products change their sign.
+        let half = program.number(0.5);
+        let mut square = |plus: [Node; 2], minus: Node| {
+            let sum = program.add(plus[0], plus[1]);
+            let sum = program.subtract(sum, minus);
+            program.multiply(half, sum)
+        };
+        let diagonal = [square([yy, zz], xx), square([xx, zz], yy), square([xx, yy], zz)];
+        let about_centroid =
+            [diagonal[0], program.negate(xy), program.negate(xz), diagonal[1], program.negate(yz), diagonal[2]];
+        let mut second = about_centroid;
+        for (at, (row, column)) in ENTRIES.into_iter().enumerate() {
+            let steiner = program.multiply(first[row], centroid[column]);
+            second[at] = program.add(second[at], steiner);
+        }
+        for (name, node) in ["xx", "xy", "xz", "yy", "yz", "zz"].into_iter().zip(second) {
+            program.name(node, &format!("link{}_m{name}", body.link));
+        }
+        for (name, node) in ["x", "y", "z"].into_iter().zip(first) {
+            program.name(node, &format!("link{}_m{name}", body.link));
+        }
+        let second = rotate_symmetric(program, &rotation, &second);
+        let first = apply(program, &rotation, first);
+        self.add_second(program, body.turning, second);
+        self.add_first(context, tree, program, body.turning, body.place.clone(), first);
+        self.add_mass(context, tree, program, body.place.clone(), mass);
+    }
+
+    /// Hands what rotating about z does not show to the turning below.
+    fn hand_down(&mut self, context: &Context, tree: &Tree, program: &mut Program, turning: usize) {
+        let parent = tree.turnings[turning].parent;
+        let axis = self.fixed[turning].map(|row| row[2]);
+        let zero = program.number(0.0);
+        let along = std::mem::replace(&mut self.second[turning][entry(2, 2)], zero);
+        if parent != 0 {
+            let along_axis = scale(program, along, axis);
+            let second = ENTRIES.map(|(row, column)| program.multiply(along_axis[row], axis[column]));
+            self.add_second(program, parent, second);
+        }
+        let keys: Vec<(usize, usize)> = self.first.keys().filter(|(of, _)| *of == turning).copied().collect();
+        for key in keys {
+            let Some(first) = self.first.get_mut(&key) else { continue };
+            let along = std::mem::replace(&mut first[2], zero);
+            let place = self.places.place(key.1).clone();
+            let below = scale(program, along, axis);
+            self.add_first(context, tree, program, parent, place, below);
+        }
+    }
+
+    fn add_second(&mut self, program: &mut Program, turning: usize, second: Symmetric) {
+        for (sum, part) in self.second[turning].iter_mut().zip(second) {
+            *sum = program.add(*sum, part);
+        }
+    }
+
+    /// A first moment at a place. The parts of the place that are fixed in the turning itself make second moments;
+    /// those that turn with something that does not carry the turning make couplings.
+    fn add_first(
+        &mut self,
+        context: &Context,
+        tree: &Tree,
+        program: &mut Program,
+        turning: usize,
+        mut place: Place,
+        first: Vector<Node>,
+    ) {
+        if turning == 0 || first.iter().all(|&component| program.is_zero(component)) {
+            return;
+        }
+        // What is fixed in the base does not matter: it does not move.
+        if place.get(&0).is_some_and(|segment| segment.slides.is_empty()) {
+            place.remove(&0);
+        }
+        if place.get(&turning).is_some_and(|segment| segment.slides.is_empty()) {
+            if let Some(segment) = place.remove(&turning) {
+                let offset = emit_vector(context, program, &segment.constant);
+                let second = ENTRIES.map(|(row, column)| {
+                    let one = program.multiply(first[row], offset[column]);
+                    let other = program.multiply(first[column], offset[row]);
+                    program.add(one, other)
+                });
+                self.add_second(program, turning, second);
+            }
+        }
+        let irregular: Vec<usize> = (place.iter())
+            .filter(|(carrier, segment)| !tree.carries(**carrier, turning) && segment.slides.is_empty())
+            .map(|(carrier, _)| *carrier)
+            .collect();
+        for carrier in irregular {
+            let Some(segment) = place.remove(&carrier) else { continue };
+            let offset = emit_vector(context, program, &segment.constant);
+            let coupling = unit_offset(program, Coupling { turning, first, carrier, offset });
+            self.couplings.push(coupling);
+        }
+        let number = self.places.number(&place);
+        let zero = program.number(0.0);
+        let sum = self.first.entry((turning, number)).or_insert([zero; 3]);
+        *sum = add(program, *sum, first);
+    }
+
+    /// A mass at a place belongs to the turning in which the place is fixed.
+    fn add_mass(&mut self, context: &Context, tree: &Tree, program: &mut Program, mut place: Place, mass: Node) {
+        while let Some((&turning, segment)) = place.last_key_value() {
+            if !segment.slides.is_empty() {
+                let number = self.places.number(&place);
+                let zero = program.number(0.0);
+                let sum = self.mass.entry(number).or_insert(zero);
+                *sum = program.add(*sum, mass);
+                return;
+            }
+            if turning == 0 {
+                return;
+            }
+            let offset = emit_vector(context, program, &segment.constant);
+            place.remove(&turning);
+            let first = scale(program, mass, offset);
+            let second = ENTRIES.map(|(row, column)| program.multiply(first[row], offset[column]));
+            self.add_second(program, turning, second);
+            self.add_first(context, tree, program, turning, place.clone(), first);
+        }
+    }
+
+    fn name(&self, program: &mut Program) {
+        for (turning, second) in self.second.iter().enumerate() {
+            for (name, &node) in ["xx", "xy", "xz", "yy", "yz", "zz"].into_iter().zip(second) {
+                program.name(node, &format!("m{name}{turning}"));
+            }
+        }
+        for ((turning, place), first) in &self.first {
+            for (name, &node) in ["x", "y", "z"].into_iter().zip(first) {
+                program.name(node, &format!("m{name}{turning}_p{place}"));
+            }
+        }
+        for coupling in &self.couplings {
+            for (name, &node) in ["x", "y", "z"].into_iter().zip(&coupling.first) {
+                program.name(node, &format!("m{name}{}_with{}", coupling.turning, coupling.carrier));
+            }
+        }
+    }
+}
+
+/// An offset along one axis becomes a unit vector, its length going into the first moment.
+fn unit_offset(program: &mut Program, coupling: Coupling) -> Coupling {
+    let along: Vec<usize> = (0..3).filter(|&k| !program.is_zero(coupling.offset[k])).collect();
+    let [axis] = along[..] else { return coupling };
+    let (zero, one) = (program.number(0.0), program.number(1.0));
+    let mut offset = [zero; 3];
+    offset[axis] = one;
+    let first = scale(program, coupling.offset[axis], coupling.first);
+    Coupling { first, offset, ..coupling }
+}
+
+/// A matrix of polynomials as program terms.
+pub fn emit_matrix(context: &Context, program: &mut Program, matrix: &Matrix<Polynomial>) -> Matrix<Node> {
+    [0, 1, 2].map(|row| emit_vector(context, program, &matrix[row]))
+}
+
+/// A vector of polynomials as program terms.
+pub fn emit_vector(context: &Context, program: &mut Program, vector: &Vector<Polynomial>) -> Vector<Node> {
+    [0, 1, 2].map(|k| context.emit(program, &vector[k]))
+}

@@ -1,0 +1,259 @@
+//! How a device moves while some of its joints are free: what turns with what, and where things are.
+//!
+//! Orientations and positions are kept apart. A *turning* is one free joint's rotation about the z axis of its own
+//! axes, on top of another turning; frames whose orientations differ by a constant rotation share a turning, however
+//! their chains reach it. A *place* is a sum of vectors, each constant in the axes of one turning. So a link that
+//! keeps the orientation of another one is found from the frames, and locked joints are constant rotations.
+
+use std::collections::BTreeMap;
+
+use dynid_model::{Convention, Device};
+
+use crate::{
+    DeriveError,
+    algebra::{Algebra, AngleSum, Polynomial, angle_sum},
+    spatial::{Axis, Matrix, Vector, column, identity, product, rotation, transposed, z_to_x},
+};
+
+/// A rotation by `factor * q[joint]` about z, after the constant rotation `fixed` from the axes of `parent`.
+#[derive(Debug, Clone)]
+pub struct Turning {
+    /// Index of the turning below; 0 is the base, which does not turn.
+    pub parent: usize,
+    /// From the axes before the joint's rotation to those of `parent`.
+    pub fixed: Matrix<Polynomial>,
+    /// The free joint.
+    pub joint: usize,
+    /// How far it turns per unit of the joint variable.
+    pub factor: i64,
+}
+
+/// A vector in the axes of one turning: `constant + sum(slope * q)`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segment {
+    /// The part that does not change [m].
+    pub constant: Vector<Polynomial>,
+    /// By free joint; none is zero.
+    pub slides: BTreeMap<usize, Vector<Polynomial>>,
+}
+
+/// A position as a sum of vectors, by the turning in whose axes they stand; none is zero.
+pub type Place = BTreeMap<usize, Segment>;
+
+/// A link's frame: `R(turning) rotation` and a place.
+#[derive(Debug, Clone)]
+pub struct Body {
+    /// Link number, from 1.
+    pub link: usize,
+    /// Whose axes it turns with.
+    pub turning: usize,
+    /// From the link's frame to the axes of the turning.
+    pub rotation: Matrix<Polynomial>,
+    /// Origin of the link's frame.
+    pub place: Place,
+}
+
+/// A device whose joints of `free` move.
+#[derive(Debug, Clone)]
+pub struct Tree {
+    /// Parents come before their children; the first is the base.
+    pub turnings: Vec<Turning>,
+    /// One per link.
+    pub bodies: Vec<Body>,
+}
+
+/// Where a frame stands.
+#[derive(Debug, Clone)]
+struct Cursor {
+    turning: usize,
+    rotation: Matrix<Polynomial>,
+    place: Place,
+}
+
+impl Tree {
+    /// Follows the rows of the frames table.
+    ///
+    /// # Errors
+    /// A row that is no Denavit-Hartenberg row with affine joint variables.
+    pub fn new(algebra: &Algebra, device: &Device, free: &[usize]) -> Result<Tree, DeriveError> {
+        let base = Turning { parent: 0, fixed: identity(algebra), joint: usize::MAX, factor: 0 };
+        let mut tree = Tree { turnings: vec![base], bodies: Vec::new() };
+        let origin = Cursor { turning: 0, rotation: identity(algebra), place: Place::new() };
+        let mut cursors: Vec<Cursor> = Vec::new();
+        for frame in &device.frames {
+            let problem = |what: String| DeriveError::frame(device, frame, what);
+            let mut cursor = frame.parent.map_or(&origin, |parent| &cursors[parent]).clone();
+            let theta = angle_sum(&frame.theta).map_err(problem)?;
+            let alpha = angle_sum(&frame.alpha).map_err(problem)?;
+            let d = algebra.length(&frame.d).map_err(problem)?;
+            let a = algebra.length(&frame.a).map_err(problem)?;
+            let affine = |length: &Polynomial| {
+                algebra
+                    .affine_in_positions(length, free)
+                    .ok_or_else(|| problem("a length is an affine function of the joint variables".to_owned()))
+            };
+            let (d, a) = (affine(&d)?, affine(&a)?);
+            match device.convention {
+                Convention::Standard => {
+                    tree.turn(algebra, &mut cursor, Axis::Z, &theta, free);
+                    tree.shift(algebra, &mut cursor, Axis::Z, &d);
+                    tree.shift(algebra, &mut cursor, Axis::X, &a);
+                    tree.turn(algebra, &mut cursor, Axis::X, &alpha, free);
+                }
+                Convention::Modified => {
+                    tree.turn(algebra, &mut cursor, Axis::X, &alpha, free);
+                    tree.shift(algebra, &mut cursor, Axis::X, &a);
+                    tree.turn(algebra, &mut cursor, Axis::Z, &theta, free);
+                    tree.shift(algebra, &mut cursor, Axis::Z, &d);
+                }
+            }
+            cursors.push(cursor);
+        }
+        tree.bodies = (device.links.iter().zip(1..))
+            .map(|(link, number)| {
+                let Cursor { turning, rotation, place } = cursors[link.frame].clone();
+                Body { link: number, turning, rotation, place }
+            })
+            .collect();
+        Ok(tree)
+    }
+
+    /// True where `ancestor` is `turning` or below it.
+    pub fn carries(&self, ancestor: usize, mut turning: usize) -> bool {
+        while turning > ancestor {
+            turning = self.turnings[turning].parent;
+        }
+        turning == ancestor
+    }
+
+    /// Turns a frame about one of its axes.
+    fn turn(&mut self, algebra: &Algebra, cursor: &mut Cursor, axis: Axis, angle: &AngleSum, free: &[usize]) {
+        let (moving, still) = angle.factors.iter().partition(|(joint, _)| free.contains(joint));
+        let still = AngleSum { factors: still, constant: angle.constant };
+        let fixed = rotation(algebra, axis, &algebra.cos_sin(&still));
+        cursor.rotation = product(algebra, &cursor.rotation, &fixed);
+        let moving: BTreeMap<usize, i64> = moving;
+        for (joint, factor) in moving {
+            match axis {
+                Axis::Z => self.spin(algebra, cursor, joint, factor),
+                Axis::X => {
+                    let to_x = z_to_x(algebra);
+                    cursor.rotation = product(algebra, &cursor.rotation, &to_x);
+                    self.spin(algebra, cursor, joint, factor);
+                    cursor.rotation = product(algebra, &cursor.rotation, &transposed(&to_x));
+                }
+            }
+        }
+    }
+
+    /// Adds `Rz(factor * q[joint])` to a frame's orientation.
+    fn spin(&mut self, algebra: &Algebra, cursor: &mut Cursor, joint: usize, factor: i64) {
+        if factor == 0 {
+            return;
+        }
+        // Rotations about parallel axes commute: an earlier one by the same joint takes this one in.
+        let mut run = Vec::new();
+        let mut after = cursor.rotation.clone();
+        let mut turning = cursor.turning;
+        let mut sign = 1;
+        while turning != 0 {
+            match along_z(&after) {
+                Some(direction) => sign *= direction,
+                None => break,
+            }
+            run.push(turning);
+            let Turning { parent, fixed, joint: known, factor: known_factor } = self.turnings[turning].clone();
+            if known == joint {
+                let total = known_factor + sign * factor;
+                return self.rebuild(algebra, cursor, &run, total);
+            }
+            after = fixed;
+            turning = parent;
+        }
+        let axis = column(&cursor.rotation, 2);
+        let turns_alike = |child: &Turning| {
+            child.parent == cursor.turning && child.joint == joint && (child.factor.abs() == factor.abs()) && {
+                let same = child.factor == factor;
+                let known = column(&child.fixed, 2);
+                (0..3).all(|k| if same { known[k] == axis[k] } else { known[k] == -&axis[k] })
+            }
+        };
+        match (1..self.turnings.len()).find(|&child| turns_alike(&self.turnings[child])) {
+            Some(child) => {
+                cursor.rotation = product(algebra, &transposed(&self.turnings[child].fixed), &cursor.rotation);
+                cursor.turning = child;
+            }
+            None => {
+                let fixed = std::mem::replace(&mut cursor.rotation, identity(algebra));
+                self.turnings.push(Turning { parent: cursor.turning, fixed, joint, factor });
+                cursor.turning = self.turnings.len() - 1;
+            }
+        }
+    }
+
+    /// Builds a run of parallel rotations (last first) again, the first of them turning by `total` instead.
+    fn rebuild(&mut self, algebra: &Algebra, cursor: &mut Cursor, run: &[usize], total: i64) {
+        let last = cursor.rotation.clone();
+        let chain: Vec<Turning> = run.iter().rev().map(|&turning| self.turnings[turning].clone()).collect();
+        cursor.turning = chain[0].parent;
+        cursor.rotation = chain[0].fixed.clone();
+        for (at, turning) in chain.iter().enumerate() {
+            let factor = if at == 0 { total } else { turning.factor };
+            self.spin(algebra, cursor, turning.joint, factor);
+            let next = chain.get(at + 1).map_or(&last, |next| &next.fixed);
+            cursor.rotation = product(algebra, &cursor.rotation, next);
+        }
+    }
+
+    /// Moves a frame along one of its axes.
+    fn shift(
+        &self,
+        algebra: &Algebra,
+        cursor: &mut Cursor,
+        axis: Axis,
+        (constant, slides): &(Polynomial, BTreeMap<usize, Polynomial>),
+    ) {
+        let direction = column(&cursor.rotation, axis.index());
+        let along = |amount: &Polynomial| direction.clone().map(|component| algebra.product(&component, amount));
+        self.extend(algebra, &mut cursor.place, cursor.turning, None, along(constant));
+        for (&joint, slope) in slides {
+            self.extend(algebra, &mut cursor.place, cursor.turning, Some(joint), along(slope));
+        }
+    }
+
+    /// Adds a vector (times `q[slide]`) to a place. What lies along a turning's own axis does not turn with it.
+    pub fn extend(
+        &self,
+        algebra: &Algebra,
+        place: &mut Place,
+        turning: usize,
+        slide: Option<usize>,
+        mut vector: Vector<Polynomial>,
+    ) {
+        if turning != 0 && !vector[2].is_zero() {
+            let Turning { parent, fixed, .. } = &self.turnings[turning];
+            let below = column(fixed, 2).map(|component| algebra.product(&component, &vector[2]));
+            vector[2] = algebra.zero();
+            self.extend(algebra, place, *parent, slide, below);
+        }
+        if vector.iter().all(Polynomial::is_zero) {
+            return;
+        }
+        let none = || [(); 3].map(|()| algebra.zero());
+        let segment = place.entry(turning).or_insert_with(|| Segment { constant: none(), slides: BTreeMap::new() });
+        let sum = match slide {
+            None => &mut segment.constant,
+            Some(joint) => segment.slides.entry(joint).or_insert_with(none),
+        };
+        *sum = [0, 1, 2].map(|k| &sum[k] + &vector[k]);
+        segment.slides.retain(|_, slope| !slope.iter().all(Polynomial::is_zero));
+        if segment.slides.is_empty() && segment.constant.iter().all(Polynomial::is_zero) {
+            place.remove(&turning);
+        }
+    }
+}
+
+/// 1 or -1 where a rotation keeps or reverses z.
+fn along_z(rotation: &Matrix<Polynomial>) -> Option<i64> {
+    rotation[2][2].as_integer().filter(|value| value.abs() == 1)
+}

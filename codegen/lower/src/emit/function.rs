@@ -146,11 +146,10 @@ impl<'a> Body<'a> {
         unnamed.extend(self.written_twice());
         let mut number = 0;
         for node in unnamed {
-            if !self.names.contains_key(&node) {
+            self.names.entry(node).or_insert_with(|| {
                 number += 1;
-                let name = unlike(&mut taken, &format!("t{number}"));
-                self.names.insert(node, name);
-            }
+                unlike(&mut taken, &format!("t{number}"))
+            });
         }
     }
 

@@ -10,6 +10,9 @@ use crate::{Node, Program};
 /// scalar pivot `c - b^2 / a` does. Structural zeros fold away in the constructors.
 pub(super) fn symmetric(program: &mut Program, mut matrix: Vec<Vec<Node>>, mut right: Vec<Node>) -> Vec<Node> {
     let n = right.len();
+    if n == 1 {
+        return vec![program.divide(right[0], matrix[0][0])];
+    }
     let blocks: Vec<Vec<usize>> = (0..n).rev().collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
     // Per block: its inverse applied to its part of the right side, and the factors of the rows above it.
     let mut eliminated = Vec::new();

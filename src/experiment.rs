@@ -123,7 +123,7 @@ pub enum ExperimentError {
         /// Number of the run, from 1.
         run: usize,
         /// What is wrong with the log.
-        error: LogError,
+        error: Box<LogError>,
     },
 }
 
@@ -237,7 +237,7 @@ impl<'a> RunSource<'a> {
         let log = log::read(&path, &format).map_err(|error| ExperimentError::Log {
             experiment: file.path.to_owned(),
             run: self.number,
-            error,
+            error: Box::new(error),
         })?;
         Ok(Run { file: name.to_owned(), role, free, configuration, log, settings })
     }
@@ -405,7 +405,8 @@ struct File<'a> {
 
 impl<'a> File<'a> {
     fn invalid(&self, offset: usize, message: String, remedy: &str) -> ExperimentError {
-        let before = &self.text[..self.text.floor_char_boundary(offset)];
+        // Offsets are those of the parser, which stand between characters.
+        let before = self.text.get(..offset).unwrap_or(self.text);
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
         ExperimentError::Invalid {
             path: self.path.to_owned(),

@@ -200,8 +200,8 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
                 let mut add = |slot: usize, column: usize, value: f64| {
                     columns[(slot * n_columns + column) * length + row] += value;
                 };
-                for slot in 0..n {
-                    add(slot, n_parameters, linear.drive()[slot] - linear.load()[slot] - inertial[slot]);
+                for (slot, inertial) in inertial.iter().enumerate() {
+                    add(slot, n_parameters, linear.drive()[slot] - linear.load()[slot] - inertial);
                 }
                 for &(slot, parameter, value) in &linear.torque_by_parameter {
                     add(slot, parameter, value);

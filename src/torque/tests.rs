@@ -116,7 +116,7 @@ fn gradients_agree_with_differences() {
     for slot in 0..2 {
         for (lump, column) in rigid[slot].iter().enumerate() {
             let mut sum = vec![0.0; motion.len()];
-            for k in 0..motion.len() {
+            for (k, sum) in sum.iter_mut().enumerate() {
                 let (q, dq, ddq) = (
                     [motion.q[0][k], motion.q[1][k]],
                     [motion.dq[0][k], motion.dq[1][k]],
@@ -126,7 +126,7 @@ fn gradients_agree_with_differences() {
                 unit[lump] = 1.0;
                 let mut tau = [0.0; 2];
                 (ARM.inverse_dynamics)(&unit, &q, &dq, &ddq, &mut tau);
-                sum[k] = tau[slot];
+                *sum = tau[slot];
             }
             match column {
                 Some(column) => {

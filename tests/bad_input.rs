@@ -54,7 +54,7 @@ fn refused(folder: &TempDir, arguments: &[&str]) -> String {
     let told = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{arguments:?} said: {told}");
     assert!(output.stdout.is_empty(), "{arguments:?} wrote to stdout");
-    assert_eq!(told.matches("error").count(), 1, "one error, not more: {told}");
+    assert_eq!(told.matches("error: ").count(), 1, "one error, not more: {told}");
     assert!(told.starts_with("error: "), "{told}");
     assert!(before == contents(folder.path()), "{arguments:?} changed files");
     told.replace(&folder.path().display().to_string(), "[folder]")

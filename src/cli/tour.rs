@@ -168,11 +168,10 @@ impl Tour<'_> {
         let held_out: Vec<&Judged> = judged.iter().filter(|judged| judged.run.role == Role::Validate).collect();
         let open = self.found.parameters.iter().filter(|parameter| !parameter.identifiable).count();
         let mut sentences = vec![format!(
-            "The fit moved {} parameters in {} iterations and {:.1} s ({}).",
+            "The fit moved {} parameters and took {} iterations and {:.1} s.",
             self.found.parameters.len(),
             self.found.iterations,
-            self.fit_seconds,
-            self.found.status.as_str()
+            self.fit_seconds
         )];
         for judged in held_out {
             sentences.push(format!(

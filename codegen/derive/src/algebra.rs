@@ -393,7 +393,7 @@ impl Algebra {
 
     fn term(&self, coefficient: Rational, exponents: &[u8]) -> Polynomial {
         let mut polynomial = self.zero();
-        if coefficient != Rational::from(0) {
+        if coefficient != 0 {
             polynomial.0.append_monomial(coefficient, exponents);
         }
         polynomial

@@ -77,22 +77,7 @@ impl Subset {
             return writer.program;
         }
         for (&k, output) in free.iter().zip(group.outputs(free)) {
-            let mut terms = Vec::new();
-            for (&(_, i, j), symbol) in self.velocity.range((k, 0, 0)..(k + 1, 0, 0)) {
-                let (scale, leaf) = writer.emit_scaled(symbol, &format!("c_{k}_{i}_{j}"));
-                if scale != 0.0 {
-                    let mut exponents = vec![0; free.len()];
-                    for joint in [i, j] {
-                        exponents[free.iter().position(|&known| known == joint).unwrap_or(0)] += 1;
-                    }
-                    terms.push(Term { coefficient: scale, leaf: Some(leaf), exponents });
-                }
-            }
-            let mut velocity = |position: usize, program: &mut Program| {
-                let joint = free[position];
-                program.velocity(joint, &format!("{}/s", joint_unit(context.device, joint)))
-            };
-            let coriolis = nested(&mut writer.program, terms, &mut velocity);
+            let coriolis = self.velocity_terms(&mut writer, k);
             writer.program.name(coriolis, &format!("coriolis{k}"));
             let gravity = writer.emit(&self.gravity[&k], &format!("phi{k}"));
             let mut sum = writer.program.add(coriolis, gravity);
@@ -107,6 +92,39 @@ impl Subset {
             writer.program.output(&output, sum);
         }
         writer.program
+    }
+
+    /// `sum over i <= j of velocity[k][i][j] dq[i] dq[j]`, common factors in front.
+    fn velocity_terms(&self, writer: &mut Writer, k: usize) -> Node {
+        let device = writer.context.device;
+        let factors: Vec<(f64, Node, [usize; 2])> = (self.velocity.range((k, 0, 0)..(k + 1, 0, 0)))
+            .map(|(&(_, i, j), symbol)| {
+                let (scale, value) = writer.emit_scaled(symbol, &format!("c_{k}_{i}_{j}"));
+                (scale, value, [i, j])
+            })
+            .filter(|(scale, ..)| *scale != 0.0)
+            .collect();
+        // The symbols of this sum: values first, so that `value * dq` is shared between rows, then velocities.
+        let mut values: Vec<Node> = factors.iter().map(|&(_, value, _)| value).collect();
+        values.sort();
+        values.dedup();
+        let terms = factors
+            .into_iter()
+            .map(|(coefficient, value, joints)| {
+                let mut exponents = vec![0; values.len() + device.joints.len()];
+                exponents[values.partition_point(|&known| known < value)] = 1;
+                joints.into_iter().for_each(|joint| exponents[values.len() + joint] += 1);
+                Term { coefficient, leaf: None, exponents }
+            })
+            .collect();
+        let mut symbol = |position: usize, program: &mut Program| match values.get(position) {
+            Some(&value) => value,
+            None => {
+                let joint = position - values.len();
+                program.velocity(joint, &format!("{}/s", joint_unit(device, joint)))
+            }
+        };
+        nested(&mut writer.program, terms, &mut symbol)
     }
 }
 
@@ -126,25 +144,51 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// The polynomial's value.
+    /// The polynomial's value. What does not move is added last, so that entries that differ by it share the rest.
     fn emit(&mut self, polynomial: &Polynomial, name: &str) -> Node {
-        let (scale, value) = self.emit_scaled(polynomial, name);
+        let context = self.context;
+        let polynomial = self.normal_form(polynomial);
+        let (moving, still): (Vec<_>, Vec<_>) = polynomial
+            .terms()
+            .map(|(coefficient, exponents): (&Rational, &[u8])| (exponents.to_vec(), coefficient.clone()))
+            .partition(|(exponents, _)| {
+                let moves = |position: usize| exponents[position] > 0 && context.algebra.moves(position, context.free);
+                (0..exponents.len()).any(moves)
+            });
+        let (scale, value) = self.emit_scaled(&context.algebra.from_terms(moving), name);
         let scale = self.program.number(scale);
-        self.program.multiply(scale, value)
+        let moving = self.program.multiply(scale, value);
+        let still = context.algebra.from_terms(still);
+        if still.is_zero() {
+            return moving;
+        }
+        let parts: Vec<Node> = (self.lump(&still).into_iter())
+            .map(|(ratio, lump)| {
+                let ratio = self.program.number(ratio);
+                self.program.multiply(ratio, lump)
+            })
+            .collect();
+        let still = self.program.sum(&parts);
+        self.program.add(moving, still)
     }
 
-    /// A factor and the value of the polynomial without it; multiples of one polynomial share the value.
-    fn emit_scaled(&mut self, polynomial: &Polynomial, name: &str) -> (f64, Node) {
+    /// The polynomial with the chosen one of each moving angle's squares eliminated.
+    fn normal_form(&self, polynomial: &Polynomial) -> Polynomial {
         let context = self.context;
         let moving_angles: Vec<usize> = (context.algebra.pairs().iter().enumerate())
             .filter(|(_, (cosine, _))| context.algebra.moves(*cosine, context.free))
             .map(|(angle, _)| angle)
             .collect();
-        let eliminate_sine = |angle: usize| match moving_angles.iter().position(|&known| known == angle) {
+        context.algebra.eliminate(polynomial, |angle| match moving_angles.iter().position(|&known| known == angle) {
             Some(bit) => self.kept_sines >> bit & 1 == 0,
             None => true,
-        };
-        let polynomial = context.algebra.eliminate(polynomial, eliminate_sine);
+        })
+    }
+
+    /// A factor and the value of the polynomial without it; multiples of one polynomial share the value.
+    fn emit_scaled(&mut self, polynomial: &Polynomial, name: &str) -> (f64, Node) {
+        let context = self.context;
+        let polynomial = self.normal_form(polynomial);
         if polynomial.is_zero() {
             return (0.0, self.program.number(0.0));
         }
@@ -213,8 +257,16 @@ impl Writer<'_> {
 /// Linearly independent polynomials, in echelon form.
 #[derive(Default)]
 struct Basis {
-    /// What is left of each polynomial after the earlier ones, its pivot, and how it is made of the polynomials.
-    rows: Vec<(BTreeMap<Vec<u8>, Rational>, Vec<u8>, Vec<Rational>)>,
+    rows: Vec<Row>,
+}
+
+/// What is left of a polynomial after the earlier ones.
+struct Row {
+    rest: BTreeMap<Vec<u8>, Rational>,
+    /// A product of symbols that no later row has.
+    pivot: Vec<u8>,
+    /// How many times each polynomial is in `rest`.
+    made_of: Vec<Rational>,
 }
 
 impl Basis {
@@ -229,7 +281,7 @@ impl Basis {
         let mut rest: BTreeMap<Vec<u8>, Rational> =
             polynomial.terms().map(|(coefficient, exponents)| (exponents.to_vec(), coefficient.clone())).collect();
         let mut parts = vec![zero.clone(); self.rows.len()];
-        for (row, pivot, made_of) in &self.rows {
+        for Row { rest: row, pivot, made_of } in &self.rows {
             let Some(at_pivot) = rest.get(pivot) else { continue };
             let ratio = at_pivot / &row[pivot];
             for (exponents, coefficient) in row {
@@ -248,7 +300,7 @@ impl Basis {
         // rest = polynomial - sum(parts)
         let mut made_of: Vec<Rational> = parts.into_iter().map(|part| -part).collect();
         made_of.push(Rational::from(1));
-        self.rows.push((rest, pivot, made_of));
+        self.rows.push(Row { rest, pivot, made_of });
         None
     }
 }

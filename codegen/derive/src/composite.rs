@@ -20,7 +20,7 @@ type TurningInertia = BTreeMap<(usize, usize), Node>;
 pub fn inertia(mechanism: &Mechanism, program: &mut Program) -> Option<BTreeMap<(usize, usize), Node>> {
     let lumps = mechanism.lumps;
     let slides = |place: &Place| place.values().any(|segment| !segment.slides.is_empty());
-    if (0..lumps.places.len()).any(|number| slides(lumps.places.place(number))) || !lumps.mass.is_empty() {
+    if lumps.places.all().iter().any(slides) || !lumps.mass.is_empty() {
         return None;
     }
     let by_turning = Composite::new(mechanism, program).turning_inertia();
@@ -56,7 +56,7 @@ impl<'a, 'b> Composite<'a, 'b> {
         let lumps = mechanism.lumps;
         Composite {
             mechanism,
-            places: (0..lumps.places.len()).map(|number| lumps.places.place(number).clone()).collect(),
+            places: lumps.places.all().to_vec(),
             second: lumps.second.clone(),
             first: lumps.first.clone(),
             extra: BTreeMap::new(),

@@ -38,9 +38,9 @@ impl Places {
         &self.places[number]
     }
 
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        self.places.len()
+    /// All places, in order of their numbers.
+    pub fn all(&self) -> &[Place] {
+        &self.places
     }
 }
 
@@ -181,16 +181,16 @@ impl Lumps {
         if place.get(&0).is_some_and(|segment| segment.slides.is_empty()) {
             place.remove(&0);
         }
-        if place.get(&turning).is_some_and(|segment| segment.slides.is_empty()) {
-            if let Some(segment) = place.remove(&turning) {
-                let offset = emit_vector(context, program, &segment.constant);
-                let second = ENTRIES.map(|(row, column)| {
-                    let one = program.multiply(first[row], offset[column]);
-                    let other = program.multiply(first[column], offset[row]);
-                    program.add(one, other)
-                });
-                self.add_second(program, turning, second);
-            }
+        let fixed_in_it = place.get(&turning).filter(|segment| segment.slides.is_empty()).cloned();
+        if let Some(segment) = fixed_in_it {
+            place.remove(&turning);
+            let offset = emit_vector(context, program, &segment.constant);
+            let second = ENTRIES.map(|(row, column)| {
+                let one = program.multiply(first[row], offset[column]);
+                let other = program.multiply(first[column], offset[row]);
+                program.add(one, other)
+            });
+            self.add_second(program, turning, second);
         }
         let irregular: Vec<usize> = (place.iter())
             .filter(|(carrier, segment)| !tree.carries(**carrier, turning) && segment.slides.is_empty())

@@ -109,7 +109,7 @@ impl Mechanism<'_> {
             moments: vec![[zero; 3]; self.tree.turnings.len()],
             axial: vec![zero; self.tree.turnings.len()],
             torques: vec![zero; self.context.device.joints.len()],
-            places: (0..self.lumps.places.len()).map(|number| self.lumps.places.place(number).clone()).collect(),
+            places: self.lumps.places.all().to_vec(),
             program,
         }
     }

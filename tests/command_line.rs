@@ -1,0 +1,185 @@
+//! What a user and other programs see of the binary.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::Command;
+use dynid_plant::recipe::{self, Recipe};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Two runs of the two-link arm's elbow, made by the plant.
+fn folder() -> TempDir {
+    let recipe: Recipe = toml::from_str(
+        "device = \"planar2r\"\nseed = 5\nsample_s = 0.01\nsteps_per_sample = 20\nnoise_rms = 1e-4\nquantum = 1e-5\n\
+         start = [0.2, -1.5]\n\
+         [parameters]\n\"link.2.m\" = 0.84\n\
+         [[effect]]\nid = \"viscous\"\njoint = 1\nFv = 0.035\n\
+         [[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.12\nv_eps = 0.01\n\
+         [[run]]\nfile = \"one.csv\"\nfree = [1]\nrole = \"fit\"\nduration_s = 4.0\n\
+         torque = [{ joint = 1, amplitude = 0.8, hz = 0.6 }, { joint = 1, amplitude = 0.4, hz = 1.7 }]\n\
+         [[run]]\nfile = \"two.csv\"\nfree = [1]\nrole = \"validate\"\nduration_s = 4.0\n\
+         torque = [{ joint = 1, amplitude = 0.7, hz = 0.9 }]\n",
+    )
+    .unwrap();
+    let folder = TempDir::new().unwrap();
+    for (name, text) in recipe::make(&recipe, dynid_model::device("planar2r").unwrap()).unwrap() {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+fn dynid(folder: &Path, arguments: &[&str]) -> assert_cmd::assert::Assert {
+    Command::cargo_bin("dynid").unwrap().args(arguments).current_dir(folder).assert()
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> Value {
+    let output = dynid(folder, &[arguments, &["--json"]].concat()).success().get_output().stdout.clone();
+    serde_json::from_slice(&output).unwrap()
+}
+
+fn keys(value: &Value) -> Vec<&str> {
+    value.as_object().unwrap().keys().map(String::as_str).collect()
+}
+
+fn assert_has(value: &Value, wanted: &[&str]) {
+    for key in wanted {
+        assert!(value.get(key).is_some(), "`{key}` is not among {:?}", keys(value));
+    }
+}
+
+#[test]
+fn fit_and_compare_speak_to_programs() {
+    let folder = folder();
+    let fit = json(folder.path(), &["fit", "experiment.toml", "--error", "torque", "--out", "fitted.toml"]);
+    assert_has(
+        &fit,
+        &["cost_before", "cost_after", "rmse_fit", "rmse_validate", "iterations", "wall_seconds", "parameters"],
+    );
+    assert_has(&fit["parameters"][0], &["name", "value", "std_error", "identifiable"]);
+    assert!(fit["cost_after"].as_f64() < fit["cost_before"].as_f64());
+
+    let compared = json(folder.path(), &["compare", "experiment.toml", "--model", "fitted.toml"]);
+    assert_has(&compared, &["runs", "rmse_fit", "rmse_validate"]);
+    assert_eq!(compared["runs"][0]["file"], "one.csv");
+    assert_eq!(compared["runs"][1]["role"], "validate");
+    let joint = &compared["runs"][1]["joints"][0];
+    assert_has(
+        joint,
+        &["joint", "rmse", "fit_percent", "max_abs", "noise_floor", "white", "torque_rmse", "torque_percent"],
+    );
+    assert!(joint["torque_percent"].as_f64().unwrap() < 3.0, "{joint}");
+}
+
+#[test]
+fn simulate_writes_logs_that_can_be_compared_with() {
+    let folder = folder();
+    let told = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
+    assert_eq!(told["runs"][0]["joints"][0]["joint"], 1);
+    let log = fs::read_to_string(folder.path().join("simulated/one.csv")).unwrap();
+    assert_eq!(log.lines().next(), Some("t,tau0,tau1,q0,q1"));
+    assert_eq!(log.lines().count(), 402);
+    dynid(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]).code(2);
+}
+
+#[test]
+fn compare_draws_a_picture_that_stands_alone() {
+    let folder = folder();
+    dynid(folder.path(), &["compare", "experiment.toml", "--picture", "overlay.svg"]).success();
+    let svg = fs::read_to_string(folder.path().join("overlay.svg")).unwrap();
+    assert!(
+        svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\"") && svg.matches("class=\"residual\"").count() == 4
+    );
+    assert!(!svg.contains("href") && svg.matches("http").count() == 1);
+    dynid(folder.path(), &["compare", "experiment.toml", "--picture", "overlay.svg"]).code(2);
+}
+
+/// Same input, same bytes, whatever the thread count.
+#[test]
+fn a_fit_does_not_depend_on_threads() {
+    let folder = folder();
+    for (threads, out) in [("1", "one.toml"), ("3", "three.toml")] {
+        Command::cargo_bin("dynid")
+            .unwrap()
+            .args(["fit", "experiment.toml", "--error", "torque", "--out", out])
+            .env("RAYON_NUM_THREADS", threads)
+            .current_dir(folder.path())
+            .assert()
+            .success();
+    }
+    let read = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    assert!(read("one.toml") == read("three.toml"));
+}
+
+/// The thesis's Figure 4.2: new link parameters per configuration, and those that never appear.
+#[test]
+fn plan_counts_as_the_thesis_does() {
+    let folder = TempDir::new().unwrap();
+    let plan = json(folder.path(), &["plan", "freedom6s", "--method", "isolated"]);
+    let links = |names: &Value| {
+        let names = names.as_array().unwrap().iter().map(|name| name.as_str().unwrap());
+        names.filter(|name| name.starts_with("link.")).count()
+    };
+    let steps = plan["configurations"].as_array().unwrap();
+    let new: Vec<usize> = steps.iter().map(|step| links(&step["new_parameters"])).collect();
+    assert_eq!(new, [4, 4, 6, 13, 17, 16, 4]);
+    assert_eq!(steps[6]["free"], serde_json::json!([0, 1]));
+    assert_eq!(
+        plan["never"],
+        serde_json::json!(["link.1.z", "link.1.Ixx", "link.1.Ixy", "link.1.Ixz", "link.1.Iyy", "link.1.Iyz"])
+    );
+    assert_has(&steps[0], &["number", "free", "new_parameters", "parameters"]);
+    assert!(steps[0]["parameters"].as_array().unwrap().contains(&"joint.4.lugre.sigma0".into()));
+}
+
+/// What appears, as the plan finds it from the kernels' numbers, is what derive found by algebra.
+#[test]
+fn plan_agrees_with_the_equations_structure() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("generated");
+    for device in dynid_model::devices() {
+        let text = fs::read_to_string(root.join(&device.id).join("structure.toml")).unwrap();
+        let structure: toml::Table = text.parse().unwrap();
+        let names = |table: &str, key: String| -> Vec<String> {
+            let list =
+                structure[table].get(&key).and_then(toml::Value::as_array).unwrap_or_else(|| panic!("{table}.{key}"));
+            list.iter().map(|name| name.as_str().unwrap().to_owned()).collect()
+        };
+        for (number, configuration) in (1..).zip(&device.configurations) {
+            let mut wanted = BTreeSet::new();
+            for &i in &configuration.free {
+                wanted.extend(names("phi", i.to_string()));
+                for &j in configuration.free.iter().filter(|&&j| j >= i) {
+                    wanted.extend(names("D", format!("{i}_{j}")));
+                }
+            }
+            wanted.retain(|name| name.starts_with("link."));
+            let kernel = dynid_generated::kernel(&device.id, number).unwrap();
+            assert_eq!(dynid::plan::appearing(kernel), wanted, "{} configuration {number}", device.id);
+        }
+    }
+}
+
+#[test]
+fn every_verb_teaches_by_example() {
+    let folder = TempDir::new().unwrap();
+    let verbs = ["devices", "plan", "simulate", "fit", "compare", "tour"];
+    let help: BTreeMap<&str, String> = verbs
+        .into_iter()
+        .map(|verb| {
+            let output = dynid(folder.path(), &[verb, "--help"]).success().get_output().stdout.clone();
+            (verb, String::from_utf8(output).unwrap())
+        })
+        .collect();
+    for (verb, help) in help {
+        assert!(help.contains("Examples:") && help.contains(&format!("  dynid {verb}")), "{verb}: {help}");
+        assert!(help.contains("--json"), "{verb}");
+    }
+}
+
+#[test]
+fn unknown_arguments_are_bad_input() {
+    let folder = TempDir::new().unwrap();
+    dynid(folder.path(), &["fit"]).code(2);
+    dynid(folder.path(), &["dance"]).code(2);
+}

@@ -22,7 +22,7 @@ use crate::{
     torque::{self, JointTorqueError, Motion},
 };
 
-/// Longest integration step [s]: what the thesis's 60 steps a sample of 10 ms come to.
+/// Longest integration step (s): what the thesis's 60 steps a sample of 10 ms come to.
 const LONGEST_STEP: f64 = 0.01 / 60.0;
 
 /// A simulation whose error is larger than this share of the motion's own spread has lost its log; where it started
@@ -53,9 +53,9 @@ pub struct RunComparison {
     pub role: String,
     /// Its free joints.
     pub joints: Vec<JointComparison>,
-    /// Cut-off of the positions' filter in the torque error [Hz].
+    /// Cut-off of the positions' filter in the torque error (Hz).
     pub cutoff_hz: Option<f64>,
-    /// Cut-off of the filter that torque and model pass [Hz].
+    /// Cut-off of the filter that torque and model pass (Hz).
     pub torque_cutoff_hz: Option<f64>,
     /// Why an error is missing or means little.
     pub notes: Vec<String>,

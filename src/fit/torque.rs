@@ -6,7 +6,7 @@
 //! residual, which is found along with the parameters (iteratively reweighted, Gautier & Poignet 2001). Links stay
 //! physical and parameters in their bounds ([`super::physical`]).
 //!
-//! Directions that the data do not see are pulled towards the start by a prior of [`PRIOR_SCALES`] natural sizes, weak
+//! Directions that the data do not see are pulled towards the start by a prior of a hundred natural sizes, weak
 //! enough to be far below what the data say about the others; they are named in the result.
 
 use std::collections::BTreeMap;

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-/// Longest segment that is transformed [samples].
+/// Longest segment that is transformed, in samples.
 const SEGMENT: usize = 4096;
 
 /// A motion counts as seen while its power density exceeds so many times that of the noise.

@@ -5,6 +5,8 @@
 
 #[path = "build/derive.rs"]
 mod derive;
+#[path = "build/structure.rs"]
+mod structure;
 
 use std::error::Error;
 use std::fmt::Write;
@@ -30,17 +32,15 @@ fn build() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=build");
 
     let mut library = String::new();
-    let mut table = Vec::new();
+    let (mut table, mut structures) = (Vec::new(), Vec::new());
     for device in dynid_model::devices() {
-        if !equations.join(&device.id).exists() {
-            println!("cargo::warning={}: no equations yet", device.id);
-            continue;
-        }
         println!("cargo::rerun-if-changed={}", equations.join(&device.id).display());
         writeln!(library, "/// Kernels of `{}`, a module per configuration.", device.id)?;
         writeln!(library, "pub mod {} {{", device.id)?;
-        for kir in device_equations(device, &equations, &out)? {
-            let configuration = Configuration::new(&kir)?;
+        let derived = device_equations(device, &equations, &out)?;
+        structures.push(structure::entry(device, &derived.structure)?);
+        for kir in &derived.equations {
+            let configuration = Configuration::new(kir)?;
             let name = format!("c{:02}", configuration.number);
             let path = out.join(format!("{}_{name}.rs", device.id));
             fs::write(&path, configuration_module(&configuration)?)?;
@@ -51,6 +51,7 @@ fn build() -> Result<(), Box<dyn Error>> {
         writeln!(library, "}}")?;
     }
     writeln!(library, "static KERNELS: &[&Kernel] = &[{}];", table.join(", "))?;
+    writeln!(library, "static STRUCTURES: &[Structure] = &[{}];", structures.join(", "))?;
 
     let effects = dynid_model::effects().iter().map(EffectKernels::new).collect::<Result<Vec<_>, _>>()?;
     let path = out.join("effect_library.rs");
@@ -63,46 +64,61 @@ fn build() -> Result<(), Box<dyn Error>> {
 }
 
 /// The equations of all configurations of a device: those that are checked in, or else derived ones.
-fn device_equations(device: &Device, checked_in: &Path, out: &Path) -> Result<Vec<Kir>, Box<dyn Error>> {
-    let reason = match read_equations(device, &checked_in.join(&device.id))? {
-        Equations::Current(equations) => return Ok(equations),
-        Equations::Stale(reason) => reason,
+fn device_equations(device: &Device, checked_in: &Path, out: &Path) -> Result<Derived, Box<dyn Error>> {
+    let reason = match read_derived(device, &checked_in.join(&device.id))? {
+        Found::Current(derived) => return Ok(derived),
+        Found::Stale(reason) => reason,
     };
-    let derived = out.join("derived");
+    let folder = out.join("derived");
     let again = format!("run `cargo xtask gen --device {}` and commit the result", device.id);
-    if let Ok(Equations::Current(equations)) = read_equations(device, &derived.join(&device.id)) {
+    if let Ok(Found::Current(derived)) = read_derived(device, &folder.join(&device.id)) {
         println!("cargo::warning={}: {reason}; the equations are those of an earlier build; {again}", device.id);
-        return Ok(equations);
+        return Ok(derived);
     }
     println!("cargo::warning={}: {reason}; they were derived anew for this build; {again}", device.id);
-    derive::run(device, &reason, &derived)?;
-    match read_equations(device, &derived.join(&device.id))? {
-        Equations::Current(equations) => Ok(equations),
-        Equations::Stale(reason) => Err(format!("{}: derived anew, but {reason}", device.id).into()),
+    derive::run(device, &reason, &folder)?;
+    match read_derived(device, &folder.join(&device.id))? {
+        Found::Current(derived) => Ok(derived),
+        Found::Stale(reason) => Err(format!("{}: derived anew, but {reason}", device.id).into()),
     }
 }
 
+/// What derive has written about a device.
+struct Derived {
+    /// One per configuration.
+    equations: Vec<Kir>,
+    /// The text of `structure.toml`.
+    structure: String,
+}
+
 /// What a folder of equations is worth.
-enum Equations {
+enum Found {
     /// Those of the device as it is.
-    Current(Vec<Kir>),
+    Current(Derived),
     /// Not so, and why.
     Stale(String),
 }
 
-fn read_equations(device: &Device, folder: &Path) -> Result<Equations, KirError> {
+fn read_derived(device: &Device, folder: &Path) -> Result<Found, KirError> {
     let digest = device.structure_digest();
+    let other = || Ok(Found::Stale("the equations belong to another structure of the device".to_owned()));
     let mut equations = Vec::new();
     for number in 1..=device.configurations.len() {
         let path = folder.join(format!("c{number:02}.kir"));
         let Ok(text) = fs::read_to_string(&path) else {
-            return Ok(Equations::Stale(format!("the equations of configuration {number} do not exist")));
+            return Ok(Found::Stale(format!("the equations of configuration {number} do not exist")));
         };
         let kir = Kir::parse(&text, &path)?;
         if kir.model_sha256 != digest {
-            return Ok(Equations::Stale("the equations belong to another structure of the device".to_owned()));
+            return other();
         }
         equations.push(kir);
     }
-    Ok(Equations::Current(equations))
+    let Ok(structure) = fs::read_to_string(folder.join("structure.toml")) else {
+        return Ok(Found::Stale("`structure.toml` does not exist".to_owned()));
+    };
+    if !structure.contains(&digest) {
+        return other();
+    }
+    Ok(Found::Current(Derived { equations, structure }))
 }

@@ -22,7 +22,7 @@ use crate::{
     torque::{self, JointTorqueError, Motion},
 };
 
-/// Longest integration step [s]: what the thesis's 60 steps a sample of 10 ms come to.
+/// Longest integration step (s): what the thesis's 60 steps a sample of 10 ms come to.
 const LONGEST_STEP: f64 = 0.01 / 60.0;
 
 /// A simulation whose error is larger than this share of the motion's own spread has lost its log; where it started
@@ -53,9 +53,9 @@ pub struct RunComparison {
     pub role: String,
     /// Its free joints.
     pub joints: Vec<JointComparison>,
-    /// Cut-off of the positions' filter in the torque error [Hz].
+    /// Cut-off of the positions' filter in the torque error (Hz).
     pub cutoff_hz: Option<f64>,
-    /// Cut-off of the filter that torque and model pass [Hz].
+    /// Cut-off of the filter that torque and model pass (Hz).
     pub torque_cutoff_hz: Option<f64>,
     /// Why an error is missing or means little.
     pub notes: Vec<String>,
@@ -156,7 +156,7 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
                 rmse: residual.as_deref().map(rms),
                 fit_percent: residual.as_deref().and_then(|residual| fit_percent(measured, residual)),
                 max_abs: residual.as_deref().map(|residual| residual.iter().fold(0.0_f64, |size, e| size.max(e.abs()))),
-                noise_floor: noise_floor(measured),
+                noise_floor: noise_of_log(measured),
                 white: residual.as_deref().is_some_and(is_white),
                 torque_rmse: torque.get(slot).and_then(JointTorqueError::rms),
                 torque_percent: torque.get(slot).and_then(JointTorqueError::percent),
@@ -220,6 +220,18 @@ fn simulated(model: &Model, run: &Run, notes: &mut Vec<String>) -> Result<Result
     })
 }
 
+/// The noise of a logged position: what its fourth differences show, at least that of its last digit, `digit / sqrt(12)`,
+/// which a position at rest does not show.
+fn noise_of_log(measured: &[f64]) -> f64 {
+    /// Smaller differences are rounding of the decimal text, not digits.
+    const ROUNDING: f64 = 1e-9;
+    let size = measured.iter().fold(0.0_f64, |size, q| size.max(q.abs()));
+    let steps = measured.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let digit = steps.filter(|step| *step > ROUNDING * size).fold(f64::INFINITY, f64::min);
+    let of_digit = if digit.is_finite() { digit / 12.0_f64.sqrt() } else { 0.0 };
+    noise_floor(measured).max(of_digit)
+}
+
 fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
@@ -235,6 +247,14 @@ fn fit_percent(measured: &[f64], residual: &[f64]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A slow motion, rounded to 0.01: uniform errors within a digit have a standard deviation of digit / sqrt(12).
+    #[test]
+    fn the_last_digit_is_noise() {
+        let rounded: Vec<f64> = (0..1000).map(|k| ((f64::from(k) * 1e-3).sin() * 100.0).round() / 100.0).collect();
+        assert!((noise_of_log(&rounded) - 0.01 / 12.0_f64.sqrt()).abs() < 2e-3 * 0.01);
+        assert_eq!(noise_of_log(&[0.5; 10]), 0.0);
+    }
 
     #[test]
     fn fit_percent_is_100_without_error_and_0_for_the_mean() {

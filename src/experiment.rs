@@ -68,7 +68,7 @@ impl fmt::Display for Role {
 /// How a run is processed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Cut-off of the zero-phase filter of the torque error [Hz]; chosen from the log when absent.
+    /// Cut-off of the zero-phase filter of the torque error (Hz); chosen from the log when absent.
     pub cutoff_hz: Option<f64>,
     /// The torque error keeps one of so many samples; 1 keeps all.
     pub decimate: usize,

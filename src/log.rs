@@ -1,6 +1,6 @@
 //! Logs of a robot: a CSV file with time, commanded torques and measured positions, in SI units.
 //!
-//! Columns: `t` [s], `tau<i>` [N*m or N], `q<i>` [rad or m] and optionally `ref<i>` [rad or m], where `i` is the
+//! Columns: `t` (s), `tau<i>` [N*m or N], `q<i>` [rad or m] and optionally `ref<i>` [rad or m], where `i` is the
 //! device's joint index. Sampling need not be uniform. Every number that is used must be finite and time must rise.
 
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::experiment::nearest;
 /// What a run's log holds. Every inner vector has one entry a sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Log {
-    /// Time of each sample, rising [s].
+    /// Time of each sample, rising (s).
     pub t: Vec<f64>,
     /// Commanded torque of each joint of the device [N*m, or N at a prismatic joint]; zero for a locked joint whose
     /// torque is not logged.
@@ -37,7 +37,7 @@ impl Log {
         self.t.is_empty()
     }
 
-    /// Median time between samples [s].
+    /// Median time between samples (s).
     pub fn sample_time(&self) -> f64 {
         median_step(&self.t)
     }
@@ -163,9 +163,9 @@ pub enum LogError {
         column: String,
         /// `runs backwards` or `stands still`.
         what: &'static str,
-        /// Time of the row before [s].
+        /// Time of the row before (s).
         before: f64,
-        /// Time of this row [s].
+        /// Time of this row (s).
         now: f64,
     },
     /// `rows` reaches past the end.

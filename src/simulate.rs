@@ -11,7 +11,7 @@ use crate::system::{Scratch, System};
 /// What drives a simulation.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<'a> {
-    /// Sample times [s], ascending.
+    /// Sample times (s), ascending.
     pub time: &'a [f64],
     /// Commanded torques [N*m or N] of all joints, one row per sample.
     pub command: &'a [f64],
@@ -133,7 +133,7 @@ pub enum SimulationError {
          is too long (take more substeps)"
     )]
     Diverged {
-        /// When [s].
+        /// When (s).
         time_s: f64,
         /// The device's joint index.
         joint: usize,
@@ -304,7 +304,7 @@ impl Stepper {
         }
     }
 
-    /// From `start` to `end` [s] in `steps` steps under constant commands.
+    /// From `start` to `end` (s) in `steps` steps under constant commands.
     pub(crate) fn held(&mut self, system: &System, start: f64, end: f64, steps: usize, command: &[f64]) {
         let step = (end - start) / steps as f64;
         if system.steady_drive() {
@@ -333,7 +333,7 @@ impl Stepper {
         }
     }
 
-    /// From `start` to `end` [s] in `steps` steps under commands that run from `now` to `next`.
+    /// From `start` to `end` (s) in `steps` steps under commands that run from `now` to `next`.
     pub(crate) fn linear(&mut self, system: &System, start: f64, end: f64, steps: usize, now: &[f64], next: &[f64]) {
         self.pulled(system, (start, end), steps, now, next, |_, _, _| ());
     }

@@ -9,14 +9,13 @@
 mod motion;
 mod states;
 
-use dynid_model::Device;
 use rayon::prelude::*;
 
 pub use motion::{Motion, MotionError};
 
 use crate::{
     experiment::Run,
-    system::{Linear, System, SystemError},
+    system::{Linear, System},
 };
 
 /// Samples that one task handles; the result does not depend on it.
@@ -27,7 +26,7 @@ const CHUNK: usize = 2048;
 pub struct JointTorqueError {
     /// The device's joint index.
     pub joint: usize,
-    /// Time [s].
+    /// Time (s).
     pub time: Vec<f64>,
     /// Speed of the joint [rad/s or m/s].
     pub speed: Vec<f64>,
@@ -211,8 +210,8 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
                         for state in 0..states.n_states {
                             let by_state = linear.torque_by_state[slot * system.n_states() + 2 * n + state];
                             if by_state != 0.0 {
-                                for parameter in 0..n_parameters {
-                                    add(slot, parameter, by_state * states.by_parameter(k, state, parameter));
+                                for (parameter, value) in states.gradient(k, state) {
+                                    add(slot, parameter, by_state * value);
                                 }
                             }
                         }
@@ -304,18 +303,6 @@ impl Sample {
             self.x[2 * self.n..].copy_from_slice(states.at(k));
         }
     }
-}
-
-/// A system of `run`'s configuration.
-///
-/// # Errors
-/// No kernel for the configuration, or an effect that cannot be placed.
-pub fn kernel_of(device: &Device, run: &Run) -> Result<&'static dynid_generated::Kernel, SystemError> {
-    dynid_generated::kernel(&device.id, run.configuration).ok_or_else(|| SystemError::NoConfiguration {
-        device: device.id.clone(),
-        free: run.free.clone(),
-        known: device.configurations.iter().map(|configuration| configuration.free.clone()).collect(),
-    })
 }
 
 #[cfg(test)]

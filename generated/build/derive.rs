@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -41,7 +42,10 @@ pub fn run(device: &Device, reason: &str, derived: &Path) -> Result<(), Box<dyn 
     // Two builds at once would compile the computer algebra twice, and it runs but once per machine.
     let lock = File::create(target.join("derive.lock"))?;
     lock.lock()?;
-    eprintln!("{}: {reason}; deriving them (once per structure; the computer algebra is compiled first)", device.id);
+    tell(&format!(
+        "{}: {reason}; deriving them, once per structure (the first time, the computer algebra is compiled: minutes)",
+        device.id
+    ));
 
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent().ok_or("the workspace has a folder")?;
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
@@ -62,6 +66,15 @@ pub fn run(device: &Device, reason: &str, derived: &Path) -> Result<(), Box<dyn 
     let told = String::from_utf8_lossy(&output.stderr);
     let last = told.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
     Err(format!("{}: {reason}, and deriving them failed ({}): {last}", device.id, output.status).into())
+}
+
+/// To the person at the terminal, while it happens: cargo shows what a build script prints only after its end.
+fn tell(message: &str) {
+    eprintln!("{message}");
+    if let Ok(mut terminal) = File::options().write(true).open("/dev/tty") {
+        // Nobody is there to be told, or is: both are fine.
+        let _ = writeln!(terminal, "\n{message}");
+    }
 }
 
 /// The outermost target folder: where cargo left its tag, else the workspace's.

@@ -13,6 +13,7 @@ mod gradient;
 mod kernel;
 mod lanes;
 mod scalar;
+mod structure;
 mod trigonometry;
 
 use kernel::checked;
@@ -22,6 +23,7 @@ pub use effect::{EffectKernel, N_SIGNALS, Signal};
 pub use kernel::{Kernel, Operations};
 pub use lanes::Lanes;
 pub use scalar::Scalar;
+pub use structure::Structure;
 
 include!(concat!(env!("OUT_DIR"), "/library.rs"));
 
@@ -33,6 +35,11 @@ pub fn kernels() -> &'static [&'static Kernel] {
 /// The kernel of a device's configuration, numbered from 1.
 pub fn kernel(device: &str, configuration: usize) -> Option<&'static Kernel> {
     KERNELS.iter().copied().find(|kernel| kernel.device == device && kernel.configuration == configuration)
+}
+
+/// Which parameters appear where in the equations of a device.
+pub fn structure(device: &str) -> Option<&'static Structure> {
+    STRUCTURES.iter().find(|structure| structure.device == device)
 }
 
 /// All effects, by id.

@@ -2,7 +2,7 @@
 
 mod support;
 
-use dynid_generated::{Kernel, kernels};
+use dynid_generated::{Kernel, kernels, structure};
 use dynid_lower::Program;
 use dynid_plant::random::Noise;
 use support::{Case, STATES, assert_matrix, assert_vector, cases, dot, equations, input_value};
@@ -22,6 +22,30 @@ fn every_configuration_has_a_kernel() {
     let found: Vec<(&str, usize, &[usize])> =
         kernels().iter().map(|kernel| (kernel.device, kernel.configuration, kernel.free)).collect();
     assert_eq!(found, expected);
+}
+
+/// A parameter appears in the equations of a configuration exactly where the plant's torque changes with it.
+#[test]
+fn structure_says_which_parameters_the_torque_depends_on() {
+    for kernel in kernels() {
+        let structure = structure(kernel.device).unwrap();
+        let device = dynid_model::device(kernel.device).unwrap();
+        let cases: Vec<Case> = cases(kernel, Noise::new(19), 3).collect();
+        for number in 1..=device.links.len() {
+            for symbol in dynid_model::Link::SYMBOLS {
+                let name = format!("link.{number}.{symbol}");
+                let matters = cases.iter().any(|case| {
+                    let moved = case.plant_inverse_dynamics_with(&name, 0.01);
+                    let pairs = moved.into_iter().zip(case.plant_inverse_dynamics()).zip(case.torque_size());
+                    pairs.into_iter().any(|((moved, torque), size)| (moved - torque).abs() > 1e-10 * size)
+                });
+                let appears = structure.appears(&name, kernel.free);
+                assert_eq!(appears, matters, "{name}, {} {}", kernel.device, kernel.configuration);
+                assert!(!appears || kernel.parameters.contains(&name.as_str()), "`prepare` takes {name}");
+            }
+        }
+    }
+    assert!(structure("no such device").is_none());
 }
 
 #[test]

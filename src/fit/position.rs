@@ -39,7 +39,7 @@ pub struct FitRun {
     pub name: String,
     /// The equations; their parameter values are replaced by those of the fit.
     pub system: System,
-    /// Sample times [s].
+    /// Sample times (s).
     pub time: Vec<f64>,
     /// Commanded torques of all joints of the device, one row a sample.
     pub command: Vec<f64>,
@@ -49,7 +49,7 @@ pub struct FitRun {
     pub hold: Hold,
     /// Weight of each free joint's error (thesis Table 4.6); 1 is neutral.
     pub weights: Vec<f64>,
-    /// Samples before this time leave the cost [s] (the thesis's transient cut).
+    /// Samples before this time leave the cost (s) (the thesis's transient cut).
     pub from_s: f64,
 }
 

@@ -6,7 +6,7 @@
 //! residual, which is found along with the parameters (iteratively reweighted, Gautier & Poignet 2001). Links stay
 //! physical and parameters in their bounds ([`super::physical`]).
 //!
-//! Directions that the data do not see are pulled towards the start by a prior of [`PRIOR_SCALES`] natural sizes, weak
+//! Directions that the data do not see are pulled towards the start by a prior of a hundred natural sizes, weak
 //! enough to be far below what the data say about the others; they are named in the result.
 
 use std::collections::BTreeMap;
@@ -31,8 +31,13 @@ use crate::{
 const PRIOR_SCALES: f64 = 100.0;
 /// Linearisations, at most.
 const ITERATIONS: usize = 60;
-/// The fit has converged when an iteration changes the cost by less than this, in units of half a variance.
-const COST_TOLERANCE: f64 = 1e-4;
+/// The fit has converged when an iteration changes the merit (minus the logarithm of the likelihood) by less than this; a
+/// standard error makes 0.5 of it.
+const COST_TOLERANCE: f64 = 1e-2;
+/// Where a step does not lead down, the next one is held to the point it starts from: first and last weight, relative to
+/// what the data say about a parameter on average, of a move by its natural size.
+const DAMPING_FIRST: f64 = 1e-6;
+const DAMPING_LAST: f64 = 1e3;
 /// Rounds in which weights and parameters are found together for one linearisation.
 const WEIGHT_ROUNDS: usize = 20;
 /// Weights have settled when none changes by more than this share.
@@ -185,59 +190,55 @@ pub fn fit(
     let region = layout.region(orders);
     x.clone_from(&layout.start);
     let start_residuals = data.square_sums();
-    let mut sigma = data.deviations();
+    let start_sigma = data.deviations();
     let mut status = FitStatus::IterationLimit;
     let mut iterations = 0;
+    let mut damping = 0.0;
     while iterations < ITERATIONS {
         iterations += 1;
-        let (next, ending) = solve(&layout, &region, &data, &mut sigma, &x)?;
-        let before = data.cost(&sigma);
-        // The linearisation may not hold as far as the step goes; the region is convex, so halving stays inside.
-        let mut taken = next;
-        let mut next_data = Data::new(&layout, &runs, &rigid, &taken);
-        let mut halvings = 0;
-        while next_data.cost(&sigma) > before * (1.0 + 1e-9) + COST_TOLERANCE && halvings < 12 {
-            taken.iter_mut().zip(&x).for_each(|(new, old)| *new = 0.5 * (*new + *old));
-            next_data = Data::new(&layout, &runs, &rigid, &taken);
-            halvings += 1;
-        }
-        let after = next_data.cost(&sigma);
-        if !after.is_finite() {
+        let (next, ending) = solve(&layout, &region, &data, &x, damping)?;
+        let next_data = Data::new(&layout, &runs, &rigid, &next);
+        let gain = data.merit() - next_data.merit();
+        if gain >= -COST_TOLERANCE {
+            x = next;
+            data = next_data;
+            progress(iterations, data.cost(&start_sigma));
+            // A damped step may be short because it is damped.
+            if gain < COST_TOLERANCE && damping <= DAMPING_FIRST {
+                status = if ending == Ending::Stalled { FitStatus::NumericalError } else { FitStatus::Converged };
+                break;
+            }
+            damping = if damping <= DAMPING_FIRST { 0.0 } else { 0.1 * damping };
+        } else if damping >= DAMPING_LAST {
+            // Not even a tiny step along the gradient helps.
             status = FitStatus::NumericalError;
             break;
-        }
-        progress(iterations, after);
-        // From a start far off the first step may be a long one; a second one that changes nothing ends the fit.
-        let settled = (before - after).abs() < COST_TOLERANCE * (1.0 + 1e-6 * after);
-        x = taken;
-        data = next_data;
-        if settled {
-            status = if ending == Ending::Stalled { FitStatus::NumericalError } else { FitStatus::Converged };
-            break;
+        } else {
+            damping = (10.0 * damping).max(DAMPING_FIRST);
         }
     }
     Ok(conclude(&layout, &region, &data, &x, &start_residuals, status, iterations))
 }
 
-/// The minimum of the linearised problem, weights included, started from `x`.
+/// The minimum of the linearised problem, weights included, started from `x` and held to it by `damping`.
 fn solve(
     layout: &Layout,
     region: &Region,
     data: &Data,
-    sigma: &mut BTreeMap<usize, f64>,
     x: &[f64],
+    damping: f64,
 ) -> Result<(Vec<f64>, Ending), TorqueFitError> {
-    let mut solution = layout.interior(region, x)?;
+    let mut sigma = data.deviations();
+    let mut solution = x.to_vec();
     let mut ending = Ending::Minimum;
     for _ in 0..WEIGHT_ROUNDS {
-        let cost = Weighted::new(layout, data, sigma);
+        let cost = Weighted::new(layout, data, &sigma, x, damping);
         let mut next = layout.interior(region, &solution)?;
         ending = minimise(region, &cost, &mut next);
         solution = next;
-        let phi = layout.phi(&solution);
-        let found = data.deviations_at(&phi);
+        let found = data.deviations_at(&layout.phi(&solution));
         let change = sigma.iter().map(|(joint, sigma)| (found[joint] / sigma - 1.0).abs()).fold(0.0, f64::max);
-        *sigma = found;
+        sigma = found;
         if change < WEIGHT_TOLERANCE {
             break;
         }
@@ -590,6 +591,14 @@ impl Data {
         self.joints.iter().map(|(joint, data)| (*joint, deviation(data))).collect()
     }
 
+    /// Minus the logarithm of the likelihood, the joints' variances being what they are: what weighting each joint by its
+    /// own residual makes small.
+    fn merit(&self) -> f64 {
+        let merit = |data: &JointData| data.n_samples as f64 * data.deviation(data.residual_squared).ln();
+        let merit: f64 = self.joints.values().map(merit).sum();
+        if merit.is_finite() { merit } else { f64::INFINITY }
+    }
+
     /// Half the sum of squared torque errors over their variances.
     fn cost(&self, sigma: &BTreeMap<usize, f64>) -> f64 {
         self.joints.iter().map(|(joint, data)| 0.5 * data.residual_squared / sigma[joint].powi(2)).sum()
@@ -737,15 +746,29 @@ struct Weighted<'a> {
     equations: Compressed,
     factor: DMatrix<f64>,
     information: DMatrix<f64>,
+    /// Where the step starts.
+    from: &'a [f64],
+    /// Weight of a move from there by the natural size of a parameter.
+    hold: f64,
 }
 
 impl<'a> Weighted<'a> {
-    fn new(layout: &'a Layout, data: &Data, sigma: &BTreeMap<usize, f64>) -> Self {
+    fn new(layout: &'a Layout, data: &Data, sigma: &BTreeMap<usize, f64>, from: &'a [f64], damping: f64) -> Self {
         let mut equations = Compressed::new(layout.n_phi());
         for (joint, data) in &data.joints {
             equations.merge(&data.equations, 1.0 / sigma[joint]);
         }
-        Self { layout, factor: equations.factor(), information: equations.information(), equations }
+        let (factor, information) = (equations.factor(), equations.information());
+        let jacobian = &factor * layout.jacobian(from);
+        let known =
+            jacobian.column_iter().zip(&layout.scale).map(|(column, scale)| column.norm_squared() * scale * scale);
+        let hold = damping * known.sum::<f64>() / from.len() as f64;
+        Self { layout, equations, factor, information, from, hold }
+    }
+
+    /// Distance from where the step starts, in natural sizes.
+    fn moved(&self, x: &[f64]) -> DVector<f64> {
+        DVector::from_fn(x.len(), |index, _| (x[index] - self.from[index]) / self.layout.scale[index])
     }
 
     /// Distance from the start in standard deviations of the prior.
@@ -758,7 +781,7 @@ impl<'a> Weighted<'a> {
 impl Cost for Weighted<'_> {
     fn value(&self, x: &[f64]) -> f64 {
         let data = self.equations.residual_squared(&self.layout.phi(x));
-        0.5 * (data + self.prior(x).norm_squared())
+        0.5 * (data + self.prior(x).norm_squared() + self.hold * self.moved(x).norm_squared())
     }
 
     fn expand(&self, x: &[f64]) -> Quadratic {
@@ -770,6 +793,10 @@ impl Cost for Weighted<'_> {
             let deviation = PRIOR_SCALES * self.layout.scale[index];
             gradient[index] += distance / deviation;
             hessian[(index, index)] += deviation.powi(-2);
+        }
+        for (index, distance) in self.moved(x).iter().enumerate() {
+            gradient[index] += self.hold * distance / self.layout.scale[index];
+            hessian[(index, index)] += self.hold / self.layout.scale[index].powi(2);
         }
         Quadratic { value: self.value(x), gradient, hessian }
     }

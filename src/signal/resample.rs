@@ -9,9 +9,9 @@ const GAP: f64 = 3.0;
 /// Uniform times `start + k * step`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grid {
-    /// First time [s].
+    /// First time (s).
     pub start: f64,
-    /// Time between samples [s].
+    /// Time between samples (s).
     pub step: f64,
     /// Number of samples.
     pub len: usize,
@@ -36,12 +36,12 @@ impl Grid {
         Self { start, step, len: (span / step * (1.0 + 1e-12)).floor() as usize + 1, is_native }
     }
 
-    /// Samples a second [Hz].
+    /// Samples a second (Hz).
     pub fn rate_hz(&self) -> f64 {
         1.0 / self.step
     }
 
-    /// Time of sample `k` [s].
+    /// Time of sample `k` (s).
     pub fn time(&self, k: usize) -> f64 {
         self.start + k as f64 * self.step
     }

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-/// Longest segment that is transformed [samples].
+/// Longest segment that is transformed, in samples.
 const SEGMENT: usize = 4096;
 
 /// A motion counts as seen while its power density exceeds so many times that of the noise.
@@ -13,7 +13,7 @@ const SEEN: f64 = 4.0;
 /// One-sided power spectral density.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PowerSpectrum {
-    /// Distance between frequencies [Hz]; entry `k` of `density` belongs to `k * resolution_hz`.
+    /// Distance between frequencies (Hz); entry `k` of `density` belongs to `k * resolution_hz`.
     pub resolution_hz: f64,
     /// Power density [unit^2/Hz].
     pub density: Vec<f64>,
@@ -53,7 +53,7 @@ fn without_line(signal: &[f64]) -> impl Iterator<Item = f64> {
     signal.iter().enumerate().map(move |(k, x)| x - mean - slope * (k as f64 - middle))
 }
 
-/// The highest frequency [Hz] up to which a measured position exceeds its noise floor: the median power density above
+/// The highest frequency (Hz) up to which a measured position exceeds its noise floor: the median power density above
 /// half of the Nyquist frequency. `None` where no motion is seen.
 pub fn motion_bandwidth(position: &[f64], step: f64) -> Option<f64> {
     let spectrum = power_spectrum(position, step)?;

@@ -28,6 +28,19 @@ impl Linear {
         self.inertias(system, ddq);
     }
 
+    /// The rates of the effects' states (in `dx`) and their gradients alone. Leaves torques as they were.
+    ///
+    /// Needs [`System::states_follow_motion`]; elsewhere use [`Linear::along`].
+    pub(crate) fn follow(&mut self, system: &System, t: f64, x: &[f64], dx: &mut [f64]) {
+        self.rate_by_state.clear();
+        self.rate_by_parameter.clear();
+        for element in system.frictions.iter().chain(&system.loads).filter(|element| element.nz > 0) {
+            let signals = system.signals(element, t, x);
+            self.evaluate(system, element, &signals, x, dx);
+            self.rates(system, element);
+        }
+    }
+
     /// Torque that the drive path delivers to each free joint, at the last [`Linear::along`].
     pub(crate) fn drive(&self) -> &[f64] {
         &self.scratch.drive
@@ -46,6 +59,32 @@ impl System {
         for &(row, column, value) in &self.added_inertia {
             torque[row] += value * ddq[column];
         }
+    }
+
+    /// Whether the states of all effects follow positions, speeds and time only, each effect's by itself.
+    pub(crate) fn states_follow_motion(&self) -> bool {
+        const MOTION: [Signal; 6] = [Signal::Q, Signal::Dq, Signal::T, Signal::Qeq, Signal::QFrom, Signal::DqFrom];
+        let drive = self.actuators.iter().chain(&self.transmissions);
+        let joint = self.frictions.iter().chain(&self.loads);
+        drive.clone().all(|element| element.nz == 0)
+            && joint.clone().all(|element| element.nz == 0 || element.uses.only(&MOTION))
+    }
+
+    /// For each state of the effects, which effect parameters it may depend on.
+    pub(crate) fn state_parameters(&self) -> Vec<Vec<usize>> {
+        if !self.states_follow_motion() {
+            return vec![(0..self.effect_parameters.len()).collect(); self.n_effect_states];
+        }
+        let first = 2 * self.n_free();
+        let mut parameters = vec![Vec::new(); self.n_effect_states];
+        for element in self.frictions.iter().chain(&self.loads) {
+            for state in element.z..element.z + element.nz {
+                let own = &mut parameters[state - first];
+                own.extend(element.p..element.p + element.np);
+                own.extend((element.qeq != NONE).then_some(element.qeq));
+            }
+        }
+        parameters
     }
 
     /// Number of states of the effects.

@@ -292,7 +292,7 @@ impl Linear {
         }
     }
 
-    fn rates(&mut self, system: &System, element: &Element) {
+    pub(super) fn rates(&mut self, system: &System, element: &Element) {
         let n_states = system.n_states();
         for state in 0..element.nz {
             self.collect(element, element.kernel.n_outputs + state);

@@ -17,9 +17,9 @@ const HIGHEST_CUTOFF: f64 = 0.2;
 pub struct Motion {
     /// Uniform times.
     pub grid: Grid,
-    /// Cut-off of the zero-phase filter of the positions [Hz].
+    /// Cut-off of the zero-phase filter of the positions (Hz).
     pub cutoff_hz: f64,
-    /// Cut-off of the zero-phase filter that regressor and torque pass alike [Hz]: lower than `cutoff_hz` where
+    /// Cut-off of the zero-phase filter that regressor and torque pass alike (Hz): lower than `cutoff_hz` where
     /// decimation asks for it.
     pub parallel_cutoff_hz: f64,
     /// Positions of the free joints, filtered [rad or m].
@@ -52,7 +52,7 @@ pub enum MotionError {
     Cutoff {
         /// The run's log.
         file: String,
-        /// Asked for [Hz].
+        /// Asked for (Hz).
         cutoff_hz: f64,
         /// Samples a second.
         rate_hz: f64,
@@ -68,7 +68,7 @@ pub enum MotionError {
         n_samples: usize,
         /// Samples that the filter needs.
         needed: usize,
-        /// Its cut-off [Hz].
+        /// Its cut-off (Hz).
         cutoff_hz: f64,
     },
 }

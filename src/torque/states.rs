@@ -3,8 +3,8 @@
 use super::{Motion, Sample};
 use crate::system::{Linear, System};
 
-/// A step of the integration is at most this share of the fastest state's time constant.
-const STEP_SHARE: f64 = 0.4;
+/// A step of the integration is at most this share of the fastest state's time constant; Runge-Kutta is stable up to 2.8.
+const STEP_SHARE: f64 = 0.7;
 /// Steps between two samples, at most.
 const MOST_STEPS: usize = 400;
 
@@ -12,11 +12,16 @@ const MOST_STEPS: usize = 400;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct States {
     pub(super) n_states: usize,
-    n_parameters: usize,
+    /// For each state, the effect parameters that it depends on.
+    parameters: Vec<Vec<usize>>,
+    /// For each state, where its derivatives start in a row of `gradients`.
+    starts: Vec<usize>,
+    /// Length of a row of `gradients`.
+    width: usize,
     /// n_samples x n_states
     values: Vec<f64>,
-    /// n_samples x n_states x n_parameters; empty without gradient
-    by_parameter: Vec<f64>,
+    /// n_samples x width; empty without gradient
+    gradients: Vec<f64>,
 }
 
 impl States {
@@ -25,42 +30,50 @@ impl States {
         &self.values[k * self.n_states..(k + 1) * self.n_states]
     }
 
-    /// Derivative of a state at sample `k` by an effect parameter.
-    pub(super) fn by_parameter(&self, k: usize, state: usize, parameter: usize) -> f64 {
-        self.by_parameter[(k * self.n_states + state) * self.n_parameters + parameter]
+    /// Derivatives of a state at sample `k`: effect parameter and value.
+    pub(super) fn gradient(&self, k: usize, state: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let row = &self.gradients[k * self.width + self.starts[state]..];
+        self.parameters[state].iter().copied().zip(row.iter().copied())
     }
 }
 
 /// The states along `motion`; `None` where no effect has any.
 pub(super) fn follow(system: &System, motion: &Motion) -> Option<States> {
-    integrate(system, motion, 0)
+    integrate(system, motion, vec![Vec::new(); system.n_effect_states()])
 }
 
 /// The states and their derivatives by the effect parameters along `motion`; `None` where no effect has states.
 pub(super) fn follow_with_gradient(system: &System, motion: &Motion) -> Option<States> {
-    integrate(system, motion, system.effect_parameters().len())
+    integrate(system, motion, system.state_parameters())
 }
 
 /// Classical Runge-Kutta on the states `z' = f(z, q(t), dq(t))` and their sensitivities `S' = f_z S + f_p`. Positions and
 /// speeds run straight between samples.
-fn integrate(system: &System, motion: &Motion, n_parameters: usize) -> Option<States> {
+fn integrate(system: &System, motion: &Motion, parameters: Vec<Vec<usize>>) -> Option<States> {
     let n_states = system.n_effect_states();
     if n_states == 0 {
         return None;
     }
-    let steps = steps_between_samples(system, motion);
+    let starts: Vec<usize> = parameters
+        .iter()
+        .scan(0, |next, own| {
+            *next += own.len();
+            Some(*next - own.len())
+        })
+        .collect();
+    let width = parameters.iter().map(Vec::len).sum();
+    let mut field = Field::new(system, motion, &parameters, &starts);
+    let steps = field.steps_between_samples();
     let step = motion.grid.step / steps as f64;
-    let width = n_states * (1 + n_parameters);
-    let mut field = Field { system, motion, linear: Linear::new(system), sample: Sample::new(system), n_parameters };
-    // z and S together: z first, then S row by row.
-    let mut y = vec![0.0; width];
-    y[..n_states].copy_from_slice(&field.sample.x[2 * system.n_free()..]);
+    // z and S together: z first, then the entries of S, state by state.
+    let mut y = vec![0.0; n_states + width];
+    y[..n_states].copy_from_slice(&Sample::new(system).x[2 * system.n_free()..]);
 
-    let mut states = States { n_states, n_parameters, values: Vec::new(), by_parameter: Vec::new() };
-    let [mut k1, mut k2, mut k3, mut k4, mut at] = std::array::from_fn(|_| vec![0.0; width]);
+    let (mut values, mut gradients) = (Vec::new(), Vec::new());
+    let [mut k1, mut k2, mut k3, mut k4, mut at] = std::array::from_fn(|_| vec![0.0; n_states + width]);
     for k in 0..motion.len() {
-        states.values.extend_from_slice(&y[..n_states]);
-        states.by_parameter.extend_from_slice(&y[n_states..]);
+        values.extend_from_slice(&y[..n_states]);
+        gradients.extend_from_slice(&y[n_states..]);
         if k + 1 == motion.len() {
             break;
         }
@@ -81,67 +94,96 @@ fn integrate(system: &System, motion: &Motion, n_parameters: usize) -> Option<St
             }
         }
     }
-    Some(states)
+    Some(States { n_states, parameters, starts, width, values, gradients })
 }
 
 /// The rates of states and sensitivities.
 struct Field<'a> {
     system: &'a System,
     motion: &'a Motion,
+    parameters: &'a [Vec<usize>],
+    starts: &'a [usize],
+    follows_motion: bool,
     linear: Linear,
     sample: Sample,
-    n_parameters: usize,
 }
 
-impl Field<'_> {
+impl<'a> Field<'a> {
+    fn new(system: &'a System, motion: &'a Motion, parameters: &'a [Vec<usize>], starts: &'a [usize]) -> Self {
+        Self {
+            system,
+            motion,
+            parameters,
+            starts,
+            follows_motion: system.states_follow_motion(),
+            linear: Linear::new(system),
+            sample: Sample::new(system),
+        }
+    }
+
+    /// Evaluates the effects at the state in `self.sample`.
+    fn evaluate(&mut self, time: f64) {
+        let Sample { x, command, dx, .. } = &mut self.sample;
+        if self.follows_motion {
+            self.linear.follow(self.system, time, x, dx);
+        } else {
+            self.linear.along(self.system, time, x, None, command, dx);
+        }
+    }
+
     /// Rates at `share` of the way from sample `k` to the next.
     fn rate(&mut self, k: usize, share: f64, y: &[f64], rate: &mut [f64]) {
         let n = self.system.n_free();
         let n_states = self.system.n_effect_states();
         let between = |values: &[f64]| values[k] + share * (values[k + 1] - values[k]);
-        let Sample { x, command, dx, .. } = &mut self.sample;
+        let Sample { x, command, .. } = &mut self.sample;
         for slot in 0..n {
             x[slot] = between(&self.motion.q[slot]);
             x[n + slot] = between(&self.motion.dq[slot]);
         }
         x[2 * n..].copy_from_slice(&y[..n_states]);
-        command.iter_mut().zip(&self.motion.command).for_each(|(value, command)| *value = between(command));
-        let time = self.motion.grid.time(k) + share * self.motion.grid.step;
-        self.linear.along(self.system, time, x, None, command, dx);
-        rate[..n_states].copy_from_slice(&dx[2 * n..]);
-        if self.n_parameters == 0 {
+        if !self.follows_motion {
+            command.iter_mut().zip(&self.motion.command).for_each(|(value, command)| *value = between(command));
+        }
+        self.evaluate(self.motion.grid.time(k) + share * self.motion.grid.step);
+        rate[..n_states].copy_from_slice(&self.sample.dx[2 * n..]);
+        self.sensitivities(&y[n_states..], &mut rate[n_states..]);
+    }
+
+    /// `S' = f_z S + f_p`
+    fn sensitivities(&self, s: &[f64], rate: &mut [f64]) {
+        if rate.is_empty() {
             return;
         }
-        let first = 2 * n;
-        rate[n_states..].fill(0.0);
-        let row = |state: usize| n_states + (state - first) * self.n_parameters;
+        rate.fill(0.0);
+        let first = 2 * self.system.n_free();
         for &(state, parameter, value) in &self.linear.rate_by_parameter {
-            rate[row(state) + parameter] += value;
+            let state = state - first;
+            if let Some(column) = self.parameters[state].iter().position(|own| *own == parameter) {
+                rate[self.starts[state] + column] += value;
+            }
         }
-        for &(state, other, value) in &self.linear.rate_by_state {
-            if other >= first {
-                for parameter in 0..self.n_parameters {
-                    rate[row(state) + parameter] += value * y[row(other) + parameter];
+        for &(state, other, value) in self.linear.rate_by_state.iter().filter(|(_, other, _)| *other >= first) {
+            let (state, other) = (state - first, other - first);
+            // States that depend on each other have the same parameters, in the same order.
+            for column in 0..self.parameters[state].len().min(self.parameters[other].len()) {
+                rate[self.starts[state] + column] += value * s[self.starts[other] + column];
+            }
+        }
+    }
+
+    /// Steps between samples so that the fastest state, at its initial value, is resolved everywhere.
+    fn steps_between_samples(&mut self) -> usize {
+        let mut fastest = 0.0_f64;
+        for k in 0..self.motion.len() {
+            self.sample.load(self.motion, None, k);
+            self.evaluate(self.motion.grid.time(k));
+            for &(state, other, value) in &self.linear.rate_by_state {
+                if state == other {
+                    fastest = fastest.max(value.abs());
                 }
             }
         }
+        ((fastest * self.motion.grid.step / STEP_SHARE).ceil() as usize).clamp(1, MOST_STEPS)
     }
-}
-
-/// Steps between samples so that the fastest state, at its initial value, is resolved everywhere.
-fn steps_between_samples(system: &System, motion: &Motion) -> usize {
-    let mut linear = Linear::new(system);
-    let mut sample = Sample::new(system);
-    let mut fastest = 0.0_f64;
-    for k in 0..motion.len() {
-        sample.load(motion, None, k);
-        let Sample { x, command, dx, .. } = &mut sample;
-        linear.along(system, motion.grid.time(k), x, None, command, dx);
-        for &(state, other, value) in &linear.rate_by_state {
-            if state == other {
-                fastest = fastest.max(value.abs());
-            }
-        }
-    }
-    ((fastest * motion.grid.step / STEP_SHARE).ceil() as usize).clamp(1, MOST_STEPS)
 }

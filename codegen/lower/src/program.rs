@@ -12,6 +12,7 @@ mod evaluate;
 mod operations;
 mod rewrite;
 mod split;
+mod statements;
 
 use std::collections::{BTreeMap, HashMap};
 

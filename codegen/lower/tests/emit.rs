@@ -14,3 +14,37 @@ fn planar2r() -> Configuration {
 fn planar2r_module() {
     insta::assert_snapshot!(configuration_module(&planar2r()).unwrap());
 }
+
+#[test]
+fn a_missing_output_is_named() {
+    let text = include_str!("kir/planar2r.kir").replace("output h_1", "output other");
+    let kir = Kir::parse(&text, Path::new("planar2r.kir")).unwrap();
+    insta::assert_snapshot!(Configuration::new(&kir).unwrap_err(), @"planar2r, configuration 1: output `h_1` is missing; write the equations anew with `cargo xtask gen --device planar2r --config 1`");
+}
+
+/// A function beyond the cap is cut into parts that pass shared terms in an array.
+#[test]
+fn long_functions_are_split() {
+    let mut lines = vec!["let t0 = sin(q0);".to_owned()];
+    for number in 1..3_000 {
+        lines.push(format!("let t{number} = t{} * q0 + link_1_m;", number - 1));
+    }
+    lines.push("output tau_0 = t2999 + t5;".to_owned());
+    let head =
+        "device long\nconfiguration 1\nfree 0\nlocked none\nmodel sha256 0\nparameter link.1.m kg\nposition q0 rad\n";
+    let text = format!("{head}{}\noutput D_0_0 = link_1_m;\noutput h_0 = link_1_m;\n", lines.join("\n"));
+    let kir = Kir::parse(&text, Path::new("long.kir")).unwrap();
+    let module = configuration_module(&Configuration::new(&kir).unwrap()).unwrap();
+    let body =
+        &module[module.find("pub fn inverse_dynamics<").unwrap()..module.find("pub fn forward_dynamics<").unwrap()];
+    let interesting = body.lines().filter(|line| !line.contains("let t") || line.contains("shared"));
+    insta::assert_snapshot!(interesting.collect::<Vec<_>>().join("\n"));
+}
+
+/// What a formula reads but nothing defines.
+#[test]
+fn an_unknown_symbol_of_an_effect_is_named() {
+    let mut effect = dynid_model::effect("viscous").unwrap().clone();
+    effect.parameters.clear();
+    insta::assert_snapshot!(dynid_lower::effect::EffectKernels::new(&effect).unwrap_err(), @"effect `viscous`: `torque` reads `Fv`, which is none of its parameters, states, terms or signals (q, dq, ddq, t, load, friction, qeq, q_from, dq_from, command, command_from)");
+}

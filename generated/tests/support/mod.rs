@@ -231,6 +231,13 @@ impl Case {
         self.of_free_joints(&self.plant().inverse_dynamics(&self.positions, &dq, &ddq))
     }
 
+    /// The same when one parameter is moved.
+    pub fn plant_inverse_dynamics_with(&self, parameter: &str, by: f64) -> Vec<f64> {
+        let value = |name: &str| self.values[name] + if name == parameter { by } else { 0.0 };
+        let (dq, ddq) = (self.of_all_joints(&self.dq), self.of_all_joints(&self.ddq));
+        self.of_free_joints(&Mechanism::new(self.device, &value).inverse_dynamics(&self.positions, &dq, &ddq))
+    }
+
     pub fn plant_coriolis(&self) -> Vec<f64> {
         let (n, free) = (self.positions.len(), self.kernel.free);
         let c = self.plant().coriolis(&self.positions, &self.of_all_joints(&self.dq));

@@ -110,24 +110,12 @@ struct Body<'a> {
     function: &'a Function,
     program: &'a Program,
     names: BTreeMap<Node, Ident>,
-    uses: Vec<usize>,
 }
 
 impl<'a> Body<'a> {
     fn new(function: &'a Function) -> Body<'a> {
         let program = &function.program;
-        let mut uses = vec![0usize; program.len()];
-        for node in program.live() {
-            for operand in program.operation_of(node).operands() {
-                uses[operand.index()] += 1;
-            }
-        }
-        for output in function.results.iter().flat_map(|results| &results.elements) {
-            if let Some(node) = program.find_output(output) {
-                uses[node.index()] += 1;
-            }
-        }
-        let mut body = Body { function, program, names: BTreeMap::new(), uses };
+        let mut body = Body { function, program, names: BTreeMap::new() };
         body.give_names();
         body
     }
@@ -151,17 +139,30 @@ impl<'a> Body<'a> {
                 self.names.insert(node, name);
             }
         }
+        let angles = live
+            .iter()
+            .filter(|&&node| matches!(self.program.operation_of(node), Operation::Call(Call::Sin | Call::Cos, _)));
+        let mut unnamed: BTreeSet<Node> = self.program.statements().into_iter().chain(angles.copied()).collect();
+        unnamed.extend(self.written_twice());
         let mut number = 0;
-        for &node in &live {
-            let operation = self.program.operation_of(node);
-            let trivial = matches!(operation, Operation::Number(_) | Operation::Negate(_));
-            let angle = matches!(operation, Operation::Call(Call::Sin | Call::Cos, _));
-            if !self.names.contains_key(&node) && !trivial && (angle || self.uses[node.index()] > 1) {
+        for node in unnamed {
+            self.names.entry(node).or_insert_with(|| {
                 number += 1;
-                let name = unlike(&mut taken, &format!("t{number}"));
-                self.names.insert(node, name);
-            }
+                unlike(&mut taken, &format!("t{number}"))
+            });
         }
+    }
+
+    /// Terms that stand in several places of the results, as the entries of a symmetric matrix do.
+    fn written_twice(&self) -> Vec<Node> {
+        let outputs = self.function.results.iter().flat_map(|results| &results.elements);
+        let mut nodes: Vec<Node> = outputs.filter_map(|output| self.program.find_output(output)).collect();
+        nodes.sort_unstable();
+        let is_term = |node: &Node| {
+            let operation = self.program.operation_of(*node);
+            !matches!(operation, Operation::Number(_) | Operation::Input(_) | Operation::Negate(_))
+        };
+        nodes.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| pair[0]).filter(is_term).collect()
     }
 
     /// `let q0 = q[0];` for every input that these statements read.

@@ -10,6 +10,9 @@ use crate::{Node, Program};
 /// scalar pivot `c - b^2 / a` does. Structural zeros fold away in the constructors.
 pub(super) fn symmetric(program: &mut Program, mut matrix: Vec<Vec<Node>>, mut right: Vec<Node>) -> Vec<Node> {
     let n = right.len();
+    if n == 1 {
+        return vec![program.divide(right[0], matrix[0][0])];
+    }
     let blocks: Vec<Vec<usize>> = (0..n).rev().collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
     // Per block: its inverse applied to its part of the right side, and the factors of the rows above it.
     let mut eliminated = Vec::new();
@@ -77,4 +80,69 @@ fn inverse(program: &mut Program, matrix: &[Vec<Node>], block: &[usize]) -> Vec<
 fn dot(program: &mut Program, a: &[Node], b: &[Node]) -> Node {
     let products: Vec<Node> = a.iter().zip(b).map(|(&a, &b)| program.multiply(a, b)).collect();
     program.sum(&products)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::symmetric;
+    use crate::{Input, Node, Program};
+
+    /// A program that solves an `n` x `n` system of inputs; entries beyond `band` from the diagonal are zero.
+    fn system(n: usize, band: usize) -> Program {
+        let mut program = Program::new();
+        let mut matrix = vec![Vec::new(); n];
+        for (row, entries) in matrix.iter_mut().enumerate() {
+            for column in 0..n {
+                let entry: Node = if row.abs_diff(column) > band {
+                    program.number(0.0)
+                } else {
+                    program.parameter(&format!("a.{}.{}", row.min(column), row.max(column)), "")
+                };
+                entries.push(entry);
+            }
+        }
+        let right = (0..n).map(|row| program.parameter(&format!("b.{row}"), "")).collect();
+        for (row, x) in symmetric(&mut program, matrix, right).into_iter().enumerate() {
+            program.output(&format!("x_{row}"), x);
+        }
+        program
+    }
+
+    /// Diagonally dominant, so positive definite.
+    fn value(input: &Input) -> f64 {
+        let name = input.identifier();
+        let indices: Vec<usize> = name.split('_').filter_map(|part| part.parse().ok()).collect();
+        match indices.as_slice() {
+            [row, column] if row == column => 8.0 + *row as f64,
+            [row, column] => ((3 * row + 5 * column) % 7) as f64 / 7.0 - 0.4,
+            _ => indices[0] as f64 - 1.5,
+        }
+    }
+
+    #[test]
+    fn the_solution_solves() {
+        for n in 1..=7 {
+            for band in [0, 2, n] {
+                let x = system(n, band).evaluate(value);
+                for row in 0..n {
+                    let entry = |column: usize| match row.abs_diff(column) > band {
+                        true => 0.0,
+                        false => value(&Input::Parameter(format!("a.{}.{}", row.min(column), row.max(column)))),
+                    };
+                    let left: f64 = (0..n).map(|column| entry(column) * x[column]).sum();
+                    let right = value(&Input::Parameter(format!("b.{row}")));
+                    assert!((left - right).abs() < 1e-14, "n = {n}, band = {band}, row {row}: {left} {right}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn zeros_cost_nothing_and_two_rows_cost_one_division() {
+        let counts = |band| system(6, band).operations();
+        assert_eq!(counts(6).divs, 3);
+        // Three blocks of a diagonal matrix: the determinant, its reciprocal, two products and two solutions each.
+        assert_eq!((counts(0).adds, counts(0).muls, counts(0).divs), (0, 15, 3));
+        assert!(counts(2).arithmetic() < counts(6).arithmetic());
+    }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use super::{Kir, expression::Printer};
-use crate::{Input, Node, Operation, Program};
+use crate::{Input, Node, Program};
 
 impl fmt::Display for Kir {
     fn fmt(&self, text: &mut fmt::Formatter) -> fmt::Result {
@@ -40,13 +40,10 @@ fn write_program(program: &Program, text: &mut fmt::Formatter) -> fmt::Result {
         let (keyword, name) = declaration(input);
         writeln!(text, "{}", format!("{keyword} {name} {unit}").trim_end())?;
     }
-    let live = program.live();
-    let names = term_names(program, &live);
+    let names = term_names(program);
     let printer = Printer { program, names: &names };
-    for &node in &live {
-        if let Some(name) = names.get(&node) {
-            writeln!(text, "let {name} = {};", printer.definition(node))?;
-        }
+    for (&node, name) in &names {
+        writeln!(text, "let {name} = {};", printer.definition(node))?;
     }
     for (name, node) in program.outputs() {
         writeln!(text, "output {name} = {};", printer.reference(*node))?;
@@ -69,32 +66,20 @@ fn declaration(input: &Input) -> (&'static str, String) {
     (keyword, input.identifier())
 }
 
-/// Every named term keeps its name; a term that is used more than once gets one.
-fn term_names(program: &Program, live: &[Node]) -> BTreeMap<Node, String> {
-    let mut uses = vec![0usize; program.len()];
-    for &node in live {
-        for operand in program.operation_of(node).operands() {
-            uses[operand.index()] += 1;
-        }
-    }
-    for (_, node) in program.outputs() {
-        uses[node.index()] += 1;
-    }
+/// Every named term keeps its name; the others that need a line are numbered.
+fn term_names(program: &Program) -> BTreeMap<Node, String> {
     let mut names = BTreeMap::new();
     let mut number = 0;
-    for &node in live {
-        if program.number_of(node).is_some() || matches!(program.operation_of(node), Operation::Input(_)) {
-            continue;
-        }
+    for node in program.statements() {
         if let Some(name) = program.name_of(node) {
             names.insert(node, name.to_owned());
-        } else if uses[node.index()] > 1 && !matches!(program.operation_of(node), Operation::Negate(_)) {
-            number += 1;
-            while program.free_name(&format!("t{number}")) != format!("t{number}") {
-                number += 1;
-            }
-            names.insert(node, format!("t{number}"));
+            continue;
         }
+        number += 1;
+        while program.free_name(&format!("t{number}")) != format!("t{number}") {
+            number += 1;
+        }
+        names.insert(node, format!("t{number}"));
     }
     names
 }

@@ -308,7 +308,7 @@ mod tests {
         let time = (0..5).map(f64::from).collect();
         let panel = Panel { time, measured: values.clone(), predicted: values, ..Panel::default() };
         let svg = inline(&panel);
-        let measured = svg.lines().filter(|line| line.starts_with("<path class=\"measured\"")).next_back().unwrap();
+        let measured = svg.lines().rfind(|line| line.starts_with("<path class=\"measured\"")).unwrap();
         assert_eq!(measured.matches('M').count(), 2, "{measured}");
         assert!(!svg.contains("NaN"));
     }

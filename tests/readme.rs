@@ -1,0 +1,25 @@
+//! The README shows what the program says.
+
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::Command;
+
+#[test]
+fn the_readme_is_true() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let readme = fs::read_to_string(root.join("README.md")).unwrap().replace("\r\n", "\n");
+    for command in ["cargo run --release -- tour", "cargo xtask ci"] {
+        assert!(readme.contains(&format!("```sh\n{command}\n```")), "{command}");
+    }
+    let folder = TempDir::new().unwrap();
+    let plan =
+        dynid(folder.path(), &["plan", "freedom6s", "--method", "isolated"]).success().get_output().stdout.clone();
+    assert!(
+        readme.contains(String::from_utf8(plan.stdout).unwrap().trim_end()),
+        "the README's plan is not the program's"
+    );
+    for picture in ["docs/wrist-believed.svg", "docs/wrist-fitted.svg"] {
+        assert!(readme.contains(picture) && root.join(picture).is_file(), "{picture}");
+    }
+}

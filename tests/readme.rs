@@ -12,9 +12,8 @@ fn the_readme_is_true() {
     for command in ["cargo run --release -- tour", "cargo xtask ci"] {
         assert!(readme.contains(&format!("```sh\n{command}\n```")), "{command}");
     }
-    let folder = TempDir::new().unwrap();
-    let plan =
-        dynid(folder.path(), &["plan", "freedom6s", "--method", "isolated"]).success().get_output().stdout.clone();
+    let plan = ["plan", "freedom6s", "--method", "isolated"];
+    let plan = Command::cargo_bin("dynid").unwrap().args(plan).output().unwrap();
     assert!(
         readme.contains(String::from_utf8(plan.stdout).unwrap().trim_end()),
         "the README's plan is not the program's"

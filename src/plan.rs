@@ -1,10 +1,7 @@
 //! Which parameters each configuration reveals: a method's steps, and what is new in each (the thesis's Figure 4.2).
 //!
-//! A link parameter *appears* in a configuration when the torques of its free joints change with it in some state:
-//! `d tau / d p = Y(q, dq, ddq) d lumps / d p` from the configuration's own kernel, with general angles of the locked
-//! joints. It is judged at random states, lengths and gravity, where a sum that vanishes identically (`s^2 + c^2 - 1`)
-//! leaves rounding alone and any other sum leaves something, so the answer is exact but for coincidences of
-//! probability zero. Appearing is not being identifiable: parameters may act only together.
+//! A link parameter *appears* in a configuration when it stands in the equations of motion of its free joints, angles of
+//! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not being identifiable: parameters may act only together.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -85,69 +82,9 @@ fn depends_on(model: &Model, kernel: &Kernel) -> Vec<String> {
     parameters
 }
 
-/// Random states that are looked at.
-const STATES: usize = 6;
-/// A derivative below this share of the largest one is rounding; values, angles and rates are all of order one.
-const ROUNDING: f64 = 1e-9;
-
 /// Names of the link parameters on which the torques of the kernel's free joints depend.
 pub fn appearing(kernel: &Kernel) -> BTreeSet<String> {
-    let (n, n_lumps, n_parameters) = (kernel.free.len(), kernel.n_lumps, kernel.parameters.len());
-    let mut random = Random { state: 0x5EED };
-    let mut appearing = BTreeSet::new();
-    for _ in 0..STATES {
-        let parameters: Vec<f64> = (0..n_parameters).map(|_| random.between(0.5, 1.5)).collect();
-        let locked: Vec<f64> = kernel.locked.iter().map(|_| random.between(-3.0, 3.0)).collect();
-        let [q, dq, ddq]: [Vec<f64>; 3] = std::array::from_fn(|_| (0..n).map(|_| random.between(-3.0, 3.0)).collect());
-        let mut prepared = vec![0.0; kernel.prepared.len()];
-        (kernel.prepare)(&parameters, &locked, &mut prepared);
-        let mut by_parameter = vec![0.0; kernel.prepared.len() * n_parameters];
-        (kernel.prepare_gradient)(&parameters, &locked, &mut by_parameter);
-        let mut regressor = vec![0.0; n * n_lumps];
-        (kernel.regressor)(&prepared, &q, &dq, &ddq, &mut regressor);
-        let links = || kernel.parameters.iter().enumerate().filter(|(_, name)| name.starts_with("link."));
-        let derivative = |row: usize, column: usize| {
-            let lumps = 0..n_lumps;
-            lumps.map(|lump| regressor[row * n_lumps + lump] * by_parameter[lump * n_parameters + column]).sum::<f64>()
-        };
-        let entries: Vec<(&str, f64)> = links()
-            .flat_map(|(column, name)| (0..n).map(move |row| (*name, row, column)))
-            .map(|(name, row, column)| (name, derivative(row, column).abs()))
-            .collect();
-        let largest = entries.iter().fold(0.0, |largest: f64, (_, size)| largest.max(*size));
-        let seen = entries.into_iter().filter(|(_, size)| *size > ROUNDING * largest);
-        appearing.extend(seen.map(|(name, _)| name.to_owned()));
-    }
-    appearing
-}
-
-/// SplitMix64 (Steele, Lea & Flood 2014): the same states in every run.
-struct Random {
-    state: u64,
-}
-
-impl Random {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.state;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        bits ^= bits >> 31;
-        low + (high - low) * (bits >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
-
-impl Plan {
-    /// Step in which each link parameter first appears: per link, in the order of [`Link::SYMBOLS`].
-    pub fn first_steps(&self, n_links: usize) -> Vec<[Option<usize>; 10]> {
-        let mut first: BTreeMap<&str, usize> = BTreeMap::new();
-        for step in &self.steps {
-            for name in &step.new_parameters {
-                first.insert(name, step.number);
-            }
-        }
-        (1..=n_links)
-            .map(|link| Link::SYMBOLS.map(|symbol| first.get(format!("link.{link}.{symbol}").as_str()).copied()))
-            .collect()
-    }
+    let Some(structure) = dynid_generated::structure(kernel.device) else { return BTreeSet::new() };
+    let links = kernel.parameters.iter().filter(|name| name.starts_with("link."));
+    links.filter(|name| structure.appears(name, kernel.free)).map(|name| (*name).to_owned()).collect()
 }

@@ -133,33 +133,6 @@ fn plan_counts_as_the_thesis_does() {
     assert!(steps[0]["parameters"].as_array().unwrap().contains(&"joint.4.lugre.sigma0".into()));
 }
 
-/// What appears, as the plan finds it from the kernels' numbers, is what derive found by algebra.
-#[test]
-fn plan_agrees_with_the_equations_structure() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("generated");
-    for device in dynid_model::devices() {
-        let text = fs::read_to_string(root.join(&device.id).join("structure.toml")).unwrap();
-        let structure: toml::Table = text.parse().unwrap();
-        let names = |table: &str, key: String| -> Vec<String> {
-            let list =
-                structure[table].get(&key).and_then(toml::Value::as_array).unwrap_or_else(|| panic!("{table}.{key}"));
-            list.iter().map(|name| name.as_str().unwrap().to_owned()).collect()
-        };
-        for (number, configuration) in (1..).zip(&device.configurations) {
-            let mut wanted = BTreeSet::new();
-            for &i in &configuration.free {
-                wanted.extend(names("phi", i.to_string()));
-                for &j in configuration.free.iter().filter(|&&j| j >= i) {
-                    wanted.extend(names("D", format!("{i}_{j}")));
-                }
-            }
-            wanted.retain(|name| name.starts_with("link."));
-            let kernel = dynid_generated::kernel(&device.id, number).unwrap();
-            assert_eq!(dynid::plan::appearing(kernel), wanted, "{} configuration {number}", device.id);
-        }
-    }
-}
-
 #[test]
 fn every_verb_teaches_by_example() {
     let folder = TempDir::new().unwrap();

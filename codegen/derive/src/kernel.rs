@@ -62,6 +62,14 @@ struct Candidate {
     counts: OperationCounts,
 }
 
+impl Candidate {
+    /// Fewest operations first. Between equals the one that names fewer inputs: the recursion's second moments name
+    /// inertias that cancel in their sums.
+    fn cost(&self) -> (usize, usize) {
+        (self.counts.arithmetic(), self.program.live_inputs().len())
+    }
+}
+
 /// The equations of the free joints of one configuration, each group in its cheapest form.
 ///
 /// # Errors
@@ -81,11 +89,11 @@ pub fn derive(algebra: &Algebra, lagrangian: &Lagrangian, device: &Device, numbe
             let n_angles = algebra.pairs().iter().filter(|(cosine, _)| algebra.moves(*cosine, &free)).count();
             let variants = (0..1usize << n_angles.min(MAX_CHOICES))
                 .map(|kept_sines| candidate("lagrangian", subset.program(&context, group, kept_sines)));
-            candidates.extend(variants.min_by_key(|known| known.counts.arithmetic()));
+            candidates.extend(variants.min_by_key(Candidate::cost));
         }
         let costs: Vec<String> =
             candidates.iter().map(|known| format!("{} {}", known.form, known.counts.arithmetic())).collect();
-        let Some(best) = candidates.into_iter().min_by_key(|known| known.counts.arithmetic()) else { continue };
+        let Some(best) = candidates.into_iter().min_by_key(Candidate::cost) else { continue };
         program.append(&best.program);
         forms.push(Form {
             outputs: group.symbol().to_owned(),

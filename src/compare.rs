@@ -15,7 +15,7 @@ use crate::{
     model::Model,
     signal::is_white,
     simulate::{
-        self, Input,
+        self, Input, SimulationError, Trajectory,
         control::{self, Controller},
     },
     system::System,
@@ -175,6 +175,23 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
     })
 }
 
+/// What [`control::simulate`] returns.
+type Played = Result<(Trajectory, Vec<f64>), SimulationError>;
+
+/// Motion and commands of `system` under the run's controller, from the first logged positions; `None` for a run without
+/// controller.
+///
+/// # Errors
+/// A controller that cannot be read.
+pub fn closed_loop(system: &System, run: &Run, options: &simulate::Options) -> Result<Option<Played>, Error> {
+    let (Some(path), Some(reference)) = (&run.settings.controller, &run.log.reference) else { return Ok(None) };
+    let controller = Controller::read(path, &run.file, system.n_joints(), run.log.sample_time())?;
+    let rows = 0..run.log.len();
+    let reference: Vec<f64> = rows.flat_map(|k| reference.iter().map(move |joint| joint[k])).collect();
+    let first: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
+    Ok(Some(control::simulate(system, &controller, &run.log.t, &reference, &first, options)))
+}
+
 /// Positions of the free joints that `model` shows under the run's commands, or under its controller where it has one: one
 /// vector a joint, or why there are none.
 fn simulated(model: &Model, run: &Run, notes: &mut Vec<String>) -> Result<Result<Vec<Vec<f64>>, String>, Error> {
@@ -187,12 +204,7 @@ fn simulated(model: &Model, run: &Run, notes: &mut Vec<String>) -> Result<Result
         let n_free = run.free.len();
         (0..n_free).map(|slot| values.iter().skip(slot).step_by(n_free).copied().collect()).collect()
     };
-    if let (Some(path), Some(reference)) = (&run.settings.controller, &run.log.reference) {
-        let n_joints = model.device.joints.len();
-        let controller = Controller::read(path, &run.file, n_joints, run.log.sample_time())?;
-        let rows = 0..run.log.len();
-        let reference: Vec<f64> = rows.flat_map(|k| reference.iter().map(move |joint| joint[k])).collect();
-        let played = control::simulate(&fit_run.system, &controller, &run.log.t, &reference, &first, &options);
+    if let Some(played) = closed_loop(&fit_run.system, run, &options)? {
         return Ok(played.map(|(trajectory, _)| by_joint(&trajectory.q)).map_err(|error| error.to_string()));
     }
     // From the first sample first: where that loses the log, a better start does not bring it back.
@@ -238,6 +250,10 @@ fn rms(values: &[f64]) -> f64 {
 
 /// MATLAB's normalised root mean square fit; `None` for a position that does not move.
 fn fit_percent(measured: &[f64], residual: &[f64]) -> Option<f64> {
+    // The mean of equal numbers is theirs only up to rounding.
+    if measured.windows(2).all(|pair| pair[0] == pair[1]) {
+        return None;
+    }
     let mean = measured.iter().sum::<f64>() / measured.len() as f64;
     let spread: Vec<f64> = measured.iter().map(|y| y - mean).collect();
     let spread = rms(&spread);
@@ -262,5 +278,6 @@ mod tests {
         assert_eq!(fit_percent(&y, &[0.0; 4]), Some(100.0));
         assert!(fit_percent(&y, &y.map(|y| y - 3.0)).expect("it moves").abs() < 1e-12);
         assert_eq!(fit_percent(&[2.0; 4], &[1.0; 4]), None);
+        assert_eq!(fit_percent(&[0.1; 1000], &[1.0; 1000]), None, "whose mean is not 0.1");
     }
 }

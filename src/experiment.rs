@@ -239,6 +239,13 @@ impl<'a> RunSource<'a> {
             run: self.number,
             error: Box::new(error),
         })?;
+        if let (Some(value), None) = (self.setting("controller"), &log.reference) {
+            let columns: Vec<String> = free.iter().map(|joint| format!("ref{joint}")).collect();
+            let message = format!("controller: {name} lacks the references that it follows: {}", columns.join(", "));
+            let remedy =
+                format!("log them; where they have other names, say so: columns = {{ {} = \"...\" }}", columns[0]);
+            return Err(file.invalid(value.span().start, message, &remedy));
+        }
         Ok(Run { file: name.to_owned(), role, free, configuration, log, settings })
     }
 

@@ -9,10 +9,14 @@ use std::fmt;
 use crate::{
     error::Error,
     experiment::{Experiment, Run},
-    fit::{FitStatus, position::Options, sequence::Weighting},
+    fit::{
+        FitStatus,
+        position::{Options, PositionProblem},
+        sequence::Weighting,
+    },
     model::{FitRecord, Model},
 };
-use by_position::{by_method, by_position};
+use by_position::{by_method, by_position, cost_at};
 use by_torque::by_torque;
 
 /// What a fit makes small.
@@ -111,12 +115,15 @@ pub fn identify(
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Identified, Error> {
     let mut found = match error {
-        ErrorKind::Torque => by_torque(model, runs, progress)?,
+        ErrorKind::Torque => by_torque(model, runs, options.iterations, progress)?,
         ErrorKind::Position => by_position(model, runs, options, progress)?,
         ErrorKind::Both => {
-            let first = by_torque(model, runs, progress)?;
+            // What the second fit refuses is better refused before the first.
+            PositionProblem::of_model(model, by_position::fitted(runs))?;
+            let first = by_torque(model, runs, options.iterations, progress)?;
             let mut second = by_position(&first.model, runs, options, progress)?;
             second.iterations += first.iterations;
+            second.cost_before = cost_at(model, runs, options)?;
             for parameter in &mut second.parameters {
                 if let Some(start) = model.parameter(&parameter.name) {
                     parameter.start = start.value;

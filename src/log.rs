@@ -218,7 +218,13 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
         })
         .collect::<Result<Vec<_>, _>>()?;
     let mut q = joints.clone().map(|joint| find(&format!("q{joint}"))).collect::<Result<Vec<_>, _>>()?;
-    let mut reference: Vec<Option<Column>> = joints.map(|joint| find(&format!("ref{joint}")).ok()).collect();
+    let mut reference = joints
+        .map(|joint| format!("ref{joint}"))
+        .map(|name| match find(&name) {
+            Err(LogError::MissingColumn { .. }) if !format.is_mapped(&name) => Ok(None),
+            found => found.map(Some),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
     if format.free.iter().any(|&joint| reference[joint].is_none()) {
         reference.iter_mut().for_each(|column| *column = None);
     }
@@ -312,6 +318,11 @@ fn read_rows(
 impl LogFormat {
     fn is_free(&self, joint: usize) -> bool {
         self.free.contains(&joint)
+    }
+
+    /// Whether the experiment says which column of the log this is.
+    fn is_mapped(&self, logical: &str) -> bool {
+        self.columns.iter().any(|(name, _)| name == logical)
     }
 }
 

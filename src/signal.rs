@@ -10,6 +10,6 @@ mod spectrum;
 mod whiteness;
 
 pub use filter::{Lowpass, decimate, first_derivative, second_derivative};
-pub use resample::{Grid, held, straight};
+pub use resample::{Gap, Grid, held, straight};
 pub use spectrum::{PowerSpectrum, motion_bandwidth, power_spectrum};
 pub use whiteness::{autocorrelation, is_white};

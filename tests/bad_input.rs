@@ -226,3 +226,14 @@ fn an_experiment_that_is_not_there() {
     let folder = TempDir::new().unwrap();
     insta::assert_snapshot!(refused(&folder, &["compare", "experiment.toml", "--model", "model.toml"]));
 }
+
+#[test]
+fn a_controller_with_a_limit_below_zero() {
+    let folder = folder();
+    let log: String =
+        log().lines().enumerate().map(|(k, row)| format!("{row},{}\n", if k == 0 { "ref1" } else { "0" })).collect();
+    put(&folder, "swing.csv", &log);
+    put(&folder, "control.toml", "P = [0, 2]\nD = [0, 0.1]\nlimit = [1, -0.5]\n");
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("[[run]]", "[[run]]\ncontroller = \"control.toml\""));
+    insta::assert_snapshot!(refused(&folder, &["compare", "experiment.toml", "--model", "model.toml"]));
+}

@@ -9,9 +9,14 @@ use dynid_plant::recipe::{self, Recipe};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Two runs of the two-link arm's elbow, made by the plant.
+/// Two runs of the two-link arm's elbow, made by the plant: one to fit to, one held out.
 fn folder() -> TempDir {
-    let recipe: Recipe = toml::from_str(
+    folder_with(4.0, "validate")
+}
+
+/// The same of another length and role of the second run.
+fn folder_with(duration_s: f64, second: &str) -> TempDir {
+    let text =
         "device = \"planar2r\"\nseed = 5\nsample_s = 0.01\nsteps_per_sample = 20\nnoise_rms = 1e-4\nquantum = 1e-5\n\
          start = [0.2, -1.5]\n\
          [parameters]\n\"link.2.m\" = 0.84\n\
@@ -20,9 +25,10 @@ fn folder() -> TempDir {
          [[run]]\nfile = \"one.csv\"\nfree = [1]\nrole = \"fit\"\nduration_s = 4.0\n\
          torque = [{ joint = 1, amplitude = 0.8, hz = 0.6 }, { joint = 1, amplitude = 0.4, hz = 1.7 }]\n\
          [[run]]\nfile = \"two.csv\"\nfree = [1]\nrole = \"validate\"\nduration_s = 4.0\n\
-         torque = [{ joint = 1, amplitude = 0.7, hz = 0.9 }]\n",
-    )
-    .unwrap();
+         torque = [{ joint = 1, amplitude = 0.7, hz = 0.9 }]\n"
+            .replace("duration_s = 4.0", &format!("duration_s = {duration_s:?}"))
+            .replace("\"validate\"", &format!("\"{second}\""));
+    let recipe: Recipe = toml::from_str(&text).unwrap();
     let folder = TempDir::new().unwrap();
     for (name, text) in recipe::make(&recipe, dynid_model::device("planar2r").unwrap()).unwrap() {
         fs::write(folder.path().join(name), text).unwrap();
@@ -83,6 +89,49 @@ fn simulate_writes_logs_that_can_be_compared_with() {
     dynid(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]).code(2);
 }
 
+/// Under a controller the commands are the controller's, and the position error is not what is fitted.
+#[test]
+fn a_run_with_a_controller_is_in_closed_loop() {
+    let folder = folder();
+    let log = fs::read_to_string(folder.path().join("one.csv")).unwrap();
+    let (header, rows) = log.split_once('\n').unwrap();
+    let rows: String = rows.lines().map(|row| format!("{row},-1.5\n")).collect();
+    fs::write(folder.path().join("one.csv"), format!("{header},ref1\n{rows}")).unwrap();
+    fs::write(folder.path().join("control.toml"), "P = [0, 2]\nD = [0, 0.2]\nlimit = [1, 0.125]\n").unwrap();
+    let experiment = fs::read_to_string(folder.path().join("experiment.toml")).unwrap();
+    let run = "file = \"one.csv\"\n";
+    let experiment = experiment.replace(run, &format!("{run}controller = \"control.toml\"\n"));
+    fs::write(folder.path().join("experiment.toml"), experiment).unwrap();
+
+    for error in ["position", "both"] {
+        let fit = dynid(folder.path(), &["fit", "experiment.toml", "--error", error, "--out", "fitted.toml"]).code(2);
+        let told = String::from_utf8(fit.get_output().stderr.clone()).unwrap();
+        assert!(told.contains("one.csv: the run is in closed loop") && told.contains("--error torque"), "{told}");
+    }
+    let simulated = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
+    let compared = json(folder.path(), &["compare", "experiment.toml"]);
+    let rmse = |told: &Value| told["runs"][0]["joints"][0]["rmse"].as_f64().unwrap();
+    assert!((rmse(&simulated) / rmse(&compared) - 1.0).abs() < 1e-3, "{simulated} {compared}");
+    let log = fs::read_to_string(folder.path().join("simulated/one.csv")).unwrap();
+    let torques = log.lines().skip(1).map(|row| row.split(',').nth(2).unwrap().parse::<f64>().unwrap());
+    assert!(torques.clone().all(|torque| torque.abs() <= 0.125) && torques.clone().any(|torque| torque != 0.0));
+}
+
+/// The torque fit hears `--iterations`; `both` starts where the user does.
+#[test]
+fn a_fit_takes_no_more_iterations_than_allowed() {
+    let folder = folder();
+    let fit = |error: &str, iterations: &str| {
+        let arguments = ["fit", "experiment.toml", "--error", error, "--iterations", iterations, "--json"];
+        let output = dynid(folder.path(), &[&arguments[..], &["--force", "--out", "fitted.toml"]].concat());
+        serde_json::from_slice::<Value>(&output.get_output().stdout).unwrap()
+    };
+    let short = fit("torque", "1");
+    assert_eq!((short["iterations"].as_u64(), short["status"].as_str()), (Some(1), Some("iteration_limit")));
+    let (position, both) = (fit("position", "2"), fit("both", "2"));
+    assert_eq!(position["cost_before"], both["cost_before"]);
+}
+
 #[test]
 fn compare_draws_a_picture_that_stands_alone() {
     let folder = folder();
@@ -95,10 +144,10 @@ fn compare_draws_a_picture_that_stands_alone() {
     dynid(folder.path(), &["compare", "experiment.toml", "--picture", "overlay.svg"]).code(2);
 }
 
-/// Same input, same bytes, whatever the thread count.
+/// Same input, same bytes, whatever the thread count: two runs, each of several of the pieces that threads share.
 #[test]
 fn a_fit_does_not_depend_on_threads() {
-    let folder = folder();
+    let folder = folder_with(50.0, "fit");
     for (threads, out) in [("1", "one.toml"), ("3", "three.toml")] {
         Command::cargo_bin("dynid")
             .unwrap()

@@ -1,12 +1,15 @@
 //! `dynid simulate`: what positions would the model have shown under the logged torques?
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail};
+use anyhow::anyhow;
+use dynid::compare;
 use dynid::experiment::{Experiment, Run};
 use dynid::fit::position::{self, FitRun, Options, RunError};
+use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
+use dynid::simulate;
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};
@@ -20,7 +23,8 @@ Examples:
   dynid simulate experiment.toml --model fitted.toml --out-dir simulated
 
 Writes one CSV per run, in the format of the logs: t, tau0.., q0..; locked joints stay where the log has them.
-Every run starts at rest, at the position that explains the log best.")]
+Every run starts at rest, at the position that explains the log best. A run with a controller starts at the log's first
+position, and what its controller commands takes the place of the logged torques.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
     experiment: PathBuf,
@@ -43,15 +47,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let experiment = inputs::experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
-    let targets = targets(&experiment, arguments)?;
+    let targets = targets(&experiment, &arguments.out_dir)?;
     if arguments.out_dir.is_dir() {
         targets.iter().try_for_each(|target| check_output(target, overwrite))?;
     }
     let options = Options { substeps: arguments.substeps.max(1), ..Options::default() };
-    let mut simulated = Vec::new();
-    for run in &experiment.runs {
-        simulated.push(position::judge(&FitRun::of_run(&model, run)?, &options)?);
-    }
+    let simulated =
+        experiment.runs.iter().map(|run| played(&model, run, &options)).collect::<anyhow::Result<Vec<Played>>>()?;
     std::fs::create_dir_all(&arguments.out_dir)
         .map_err(|error| anyhow!("cannot make the folder {}: {error}", arguments.out_dir.display()))?;
     let mut table = Table::new(&[
@@ -73,36 +75,69 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text: table.text(), json: json!({ "runs": runs }), answer: Answer::Yes })
 }
 
-/// One file a run, named as its log; runs of the same log are numbered.
-fn targets(experiment: &Experiment, arguments: &Arguments) -> anyhow::Result<Vec<PathBuf>> {
-    let mut targets: Vec<PathBuf> = Vec::new();
-    for (index, run) in experiment.runs.iter().enumerate() {
-        let Some(name) = PathBuf::from(&run.file).file_name().map(PathBuf::from) else {
-            bail!("run {} has no file name: `{}`", index + 1, run.file);
-        };
-        let plain = arguments.out_dir.join(&name);
-        targets.push(if targets.contains(&plain) {
-            let stem = name.file_stem().unwrap_or_default().to_string_lossy();
-            arguments.out_dir.join(format!("{stem}-{}.csv", index + 1))
-        } else {
-            plain
-        });
-    }
-    Ok(targets)
+/// What the model shows of a run.
+struct Played {
+    /// Positions of the free joints, one row a sample.
+    position: Vec<f64>,
+    /// Commanded torques of all joints, one row a sample.
+    command: Vec<f64>,
+    /// Root mean square off the log, per free joint.
+    rmse: Vec<f64>,
 }
 
-fn log(run: &Run, result: &RunError) -> String {
+/// Plays the commands of the log or, where the run has a controller, lets it command.
+fn played(model: &Model, run: &Run, options: &Options) -> anyhow::Result<Played> {
+    let fit_run = FitRun::of_run(model, run)?;
+    let how = simulate::Options { substeps: options.substeps, ..simulate::Options::default() };
+    if let Some(played) = compare::closed_loop(&fit_run.system, run, &how)? {
+        let (trajectory, command) = played.map_err(|error| anyhow!("{}: {error}", run.file))?;
+        let n_free = run.free.len();
+        let rmse = (0..n_free).map(|slot| {
+            let errors = fit_run.position.iter().zip(&trajectory.q).skip(slot).step_by(n_free);
+            (errors.map(|(y, q)| (y - q).powi(2)).sum::<f64>() / run.log.len() as f64).sqrt()
+        });
+        return Ok(Played { rmse: rmse.collect(), position: trajectory.q, command });
+    }
+    let RunError { simulated, rmse, .. } = position::judge(&fit_run, options)?;
+    Ok(Played { position: simulated, command: fit_run.command, rmse })
+}
+
+/// One file a run, named as its log; where that name is taken, it is numbered by its run, or further up until it is free.
+fn targets(experiment: &Experiment, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let files = experiment.runs.iter().map(|run| run.file.as_str());
+    let names = names(files).map_err(|(number, file)| anyhow!("run {number} has no file name: `{file}`"))?;
+    Ok(names.iter().map(|name| folder.join(name)).collect())
+}
+
+/// A name of its own for each; else number (from 1) and path of the one without a name.
+fn names<'a>(files: impl Iterator<Item = &'a str>) -> Result<Vec<PathBuf>, (usize, &'a str)> {
+    let mut names: Vec<PathBuf> = Vec::new();
+    for (number, file) in (1..).zip(files) {
+        let mut name = PathBuf::from(Path::new(file).file_name().ok_or((number, file))?);
+        let stem = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let mut suffixes = number..;
+        while names.contains(&name)
+            && let Some(suffix) = suffixes.next()
+        {
+            name = PathBuf::from(format!("{stem}-{suffix}.csv"));
+        }
+        names.push(name);
+    }
+    Ok(names)
+}
+
+fn log(run: &Run, played: &Played) -> String {
     let n_joints = run.log.q.len();
     let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();
     let mut text = format!("t{}{}\n", names("tau"), names("q"));
     for (sample, t) in run.log.t.iter().enumerate() {
         let _ = write!(text, "{t}");
-        for column in &run.log.tau {
-            let _ = write!(text, ",{}", column[sample]);
+        for torque in &played.command[sample * n_joints..(sample + 1) * n_joints] {
+            let _ = write!(text, ",{torque}");
         }
         for joint in 0..n_joints {
             let q = match run.free.iter().position(|&free| free == joint) {
-                Some(slot) => result.simulated[sample * run.free.len() + slot],
+                Some(slot) => played.position[sample * run.free.len() + slot],
                 None => run.log.q[joint][sample],
             };
             let _ = write!(text, ",{q}");
@@ -110,4 +145,16 @@ fn log(run: &Run, result: &RunError) -> String {
         text.push('\n');
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_runs_share_a_name() {
+        let files = ["x-3.csv", "x.csv", "b/x.csv", "c/x.csv", "x-4.csv"];
+        let names = names(files.into_iter()).unwrap();
+        assert_eq!(names, ["x-3.csv", "x.csv", "x-4.csv", "x-5.csv", "x-4-5.csv"].map(PathBuf::from));
+    }
 }

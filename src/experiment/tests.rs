@@ -101,6 +101,21 @@ fn reads_references_where_every_free_joint_has_one() {
 }
 
 #[test]
+fn references_that_are_asked_for_must_be_there() {
+    let mapped = format!("{GOOD}columns = {{ ref0 = \"goal\" }}\n");
+    assert_snapshot!(refusal(&mapped, GOOD_LOG), @"");
+    let twice = GOOD_LOG.replace("tau0,tau1,q0,q1", "tau0,tau1,q0,q1,ref0,ref0").replace("\n", ",0,0\n");
+    assert_snapshot!(refusal(GOOD, &twice.replacen(",0,0\n", "\n", 1)), @"");
+    let (folder, _) = read(GOOD, GOOD_LOG);
+    fs::write(folder.path().join("control.toml"), "").expect("the folder is writable");
+    fs::write(folder.path().join("experiment.toml"), format!("{GOOD}controller = \"control.toml\"\n"))
+        .expect("writable");
+    let result = Experiment::read_with(&folder.path().join("experiment.toml"), devices());
+    let told = result.expect_err("no references").to_string();
+    assert_snapshot!(told.replace(&format!("{}/", folder.path().display()), ""), @"");
+}
+
+#[test]
 fn digest_follows_the_numbers_only() {
     let digest = |experiment: &str, log: &str| read(experiment, log).1.expect("good").digest;
     let good = digest(GOOD, GOOD_LOG);

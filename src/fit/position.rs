@@ -82,14 +82,13 @@ pub struct Unknown {
 }
 
 impl Unknown {
-    /// How far the parameter may plausibly lie from its start: half its range, but no more than twice its own size,
-    /// for bounds are often set wide.
+    /// How far the parameter may plausibly lie from its start: half its range; without a range, twice its own size, but
+    /// at least a unit, for a start next to zero says nothing of the size.
     pub fn spread(&self) -> f64 {
         /// Where neither the range nor the value says anything.
         const UNIT: f64 = 1.0;
         let half = 0.5 * (self.upper - self.lower);
-        let size = if self.expected == 0.0 { UNIT } else { 2.0 * self.expected.abs() };
-        if half > 0.0 { half.min(size) } else { size }
+        if half > 0.0 && half.is_finite() { half } else { (2.0 * self.expected.abs()).max(UNIT) }
     }
 }
 
@@ -189,6 +188,15 @@ pub enum PositionFitError {
         run: String,
         /// What happened.
         error: SimulationError,
+    },
+    /// A log of a closed loop: what moved the joints depended on where they were.
+    #[error(
+        "{run}: the run is in closed loop (`controller`); its position error is not fitted: fit the torque error \
+         instead (--error torque), or leave the run out"
+    )]
+    ClosedLoop {
+        /// The run.
+        run: String,
     },
     /// A log without enough samples.
     #[error(

@@ -71,8 +71,16 @@ pub struct Region {
 pub struct Limits {
     /// Linearisations at most.
     pub iterations: usize,
-    /// Converged when the foreseen decrease is below this fraction of the cost.
+    /// Converged when the foreseen decrease is below this fraction of the cost (see [`Limits::negligible`]).
     pub tolerance: f64,
+}
+
+impl Limits {
+    /// A decrease not worth taking at `cost`. Costs count squared standard deviations: below one of them a cost is
+    /// noise or, where the model is perfect, rounding, and its fractions mean nothing.
+    fn negligible(&self, cost: f64) -> f64 {
+        self.tolerance * cost.max(1.0)
+    }
 }
 
 /// How a search ended.
@@ -158,7 +166,7 @@ pub fn minimise(
         if damping > LAST_DAMPING || idle >= IDLE_ITERATIONS {
             // Near the minimum the cost's kinks and rounding can spoil the last, tiny steps.
             let near = allowed_step(objective, region, &quadratic, &x, FIRST_DAMPING)
-                .is_some_and(|step| foreseen_decrease(&quadratic, &step) <= NEAR * limits.tolerance * quadratic.cost);
+                .is_some_and(|step| foreseen_decrease(&quadratic, &step) <= NEAR * limits.negligible(quadratic.cost));
             break if near { Ended::Converged } else { Ended::Stuck };
         }
         let Some(step) = allowed_step(objective, region, &quadratic, &x, damping) else {
@@ -168,7 +176,7 @@ pub fn minimise(
         };
         let foreseen = foreseen_decrease(&quadratic, &step);
         // A damped step promises little because it is short, not because the minimum is near.
-        if damping <= UNDAMPED && foreseen <= limits.tolerance * quadratic.cost {
+        if damping <= UNDAMPED && foreseen <= limits.negligible(quadratic.cost) {
             break Ended::Converged;
         }
         let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
@@ -194,7 +202,7 @@ pub fn minimise(
         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).clamp(0.1, 1.0);
         damping = damping.max(1e-12);
         growth = 2.0;
-        idle = if decrease <= IDLE * limits.tolerance * quadratic.cost { idle + 1 } else { 0 };
+        idle = if decrease <= IDLE * limits.negligible(quadratic.cost) { idle + 1 } else { 0 };
         let told = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
         if watch(&told) == Watch::Stop {
             break Ended::Interrupted;
@@ -376,5 +384,31 @@ mod tests {
         let end = minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
         assert!((end.x[0] - 0.786_415).abs() < 1e-4 && (end.x[1] - 0.617_698).abs() < 1e-4, "{:?}", end.x);
         assert!(end.x[0].hypot(end.x[1]) <= 1.0 + 1e-8);
+    }
+
+    /// A cost of nothing but rounding: its gradient promises what no step keeps.
+    struct Rounding;
+
+    impl Objective for Rounding {
+        fn cost(&self, _: &[f64]) -> Option<f64> {
+            Some(1e-22)
+        }
+
+        fn quadratic(&self, x: &[f64]) -> Option<Quadratic> {
+            let (gradient, hessian) = (DVector::from_element(1, 1e-11), DMatrix::identity(1, 1));
+            Some(Quadratic { cost: self.cost(x)?, gradient, hessian })
+        }
+
+        fn cuts(&self, _: &[f64]) -> Vec<HalfSpace> {
+            Vec::new()
+        }
+    }
+
+    #[test]
+    fn a_perfect_model_converges() {
+        let mut region = Region { lower: vec![f64::NEG_INFINITY], upper: vec![f64::INFINITY], half_spaces: Vec::new() };
+        let limits = Limits { iterations: 50, tolerance: 1e-6 };
+        let end = minimise(&Rounding, &mut region, &[1.0], &limits, &mut |_| Watch::Continue);
+        assert_eq!(end.ended, Ended::Converged);
     }
 }

@@ -29,8 +29,6 @@ use crate::{
 
 /// Standard deviation of the prior about the start, in natural sizes of each parameter: a numerical choice.
 const PRIOR_SCALES: f64 = 100.0;
-/// Linearisations, at most.
-const ITERATIONS: usize = 60;
 /// The fit has converged when an iteration changes the merit (minus the logarithm of the likelihood) by less than this; a
 /// standard error makes 0.5 of it.
 const COST_TOLERANCE: f64 = 1e-2;
@@ -156,7 +154,8 @@ pub enum TorqueFitError {
 }
 
 /// Fits `parameters` (all of the model's, in its order) to the runs with role fit. Of a pair in `orders`, names of
-/// parameters, the first is never below the second. `progress` hears iteration and cost.
+/// parameters, the first is never below the second. It takes `at_most` so many linearisations; `progress` hears iteration
+/// and cost.
 ///
 /// # Errors
 /// No run to fit to, nothing to fit, no samples left, bounds that no body satisfies.
@@ -164,6 +163,7 @@ pub fn fit(
     runs: &[TorqueRun],
     parameters: &[(String, Parameter)],
     orders: &[(String, String)],
+    at_most: usize,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<TorqueFit, TorqueFitError> {
     let runs: Vec<&TorqueRun> = runs.iter().filter(|run| run.role == Role::Fit).collect();
@@ -194,7 +194,7 @@ pub fn fit(
     let mut status = FitStatus::IterationLimit;
     let mut iterations = 0;
     let mut damping = 0.0;
-    while iterations < ITERATIONS {
+    while iterations < at_most {
         iterations += 1;
         let (next, ending) = solve(&layout, &region, &data, &x, damping)?;
         let next_data = Data::new(&layout, &runs, &rigid, &next);

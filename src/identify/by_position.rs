@@ -73,7 +73,7 @@ pub(super) fn by_method(
     Ok(found)
 }
 
-fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
+pub(super) fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
     runs.iter().copied().filter(|run| run.role == Role::Fit)
 }
 
@@ -85,7 +85,7 @@ fn told(before: &Model, after: Model, fit: PositionFit, cost_before: f64) -> Ide
             start: before.parameter(&estimate.name).map_or(f64::NAN, |parameter| parameter.value),
             name: estimate.name,
             value: estimate.value,
-            std_error: Some(estimate.std_error).filter(|error| error.is_finite()),
+            std_error: estimate.std_error,
             identifiable: estimate.identifiable,
             held: estimate.at_bound,
         })
@@ -104,7 +104,7 @@ fn told(before: &Model, after: Model, fit: PositionFit, cost_before: f64) -> Ide
 
 /// Cost of the runs that are fitted to; infinite where one cannot be simulated to its end, for then it is larger than
 /// any number says.
-fn cost_at(model: &Model, runs: &[&Run], options: &Options) -> Result<f64, Error> {
+pub(super) fn cost_at(model: &Model, runs: &[&Run], options: &Options) -> Result<f64, Error> {
     let mut errors = Vec::new();
     for run in fitted(runs) {
         match position::judge(&FitRun::of_run(model, run)?, options) {

@@ -20,6 +20,7 @@ use crate::{
 pub(super) fn by_torque(
     model: &Model,
     runs: &[&Run],
+    iterations: usize,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Identified, Error> {
     let fitted: Vec<TorqueRun> = runs
@@ -35,7 +36,7 @@ pub(super) fn by_torque(
         })
         .collect::<Result<_, Error>>()?;
     let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =
-        torque::fit(&fitted, &model.parameters(), &orders(model), &mut |iteration, cost| {
+        torque::fit(&fitted, &model.parameters(), &orders(model), iterations, &mut |iteration, cost| {
             progress(&Progress { iteration, cost, tether: 0.0, configuration: None });
         })?;
     let mut fitted = model.clone();

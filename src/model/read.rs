@@ -85,6 +85,8 @@ fn read_links(root: &Table, model: &mut Model) -> Result<(), ModelError> {
     let n_links = model.links.len();
     for (key, span) in links.keys() {
         let number = key.parse::<usize>().ok().filter(|number| (1..=n_links).contains(number));
+        // `01` and `+1` would be second names of link 1.
+        let number = number.filter(|number| number.to_string() == key);
         let Some(number) = number else {
             let error = root.source.error(span, format!("unknown link `{key}` of device `{}`", model.device.id));
             return Err(error.help(format!("links are numbered 1 to {n_links}, e.g. [link.1]")));

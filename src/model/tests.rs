@@ -175,6 +175,7 @@ fn wrong_files_are_told_with_place_and_remedy() {
         "device = \"freedom7s\"\n",
         "link.1.m = 1\n",
         "device = \"planar2r\"\n[link.3]\nm = 1\n",
+        "device = \"planar2r\"\n[link.01]\nm = 1\n",
         "device = \"planar2r\"\n[link.1]\nmass = 1\n",
         "device = \"planar2r\"\n[link.1]\nm = -1\n",
         "device = \"planar2r\"\n[link.1]\nm = nan\n",

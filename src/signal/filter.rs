@@ -66,7 +66,7 @@ impl Lowpass {
 
     /// Number of samples at either end, two periods of the cut-off, that depend on how the signal was extended there.
     pub fn settling(&self) -> usize {
-        (2 * self.padding).div_ceil(3)
+        self.padding.saturating_mul(2).div_ceil(3)
     }
 
     /// One causal pass, in place.

@@ -6,6 +6,18 @@ const UNIFORM_TOLERANCE: f64 = 0.01;
 /// Steps longer than so many median steps are gaps: nothing is known there.
 const GAP: f64 = 3.0;
 
+/// A uniform grid has at most so many times the log's samples: beyond, it would consist of gaps.
+const LARGEST: f64 = 10.0;
+
+/// A log whose longest gap leaves too little of a uniform grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gap {
+    /// Last time before it (s).
+    pub from: f64,
+    /// First time after it (s).
+    pub to: f64,
+}
+
 /// Uniform times `start + k * step`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grid {
@@ -22,7 +34,10 @@ pub struct Grid {
 impl Grid {
     /// The log's own times `t` where they are uniform, else times at their median step from the first to the last.
     /// `t` rises and has two entries or more.
-    pub fn of(t: &[f64]) -> Self {
+    ///
+    /// # Errors
+    /// Times so far apart that the grid would be mostly gap.
+    pub fn of(t: &[f64]) -> Result<Self, Gap> {
         assert!(t.len() >= 2, "a grid needs two samples");
         let start = t[0];
         let span = t[t.len() - 1] - start;
@@ -30,10 +45,15 @@ impl Grid {
         let is_native =
             t.iter().enumerate().all(|(k, time)| (time - start - k as f64 * mean).abs() <= UNIFORM_TOLERANCE * mean);
         if is_native {
-            return Self { start, step: mean, len: t.len(), is_native };
+            return Ok(Self { start, step: mean, len: t.len(), is_native });
         }
         let step = crate::log::median_step(t);
-        Self { start, step, len: (span / step * (1.0 + 1e-12)).floor() as usize + 1, is_native }
+        let steps = (span / step * (1.0 + 1e-12)).floor();
+        if steps <= LARGEST * t.len() as f64 {
+            return Ok(Self { start, step, len: steps as usize + 1, is_native });
+        }
+        let longest = t.windows(2).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
+        Err(longest.map_or(Gap { from: start, to: start + span }, |pair| Gap { from: pair[0], to: pair[1] }))
     }
 
     /// Samples a second (Hz).
@@ -117,7 +137,7 @@ mod tests {
     #[test]
     fn a_uniform_log_is_its_own_grid() {
         let t: Vec<f64> = (0..100).map(|k| 2.0 + 0.01 * f64::from(k) + 1e-6 * f64::from(k % 3)).collect();
-        let grid = Grid::of(&t);
+        let grid = Grid::of(&t).expect("no gap");
         assert!(grid.is_native);
         assert_eq!(grid.len, 100);
         assert!((grid.step - 0.01).abs() < 1e-7);
@@ -128,7 +148,7 @@ mod tests {
     #[test]
     fn an_irregular_log_is_brought_to_its_median_step() {
         let t = [0.0, 0.1, 0.2, 0.3, 0.45, 0.5, 0.6];
-        let grid = Grid::of(&t);
+        let grid = Grid::of(&t).expect("no gap");
         assert!(!grid.is_native);
         assert!((grid.step - 0.1).abs() < 1e-12);
         assert_eq!(grid.len, 7);
@@ -141,7 +161,7 @@ mod tests {
     #[test]
     fn held_values_are_averaged_about_each_time() {
         let t = [0.0, 1.0, 2.0, 3.0];
-        let grid = Grid::of(&t);
+        let grid = Grid::of(&t).expect("no gap");
         let mean = held(&t, &[2.0, 4.0, 8.0, 6.0], &grid);
         assert_eq!(mean, [2.0, 3.0, 6.0, 7.0]);
     }
@@ -160,9 +180,16 @@ mod tests {
     #[test]
     fn gaps_and_masked_samples_are_left_out() {
         let t = [0.0, 1.0, 2.0, 3.0, 4.0, 9.5, 10.5, 11.5];
-        let grid = Grid::of(&t);
+        let grid = Grid::of(&t).expect("no gap");
         let used = [true, true, false, true, true, true, true, true];
         let between = grid.between(&t, Some(&used));
         assert_eq!(between, [true, false, false, true, false, false, false, false, false, false, true, true]);
+    }
+
+    #[test]
+    fn a_grid_of_nothing_but_gap_is_refused() {
+        let mut t: Vec<f64> = (0..100).map(|k| 0.01 * f64::from(k)).collect();
+        t.extend([1e15, 1e15 + 1.0]);
+        assert_eq!(Grid::of(&t), Err(Gap { from: 0.99, to: 1e15 }));
     }
 }

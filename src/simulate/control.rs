@@ -99,7 +99,8 @@ impl Controller {
                 return Ok(values);
             }
             let message = format!("`{key}` has {} values, the device {n_joints} joints", values.len());
-            Err(entry.error(message).help("give one value per joint; 0 for a joint that is not controlled"))
+            let zero = if key == "limit" { "" } else { "; 0 for a joint that is not controlled" };
+            Err(entry.error(message).help(format!("give one value per joint{zero}")))
         };
         let positive = |key: &str| -> Result<Option<f64>, ModelError> {
             let Some(entry) = table.optional(key) else { return Ok(None) };
@@ -120,7 +121,14 @@ impl Controller {
             (None, None) => Filter::THESIS,
         };
         let limit = match table.optional("limit") {
-            Some(_) => gains("limit")?,
+            Some(entry) => {
+                let limits = gains("limit")?;
+                if let Some((wrong, limit)) = entry.array()?.iter().zip(&limits).find(|(_, limit)| **limit <= 0.0) {
+                    let help = "give the largest torque that each joint can have, a positive number";
+                    return Err(wrong.error(format!("`limit` is {limit}")).help(help));
+                }
+                limits
+            }
             None => vec![f64::INFINITY; n_joints],
         };
         Ok(Self {

@@ -2,7 +2,7 @@
 
 use crate::{
     experiment::{Hold, Run},
-    signal::{Grid, Lowpass, decimate, first_derivative, held, motion_bandwidth, second_derivative, straight},
+    signal::{Gap, Grid, Lowpass, decimate, first_derivative, held, motion_bandwidth, second_derivative, straight},
 };
 
 /// Cut-off over the rate after decimation. A fourth-order Butterworth filter of half the new Nyquist frequency, run
@@ -57,6 +57,31 @@ pub enum MotionError {
         /// Samples a second.
         rate_hz: f64,
     },
+    /// No period of the cut-off fits into the log.
+    #[error(
+        "{file}: cutoff_hz = {cutoff_hz} has a period longer than the log ({span_s:.4} s); choose a higher cut-off"
+    )]
+    SlowCutoff {
+        /// The run's log.
+        file: String,
+        /// Asked for (Hz).
+        cutoff_hz: f64,
+        /// Length of the log (s).
+        span_s: f64,
+    },
+    /// Times that are mostly a gap.
+    #[error(
+        "{file}: nothing is logged from {from} s to {to} s, too long to go across; keep the part before or after it \
+         (rows = [from, to])"
+    )]
+    Gap {
+        /// The run's log.
+        file: String,
+        /// Last time before the gap (s).
+        from: f64,
+        /// First time after it (s).
+        to: f64,
+    },
     /// Nothing is left of a run.
     #[error(
         "{file}: {n_samples} samples are too few for a filter of {cutoff_hz} Hz, which needs {needed}; use a longer log, a higher cutoff_hz or a smaller decimate"
@@ -81,10 +106,11 @@ impl Motion {
     /// is taken at which the position of a free joint exceeds its noise.
     ///
     /// # Errors
-    /// A cut-off above half of the sample rate, a log too short for it.
+    /// A cut-off above half of the sample rate or below one period in the log, a log too short for it, a log that is mostly a gap.
     pub fn of(run: &Run) -> Result<Self, MotionError> {
         let log = &run.log;
-        let grid = Grid::of(&log.t);
+        let grid =
+            Grid::of(&log.t).map_err(|Gap { from, to }| MotionError::Gap { file: run.file.clone(), from, to })?;
         let positions: Vec<Vec<f64>> = run.free.iter().map(|&joint| straight(&log.t, &log.q[joint], &grid)).collect();
         let cutoff_hz = run.settings.cutoff_hz.unwrap_or_else(|| choose_cutoff(&positions, &grid));
         let decimation = run.settings.decimate;
@@ -92,6 +118,10 @@ impl Motion {
             1 => cutoff_hz,
             factor => cutoff_hz.min(DECIMATED_CUTOFF * grid.rate_hz() / factor as f64),
         };
+        let span_s = grid.len as f64 * grid.step;
+        if parallel_cutoff_hz * span_s < 1.0 {
+            return Err(MotionError::SlowCutoff { file: run.file.clone(), cutoff_hz: parallel_cutoff_hz, span_s });
+        }
         let lowpass = |hertz: f64| {
             Lowpass::new(hertz, grid.rate_hz()).ok_or_else(|| MotionError::Cutoff {
                 file: run.file.clone(),
@@ -232,5 +262,10 @@ mod tests {
         };
         insta::assert_snapshot!(error(15.0, 1000), @"sine.csv: cutoff_hz = 10 is not below half of the sample rate (15.0000 Hz); choose a lower cut-off");
         insta::assert_snapshot!(error(200.0, 50), @"sine.csv: 50 samples are too few for a filter of 10 Hz, which needs 121; use a longer log, a higher cutoff_hz or a smaller decimate");
+        let mut slow = sine_run(200.0, 1000, Settings { cutoff_hz: Some(1e-300), ..settings() });
+        insta::assert_snapshot!(Motion::of(&slow).expect_err("no period fits"), @"");
+        slow.settings.cutoff_hz = Some(10.0);
+        slow.log.t[999] = 1e15;
+        insta::assert_snapshot!(Motion::of(&slow).expect_err("nothing but a gap"), @"");
     }
 }

@@ -29,8 +29,15 @@ impl FitRun {
 
 impl PositionProblem {
     /// Everything that `model` does not fix is unknown, as far as it occurs in the runs.
+    ///
+    /// # Errors
+    /// A run in closed loop; a model that makes no equations for a run.
     pub fn of_model<'a>(model: &Model, runs: impl IntoIterator<Item = &'a Run>) -> Result<Self, PositionFitError> {
-        let runs = runs.into_iter().map(|run| FitRun::of_run(model, run)).collect::<Result<Vec<_>, _>>()?;
+        let open_loop = |run: &'a Run| match run.settings.controller {
+            Some(_) => Err(PositionFitError::ClosedLoop { run: run.file.clone() }),
+            None => Ok(FitRun::of_run(model, run)?),
+        };
+        let runs = runs.into_iter().map(open_loop).collect::<Result<Vec<_>, _>>()?;
         let mut unknowns = Vec::new();
         let mut known = std::collections::BTreeMap::new();
         for (name, parameter) in model.parameters() {

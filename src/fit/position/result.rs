@@ -44,8 +44,9 @@ pub struct Estimate {
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// From the Gauss-Newton Hessian and the residual's variance.
-    pub std_error: f64,
+    /// From the Gauss-Newton Hessian and the residual's variance; `None` where the data leave it open or a bound holds
+    /// it, for then the prior or the bound says how far it may be off.
+    pub std_error: Option<f64>,
     /// False where the data narrow its range by less than half.
     pub identifiable: bool,
     /// Held by a bound, not by the data.
@@ -147,12 +148,14 @@ pub(super) fn conclude(
         .map(|(k, unknown)| {
             let std_error = covariance[(k, k)].max(0.0).sqrt();
             let reach = 1e-9 * spread[k];
+            let identifiable = std_error < IDENTIFIED * spread[k];
+            let at_bound = x[k] - region.lower[k] <= reach || region.upper[k] - x[k] <= reach;
             Estimate {
                 name: unknown.name.clone(),
                 value: x[k],
-                std_error,
-                identifiable: std_error < IDENTIFIED * spread[k],
-                at_bound: x[k] - region.lower[k] <= reach || region.upper[k] - x[k] <= reach,
+                std_error: Some(std_error).filter(|_| identifiable && !at_bound),
+                identifiable,
+                at_bound,
             }
         })
         .collect();

@@ -122,7 +122,12 @@ fn a_poor_start_reaches_the_noise_and_the_truth_within_its_errors() {
     assert!((fit.variance_ratio - 1.0).abs() < 0.15, "{}", fit.variance_ratio);
     for parameter in &fit.parameters {
         let error = (parameter.value - truth(&parameter.name)).abs();
-        assert!(error < 4.0 * parameter.std_error, "{}: off by {error}, {:?}", parameter.name, parameter);
+        assert!(
+            error < 4.0 * parameter.std_error.expect("is determined"),
+            "{}: off by {error}, {:?}",
+            parameter.name,
+            parameter
+        );
     }
     assert!((fit.runs[0].initial[0] - 0.1).abs() < 3e-4 && (fit.runs[1].initial[0] + 0.2).abs() < 3e-4);
 }
@@ -152,6 +157,10 @@ fn a_common_scale_is_told_as_undetermined() {
     }
     let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
     assert!(!fit.undetermined.is_empty());
+    for parameter in &fit.parameters {
+        assert_eq!(parameter.std_error.is_some(), parameter.identifiable && !parameter.at_bound, "{parameter:?}");
+    }
+    assert!(fit.parameters.iter().any(|parameter| parameter.std_error.is_none()));
     assert!(matches!(fit.status, FitStatus::NotIdentifiable | FitStatus::HeldByBound), "{:?}", fit.status);
     let told: Vec<&str> = fit.undetermined.iter().flat_map(|way| &way.parts).map(|(name, _)| name.as_str()).collect();
     assert!(told.contains(&"joint.0.gain.Kp"), "{:?}", fit.undetermined);
@@ -177,4 +186,27 @@ fn starts_that_cannot_be_are_errors() {
         p.unknowns.push(Unknown { name: "link.1.Izz".to_owned(), value: 1.0, expected: 1.0, lower: 0.0, upper: 2.0 });
     };
     assert!(told(&spin).contains("link 1 starts with an inertia that no body has"));
+}
+
+/// A start next to zero is no reason to stay there: the weak prior is as wide as the range.
+#[test]
+fn the_prior_is_as_wide_for_a_start_next_to_zero() {
+    for start in [0.0, 1e-9, 1e-6, -1e-6] {
+        let mut unknown =
+            Unknown { name: "joint.0.spring.qeq".to_owned(), value: start, expected: start, lower: -1.0, upper: 1.0 };
+        assert_eq!(unknown.spread(), 1.0, "{start}");
+        unknown.upper = f64::INFINITY;
+        assert_eq!(unknown.spread(), 1.0, "{start} without a bound");
+    }
+    let mut ends = Vec::new();
+    for start in [0.0, 1e-9, 1e-6] {
+        let mut problem = problem(3, 6.0, 0.0);
+        let rest = problem.unknowns.iter_mut().find(|unknown| unknown.name.ends_with("qeq")).unwrap();
+        (rest.value, rest.expected, rest.lower, rest.upper) = (start, start, -1.0, 1.0);
+        let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+        let rest = fit.parameters.iter().find(|parameter| parameter.name.ends_with("qeq")).unwrap();
+        assert!((rest.value - SPRING_TRUTH[1]).abs() < 0.05, "from {start}: {rest:?}");
+        ends.push(rest.value);
+    }
+    assert!(ends.iter().all(|end| (end - ends[0]).abs() < 1e-3), "{ends:?}");
 }

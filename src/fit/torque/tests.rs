@@ -10,6 +10,8 @@ use crate::{
     system::tests::{ARM, GAIN, PENDULUM, ROTOR_INERTIA, VISCOUS, placed},
 };
 
+const ITERATIONS: usize = 60;
+
 /// Mass, centroid along x and moment of inertia about z of the arm's links.
 const LINKS: [[f64; 3]; 2] = [[1.2, 0.21, 0.02], [0.8, 0.17, 0.011]];
 
@@ -135,7 +137,7 @@ fn lumps(fit: &TorqueFit) -> Vec<f64> {
 #[test]
 fn without_noise_the_base_parameters_are_found() {
     let run = play(&arm(), 0.0, 1);
-    let fit = fit(&[run], &arm_start(), &[], &mut |_, _| {}).expect("there is data");
+    let fit = fit(&[run], &arm_start(), &[], ITERATIONS, &mut |_, _| {}).expect("there is data");
     assert_eq!(fit.status, FitStatus::NotIdentifiable);
     // Five lumps of which two are proportional (L1 m2 x2 and m2 x2), two viscous parameters, the rotor's inertia.
     assert_eq!(fit.rank, 7);
@@ -155,7 +157,7 @@ fn without_noise_the_base_parameters_are_found() {
 fn what_is_not_identifiable_is_named_and_keeps_its_start() {
     let run = play(&arm(), 0.01, 2);
     let start = arm_start();
-    let fit = fit(&[run], &start, &[], &mut |_, _| {}).expect("there is data");
+    let fit = fit(&[run], &start, &[], ITERATIONS, &mut |_, _| {}).expect("there is data");
     // Mass and moment of link 1 act only in combinations; of link 2's mass, centroid and moment two lumps and, through
     // the first link's, a third.
     let flat: Vec<&str> = fit.parameters.iter().filter(|p| !p.identifiable).map(|p| p.name.as_str()).collect();
@@ -179,7 +181,8 @@ fn standard_errors_are_honest() {
     let names = ["joint.0.viscous.Fv", "joint.1.viscous.Fv", "joint.1.rotor_inertia.Ia"];
     let (mut inside, mut total) = (0, 0);
     for seed in 0..40 {
-        let fit = fit(&[play(&system, 0.05, 100 + seed)], &arm_start(), &[], &mut |_, _| {}).expect("there is data");
+        let fit = fit(&[play(&system, 0.05, 100 + seed)], &arm_start(), &[], ITERATIONS, &mut |_, _| {})
+            .expect("there is data");
         for (name, expected) in names.iter().zip([0.3, 0.2, 0.004]) {
             let parameter = fit.parameters.iter().find(|parameter| parameter.name == *name).expect("is fitted");
             let error = (parameter.value - expected) / parameter.std_error.expect("is identifiable");
@@ -209,7 +212,7 @@ fn pendulum(mass: Parameter, centroid: Parameter) -> (System, Vec<(String, Param
 fn a_known_weight_makes_the_gain_identifiable() {
     let fixed = |value: f64| Parameter { fixed: true, ..wide(value) };
     let (system, start) = pendulum(fixed(0.49), fixed(0.1));
-    let fit = fit(&[play(&system, 1e-3, 3)], &start, &[], &mut |_, _| {}).expect("there is data");
+    let fit = fit(&[play(&system, 1e-3, 3)], &start, &[], ITERATIONS, &mut |_, _| {}).expect("there is data");
     assert_eq!((fit.status, fit.rank, fit.parameters.len()), (FitStatus::Converged, 3, 3));
     for (parameter, expected) in fit.parameters.iter().zip([0.1, 0.04, 0.002]) {
         let error = parameter.std_error.expect("is identifiable");
@@ -222,7 +225,7 @@ fn a_known_weight_makes_the_gain_identifiable() {
 fn an_unknown_weight_leaves_the_scale_open() {
     let fixed = |value: f64| Parameter { fixed: true, ..wide(value) };
     let (system, start) = pendulum(wide(0.49), fixed(0.1));
-    let fit = fit(&[play(&system, 1e-3, 4)], &start, &[], &mut |_, _| {}).expect("there is data");
+    let fit = fit(&[play(&system, 1e-3, 4)], &start, &[], ITERATIONS, &mut |_, _| {}).expect("there is data");
     assert_eq!((fit.status, fit.rank), (FitStatus::NotIdentifiable, 3));
     assert_eq!(fit.flat.len(), 1);
     let names: Vec<&str> = fit.flat[0].iter().map(|(name, _)| name.as_str()).collect();
@@ -240,7 +243,7 @@ fn a_bound_that_holds_is_said() {
     let mut start = arm_start();
     let (_, viscous) = start.iter_mut().find(|(name, _)| name == "joint.1.viscous.Fv").expect("is there");
     *viscous = Parameter { value: 0.1, lower: 0.0, upper: 0.15, fixed: false };
-    let fit = fit(&[play(&arm(), 0.01, 5)], &start, &[], &mut |_, _| {}).expect("there is data");
+    let fit = fit(&[play(&arm(), 0.01, 5)], &start, &[], ITERATIONS, &mut |_, _| {}).expect("there is data");
     assert_eq!(fit.status, FitStatus::HeldByBound);
     let parameter = fit.parameters.iter().find(|p| p.name == "joint.1.viscous.Fv").expect("is fitted");
     assert!(parameter.held && (parameter.value - 0.15).abs() < 1e-6, "{parameter:?}");
@@ -274,7 +277,7 @@ fn the_number_of_threads_changes_no_bit() {
     let runs = [play(&arm(), 0.02, 7), play(&arm(), 0.02, 8)];
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| fit(&runs, &arm_start(), &[], &mut |_, _| {}).expect("there is data"))
+        pool.install(|| fit(&runs, &arm_start(), &[], ITERATIONS, &mut |_, _| {}).expect("there is data"))
     };
     assert_eq!(with(1).parameters, with(4).parameters);
 }
@@ -294,7 +297,7 @@ proptest! {
                 (name, Parameter { value, lower: value - width, upper: value + width, fixed: false })
             })
             .collect();
-        let fit = fit(&[run], &start, &[], &mut |_, _| {}).expect("there is data");
+        let fit = fit(&[run], &start, &[], ITERATIONS, &mut |_, _| {}).expect("there is data");
         prop_assert!(fit.status.may_update_model(), "{:?}", fit.status);
         for (name, parameter) in &start {
             let found = value(&fit, name);

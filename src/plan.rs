@@ -88,3 +88,18 @@ pub fn appearing(kernel: &Kernel) -> BTreeSet<String> {
     let links = kernel.parameters.iter().filter(|name| name.starts_with("link."));
     links.filter(|name| structure.appears(name, kernel.free)).map(|name| (*name).to_owned()).collect()
 }
+
+impl Plan {
+    /// Step in which each link parameter first appears: per link, in the order of [`Link::SYMBOLS`].
+    pub fn first_steps(&self, n_links: usize) -> Vec<[Option<usize>; 10]> {
+        let mut first: BTreeMap<&str, usize> = BTreeMap::new();
+        for step in &self.steps {
+            for name in &step.new_parameters {
+                first.insert(name, step.number);
+            }
+        }
+        (1..=n_links)
+            .map(|link| Link::SYMBOLS.map(|symbol| first.get(format!("link.{link}.{symbol}").as_str()).copied()))
+            .collect()
+    }
+}

@@ -1,6 +1,6 @@
 //! What a user and other programs see of the binary.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -127,7 +127,7 @@ fn a_fit_takes_no_more_iterations_than_allowed() {
         serde_json::from_slice::<Value>(&output.get_output().stdout).unwrap()
     };
     let short = fit("torque", "1");
-    assert_eq!((short["iterations"].as_u64(), short["status"].as_str()), (Some(1), Some("iteration_limit")));
+    assert_eq!((short["iterations"].as_u64(), short["status"].as_str()), (Some(1), Some("iteration limit")));
     let (position, both) = (fit("position", "2"), fit("both", "2"));
     assert_eq!(position["cost_before"], both["cost_before"]);
 }

@@ -256,20 +256,20 @@ fn what_cannot_be_fitted_is_said() {
     let start = arm_start();
     let run = play(&arm(), 0.01, 6);
     let validate = TorqueRun { role: Role::Validate, ..run.clone() };
-    insta::assert_snapshot!(fit(&[validate], &start, &[], &mut progress).expect_err("no run"), @r#"the experiment has no run with role = "fit"; give one that role"#);
+    insta::assert_snapshot!(fit(&[validate], &start, &[], ITERATIONS, &mut progress).expect_err("no run"), @r#"the experiment has no run with role = "fit"; give one that role"#);
     let fixed: Vec<_> = start.iter().map(|(name, p)| (name.clone(), Parameter { fixed: true, ..*p })).collect();
-    insta::assert_snapshot!(fit(std::slice::from_ref(&run), &fixed, &[], &mut progress).expect_err("all fixed"), @"no parameter of the model can be moved by these runs: all are fixed or act on other joints; free one (remove fixed = true) or add an effect");
-    insta::assert_snapshot!(fit(std::slice::from_ref(&run), &start[1..], &[], &mut progress).expect_err("incomplete"), @"the equations need `link.1.m`, which the model does not give; add it to the model's values");
+    insta::assert_snapshot!(fit(std::slice::from_ref(&run), &fixed, &[], ITERATIONS, &mut progress).expect_err("all fixed"), @"no parameter of the model can be moved by these runs: all are fixed or act on other joints; free one (remove fixed = true) or add an effect");
+    insta::assert_snapshot!(fit(std::slice::from_ref(&run), &start[1..], &[], ITERATIONS, &mut progress).expect_err("incomplete"), @"the equations need `link.1.m`, which the model does not give; add it to the model's values");
     let mut still = run.clone();
     still.motion.used[1].fill(false);
-    insta::assert_snapshot!(fit(&[still], &start, &[], &mut progress).expect_err("no samples"), @"made.csv: no sample of joint 1 counts: min_speed, mask and the filter's edges leave none; lower min_speed or lengthen the log");
+    insta::assert_snapshot!(fit(&[still], &start, &[], ITERATIONS, &mut progress).expect_err("no samples"), @"made.csv: no sample of joint 1 counts: min_speed, mask and the filter's edges leave none; lower min_speed or lengthen the log");
     let mut flat = start.clone();
     for (name, parameter) in &mut flat {
         if name.ends_with("xx") || name.ends_with("yy") {
             *parameter = Parameter { value: 0.0, fixed: true, ..*parameter };
         }
     }
-    insta::assert_snapshot!(fit(&[run], &flat, &[], &mut progress).expect_err("no body"), @"link 1: its fixed moments of inertia and its bounds leave no body that could exist; free them (fixed = false) or widen the bounds");
+    insta::assert_snapshot!(fit(&[run], &flat, &[], ITERATIONS, &mut progress).expect_err("no body"), @"link 1: its fixed moments of inertia and its bounds leave no body that could exist; free them (fixed = false) or widen the bounds");
 }
 
 #[test]

@@ -103,16 +103,16 @@ fn reads_references_where_every_free_joint_has_one() {
 #[test]
 fn references_that_are_asked_for_must_be_there() {
     let mapped = format!("{GOOD}columns = {{ ref0 = \"goal\" }}\n");
-    assert_snapshot!(refusal(&mapped, GOOD_LOG), @"");
+    assert_snapshot!(refusal(&mapped, GOOD_LOG), @r#"log.csv: column `goal` is missing; the log has `t`, `tau0`, `tau1`, `q0`, `q1`. If it has another name there, say so in the experiment: columns = { ref0 = "its name in the log" } (run 1 of experiment.toml)"#);
     let twice = GOOD_LOG.replace("tau0,tau1,q0,q1", "tau0,tau1,q0,q1,ref0,ref0").replace("\n", ",0,0\n");
-    assert_snapshot!(refusal(GOOD, &twice.replacen(",0,0\n", "\n", 1)), @"");
+    assert_snapshot!(refusal(GOOD, &twice.replacen(",0,0\n", "\n", 1)), @"log.csv: column `ref0` stands twice in the header; rename one of them (run 1 of experiment.toml)");
     let (folder, _) = read(GOOD, GOOD_LOG);
     fs::write(folder.path().join("control.toml"), "").expect("the folder is writable");
     fs::write(folder.path().join("experiment.toml"), format!("{GOOD}controller = \"control.toml\"\n"))
         .expect("writable");
     let result = Experiment::read_with(&folder.path().join("experiment.toml"), devices());
     let told = result.expect_err("no references").to_string();
-    assert_snapshot!(told.replace(&format!("{}/", folder.path().display()), ""), @"");
+    assert_snapshot!(told.replace(&format!("{}/", folder.path().display()), ""), @r#"experiment.toml:6:14: controller: log.csv lacks the references that it follows: ref0, ref1; log them; where they have other names, say so: columns = { ref0 = "..." }"#);
 }
 
 #[test]

@@ -59,7 +59,7 @@ pub enum MotionError {
     },
     /// No period of the cut-off fits into the log.
     #[error(
-        "{file}: cutoff_hz = {cutoff_hz} has a period longer than the log ({span_s:.4} s); choose a higher cut-off"
+        "{file}: cutoff_hz = {cutoff_hz:?} has a period longer than the log ({span_s:.4} s); choose a higher cut-off"
     )]
     SlowCutoff {
         /// The run's log.
@@ -263,9 +263,9 @@ mod tests {
         insta::assert_snapshot!(error(15.0, 1000), @"sine.csv: cutoff_hz = 10 is not below half of the sample rate (15.0000 Hz); choose a lower cut-off");
         insta::assert_snapshot!(error(200.0, 50), @"sine.csv: 50 samples are too few for a filter of 10 Hz, which needs 121; use a longer log, a higher cutoff_hz or a smaller decimate");
         let mut slow = sine_run(200.0, 1000, Settings { cutoff_hz: Some(1e-300), ..settings() });
-        insta::assert_snapshot!(Motion::of(&slow).expect_err("no period fits"), @"");
+        insta::assert_snapshot!(Motion::of(&slow).expect_err("no period fits"), @"sine.csv: cutoff_hz = 1e-300 has a period longer than the log (5.0000 s); choose a higher cut-off");
         slow.settings.cutoff_hz = Some(10.0);
         slow.log.t[999] = 1e15;
-        insta::assert_snapshot!(Motion::of(&slow).expect_err("nothing but a gap"), @"");
+        insta::assert_snapshot!(Motion::of(&slow).expect_err("nothing but a gap"), @"sine.csv: nothing is logged from 4.99 s to 1000000000000000 s, too long to go across; keep the part before or after it (rows = [from, to])");
     }
 }

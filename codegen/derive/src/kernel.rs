@@ -83,8 +83,8 @@ pub fn derive(algebra: &Algebra, lagrangian: &Lagrangian, device: &Device, numbe
     let mut forms = Vec::new();
     for group in Group::ALL {
         let mut candidates = vec![candidate("recursion", recursion(&context, &tree, group))];
-        // A sum of more products than the recursion has operations cannot be cheaper.
-        let limit = candidates[0].counts.arithmetic();
+        // A sum of many more products than the recursion has operations is not worth forming.
+        let limit = candidates[0].counts.arithmetic().max(ALWAYS_FORMED);
         if let Some(subset) = Subset::new(&context, lagrangian, limit) {
             let n_angles = algebra.pairs().iter().filter(|(cosine, _)| algebra.moves(*cosine, &free)).count();
             let variants = (0..1usize << n_angles.min(MAX_CHOICES))
@@ -137,6 +137,9 @@ fn declared(context: &Context) -> Program {
     }
     program
 }
+
+/// A subset of so few products is formed however cheap the recursion is; a numerical choice.
+const ALWAYS_FORMED: usize = 16;
 
 /// Choices of which square to eliminate are tried for so many angles; a numerical choice.
 const MAX_CHOICES: usize = 3;

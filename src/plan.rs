@@ -1,7 +1,8 @@
 //! Which parameters each configuration reveals: a method's steps, and what is new in each (the thesis's Figure 4.2).
 //!
 //! A link parameter *appears* in a configuration when it stands in the equations of motion of its free joints, angles of
-//! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not being identifiable: parameters may act only together.
+//! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not
+//! being identifiable: parameters may act only together.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,7 +1,8 @@
 //! Which parameters each configuration reveals: a method's steps, and what is new in each (the thesis's Figure 4.2).
 //!
 //! A link parameter *appears* in a configuration when it stands in the equations of motion of its free joints, angles of
-//! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not being identifiable: parameters may act only together.
+//! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not
+//! being identifiable: parameters may act only together.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -87,4 +88,19 @@ pub fn appearing(kernel: &Kernel) -> BTreeSet<String> {
     let Some(structure) = dynid_generated::structure(kernel.device) else { return BTreeSet::new() };
     let links = kernel.parameters.iter().filter(|name| name.starts_with("link."));
     links.filter(|name| structure.appears(name, kernel.free)).map(|name| (*name).to_owned()).collect()
+}
+
+impl Plan {
+    /// Step in which each link parameter first appears: per link, in the order of [`Link::SYMBOLS`].
+    pub fn first_steps(&self, n_links: usize) -> Vec<[Option<usize>; 10]> {
+        let mut first: BTreeMap<&str, usize> = BTreeMap::new();
+        for step in &self.steps {
+            for name in &step.new_parameters {
+                first.insert(name, step.number);
+            }
+        }
+        (1..=n_links)
+            .map(|link| Link::SYMBOLS.map(|symbol| first.get(format!("link.{link}.{symbol}").as_str()).copied()))
+            .collect()
+    }
 }

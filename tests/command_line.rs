@@ -1,6 +1,6 @@
 //! What a user and other programs see of the binary.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 

@@ -36,17 +36,17 @@ pub const N_SIGNALS: usize = 11;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Signal {
-    /// Position of the joint [rad or m].
+    /// Position of the joint (rad or m).
     Q,
     /// Its velocity.
     Dq,
     /// Its acceleration.
     Ddq,
-    /// Time [s].
+    /// Time (s).
     T,
-    /// Torque that the drive path delivers to the joint [N*m or N].
+    /// Torque that the drive path delivers to the joint (N*m or N).
     Load,
-    /// Sum of the joint's friction laws [N*m or N].
+    /// Sum of the joint's friction laws (N*m or N).
     Friction,
     /// Rest position of the joint's spring; 0 without one.
     Qeq,
@@ -54,7 +54,7 @@ pub enum Signal {
     QFrom,
     /// Its velocity.
     DqFrom,
-    /// Torque commanded at the joint [N*m or N].
+    /// Torque commanded at the joint (N*m or N).
     Command,
     /// Torque commanded at the other joint of a pair.
     CommandFrom,

@@ -12,7 +12,7 @@ pub trait Scalar:
 {
     /// A constant.
     fn constant(value: f64) -> Self;
-    /// Sines and cosines of several angles [rad] at once.
+    /// Sines and cosines of several angles (rad) at once.
     fn sines_cosines<const N: usize>(angles: [Self; N]) -> ([Self; N], [Self; N]);
     /// Tangent.
     fn tan(self) -> Self;

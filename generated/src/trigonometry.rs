@@ -31,7 +31,7 @@ const COSINE: [f64; 6] = [
     -1.1358525208068056e-11,
 ];
 
-/// Sines and cosines of `angles` [rad].
+/// Sines and cosines of `angles` (rad).
 #[inline]
 pub fn sin_cos<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
     let mut within = true;

@@ -166,7 +166,7 @@ impl Program {
         self.input(Input::Parameter(name.to_owned()), unit)
     }
 
-    /// Angle [rad] or distance [m] of a locked joint.
+    /// Angle (rad) or distance (m) of a locked joint.
     pub fn locked(&mut self, joint: usize, unit: &str) -> Node {
         self.input(Input::Locked(joint), unit)
     }

@@ -43,7 +43,7 @@ impl Case {
         let locked: Vec<f64> = kernel.locked.iter().map(|&joint| 0.3 + 0.1 * joint as f64).collect();
         let mut prepared = vec![0.0; kernel.prepared.len()];
         (kernel.prepare)(&parameters, &locked, &mut prepared);
-        let per_joint = |of: fn(f64) -> f64| free.iter().map(|&joint| of(joint as f64)).collect();
+        let per_joint = |of: fn(f64) -> f64| -> Vec<f64> { free.iter().map(|&joint| of(joint as f64)).collect() };
         let (q, dq, tau) =
             (per_joint(|joint| 0.4 - 0.15 * joint), per_joint(|joint| 0.7 - 0.2 * joint), per_joint(f64::sin));
         let mut ddq = vec![f64::NAN; free.len()];

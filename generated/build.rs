@@ -34,7 +34,10 @@ fn build() -> Result<(), Box<dyn Error>> {
     let mut library = String::new();
     let (mut table, mut structures) = (Vec::new(), Vec::new());
     for device in dynid_model::devices() {
-        println!("cargo::rerun-if-changed={}", equations.join(&device.id).display());
+        let folder = equations.join(&device.id);
+        // Cargo takes a missing path for changed, every time; a folder that appears changes the one above.
+        let watched = if folder.is_dir() { &folder } else { &equations };
+        println!("cargo::rerun-if-changed={}", watched.display());
         writeln!(library, "/// Kernels of `{}`, a module per configuration.", device.id)?;
         writeln!(library, "pub mod {} {{", device.id)?;
         let derived = device_equations(device, &equations, &out)?;

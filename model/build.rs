@@ -18,6 +18,8 @@ mod effect_reader;
 mod error;
 #[path = "src/expression.rs"]
 mod expression;
+#[path = "src/identifier.rs"]
+mod identifier;
 #[path = "src/inertia.rs"]
 mod inertia;
 #[path = "src/instance.rs"]

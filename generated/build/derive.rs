@@ -56,7 +56,9 @@ pub fn run(device: &Device, reason: &str, derived: &Path) -> Result<(), Box<dyn 
             command.env_remove(&name);
         }
     }
-    command.args(["run", "--release", "--package", "dynid-derive", "--target-dir"]).arg(target.join("derive"));
+    command
+        .args(["run", "--release", "--locked", "--package", "dynid-derive", "--target-dir"])
+        .arg(target.join("derive"));
     command.args(["--", "--device", &device.id, "--out"]).arg(derived).current_dir(workspace);
     let output = command.output()?;
     eprintln!("{}", String::from_utf8_lossy(&output.stderr));

@@ -1,8 +1,9 @@
 //! Effect kernels against the formulas as `dynid_model` reads them, and their Jacobians against differences.
 
 use dynid_generated::{EffectKernel, N_SIGNALS, Signal, effect, effects};
-use dynid_model::Effect;
 use dynid_model::effect::SIGNALS;
+use dynid_model::{Effect, Place, Scope};
+use dynid_plant::effects::{EffectEntry, by_joint};
 use dynid_plant::random::Noise;
 
 /// Parameters, signals and states of an effect, one after another, and what comes out: outputs, then rates.
@@ -91,6 +92,84 @@ fn kernels_compute_the_formulas() {
             assert_close(&point.eval(), &expected, 1e-13, &model.id);
         }
     }
+}
+
+/// What the plant's own laws give for an effect at joint 0, of a pair with joint 1; `None` where it has no such law.
+fn by_the_plant(model: &Effect, point: &Point) -> Option<Vec<f64>> {
+    let (parameters, signals, states) = point.split();
+    let signal = |signal: Signal| signals[signal as usize];
+    let entry = |id: &str, symbols: &[&str], values: &[f64]| {
+        let values = symbols.iter().map(|symbol| (*symbol).to_owned()).zip(values.iter().copied()).collect();
+        EffectEntry { id: id.to_owned(), joint: 0, from: Some(1), values }
+    };
+    let symbols: Vec<&str> = model.parameters.iter().map(|parameter| parameter.symbol.as_str()).collect();
+    let mut entries = vec![entry(&model.id, &symbols, parameters)];
+    let friction = signal(Signal::Friction);
+    let mut dq = [signal(Signal::Dq), signal(Signal::DqFrom)];
+    if model.id == "friction_bias" {
+        // It adds to the friction of other laws, below the rest position of a spring.
+        dq[0] = 1.0;
+        entries.push(entry("viscous", &["Fv"], &[friction]));
+        entries.push(entry("spring", &["Ks", "qeq"], &[0.0, signal(Signal::Qeq)]));
+    }
+    let joints = by_joint(&entries, 2).ok()?;
+    let q = [signal(Signal::Q), signal(Signal::QFrom)];
+    Some(match model.place {
+        Place::Actuator => vec![joints[0].drive(0, &[signal(Signal::Command), signal(Signal::CommandFrom)])],
+        Place::Link => {
+            vec![joints[0].rotor_inertia + joints[0].rotor_couplings.iter().map(|(_, inertia)| inertia).sum::<f64>()]
+        }
+        _ => {
+            let mut rates = vec![f64::NAN; joints[0].n_states()];
+            let mut outputs = vec![joints[0].load(0, &q, &dq, states, &mut rates)];
+            if model.id == "friction_bias" {
+                outputs[0] -= friction;
+            }
+            if model.scope == Scope::Pair {
+                outputs.push(joints[1].load(1, &q, &dq, &[], &mut []));
+            }
+            outputs.extend(rates);
+            outputs
+        }
+    })
+}
+
+/// The plant writes its laws by hand and shares no code with the kernels.
+#[test]
+fn kernels_compute_the_laws_of_the_plant() {
+    let mut noise = Noise::new(20);
+    let mut met = Vec::new();
+    for model in dynid_model::effects() {
+        let kernel = effect(&model.id).unwrap();
+        for _ in 0..1_000 {
+            let point = Point::random(kernel, model, &mut noise);
+            let Some(expected) = by_the_plant(model, &point) else { break };
+            let computed = point.eval();
+            assert_eq!(computed.len(), expected.len(), "{}", model.id);
+            for (computed, expected) in computed.iter().zip(&expected) {
+                let error = (computed - expected).abs();
+                assert!(error <= 1e-12 * expected.abs(), "{}: {computed:e}, not {expected:e}", model.id);
+            }
+            if met.last() != Some(&model.id.as_str()) {
+                met.push(&model.id);
+            }
+        }
+    }
+    let laws_of_the_plant = [
+        "coulomb",
+        "friction_bias",
+        "friction_coupled",
+        "gain",
+        "input_coupling",
+        "lugre",
+        "rotor_coupling",
+        "rotor_inertia",
+        "spring",
+        "stribeck",
+        "torque_offset",
+        "viscous",
+    ];
+    assert_eq!(met, laws_of_the_plant);
 }
 
 #[test]

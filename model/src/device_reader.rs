@@ -8,6 +8,7 @@ use crate::{
     document::{self, Entry, Table},
     effect::Effect,
     error::{ModelError, Source, did_you_mean},
+    identifier::read_id,
     inertia::{Impossible, check_body},
     instance::{check_instances, read_instance},
     parameter::Parameter,
@@ -29,6 +30,7 @@ impl Device {
         let source = Source::new(path, text);
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
+        let id = read_id(&root, path)?;
         root.only(&[
             "title",
             "source",
@@ -68,7 +70,7 @@ impl Device {
         }
         check_instances(&effect_tables, &defaults, effects)?;
         let device = Self {
-            id: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+            id,
             title: root.required("title", "\"<one line for people>\"")?.text()?.to_owned(),
             source: root.required("source", "\"<where the numbers come from>\"")?.text()?.to_owned(),
             convention,

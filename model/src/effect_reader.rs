@@ -9,6 +9,7 @@ use crate::{
     effect::{Effect, EffectParameter, EffectState, Origin, Place, REST_POSITION, Replacement, SIGNALS, Scope, Stage},
     error::{ModelError, Source, did_you_mean},
     expression::Comparison,
+    identifier::{is_keyword, read_id},
     unit::{Dimension, Unit, dimension},
 };
 
@@ -22,6 +23,7 @@ impl Effect {
         let source = Source::new(path, text);
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
+        let id = read_id(&root, path)?;
         root.only(&[
             "title",
             "place",
@@ -54,7 +56,7 @@ impl Effect {
         };
         let parameters = read_parameters(&root)?;
         let mut effect = Self {
-            id: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+            id,
             title: text_of("title")?,
             place,
             scope,
@@ -222,6 +224,9 @@ fn read_parameters(root: &Table) -> Result<Vec<EffectParameter>, ModelError> {
 /// A symbol that is a name, not taken by a signal, a word of `[[effect]]` tables or an earlier symbol.
 fn new_symbol<'t>(entry: &Entry, mut taken: impl Iterator<Item = &'t str>) -> Result<String, ModelError> {
     let symbol = entry.text()?;
+    if is_keyword(symbol) {
+        return Err(entry.error(format!("`{symbol}` is a keyword of Rust")).help("choose another name"));
+    }
     if Expression::parse(symbol) != Ok(Expression::Symbol(symbol.to_owned())) {
         return Err(entry.error(format!("`{symbol}` is not a name")).help("use letters, digits and `_`"));
     }
@@ -253,6 +258,10 @@ fn read_formulas(root: &Table, effect: &mut Effect) -> Result<(), ModelError> {
         for (name, span) in terms.keys() {
             if known.iter().any(|other| other == name) || SIGNALS.contains(&name) {
                 let error = root.source.error(span, format!("there is already a symbol `{name}`"));
+                return Err(error.help("choose another name for the term"));
+            }
+            if is_keyword(name) {
+                let error = root.source.error(span, format!("`{name}` is a keyword of Rust"));
                 return Err(error.help("choose another name for the term"));
             }
             let formula = read_formula(&terms.required(name, "\"..\"")?, &known)?;

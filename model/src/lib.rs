@@ -11,6 +11,7 @@ pub mod effect;
 mod effect_reader;
 pub mod error;
 pub mod expression;
+mod identifier;
 pub mod inertia;
 pub mod instance;
 pub mod library;

@@ -150,6 +150,8 @@ fn effects() {
         ("initial = 1.0", "initial = -1.0"),
         ("symbol = \"sigma1\"", "symbol = \"sigma0\""),
         ("symbol = \"sigma1\"", "symbol = \"dq\""),
+        ("symbol = \"sigma1\"", "symbol = \"mut\""),
+        ("[terms]\n", "[terms]\nloop = \"dq\"\n"),
         ("inequalities = [\"Fs > Fc\"]", "inequalities = [\"Fs > Fd\"]"),
         ("inequalities = [\"Fs > Fc\"]", "inequalities = [\"Fs < Fc\"]"),
         ("place = \"joint\"", "place = \"joints\""),
@@ -161,6 +163,26 @@ fn effects() {
     ];
     let text: Vec<String> = changes.iter().map(|(from, to)| told(EFFECT, from, to, parse)).collect();
     insta::assert_snapshot!(text.join("\n\n"));
+}
+
+#[test]
+fn ids_are_module_names() {
+    let device = |name: &str| Device::parse(DEVICE, Path::new(name)).map(|device| device.id);
+    let effect = |name: &str| Effect::parse(EFFECT, Path::new(name)).map(|effect| effect.id);
+    for name in ["arm", "arm_2", "a1"] {
+        let file = format!("{name}.toml");
+        assert_eq!((device(&file).unwrap(), effect(&file).unwrap()), (name.to_owned(), name.to_owned()));
+    }
+    for name in
+        ["my-arm", "Arm", "2r", "_arm", "", "gr\u{fc}n", "my arm", "loop", "gen", "kernel", "effect_library", "src"]
+    {
+        let file = format!("{name}.toml");
+        for error in [device(&file).unwrap_err(), effect(&file).unwrap_err()] {
+            let told = error.to_string();
+            assert!(told.contains("the id `") && told.contains("rename the file"), "{told}");
+        }
+    }
+    insta::assert_snapshot!(device("my-arm.toml").unwrap_err());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use dynid_lower::Kir;
 use dynid_lower::kernel::Configuration;
 use serde_json::{Value, json};
 
-use crate::shell;
+use crate::{BadInput, shell};
 
 /// Derives the equations and prints the kernels.
 #[derive(clap::Args)]
@@ -67,7 +67,7 @@ fn files(arguments: &Arguments) -> anyhow::Result<Vec<(String, usize)>> {
     if let Some(id) = &arguments.device
         && dynid_model::device(id).is_none()
     {
-        bail!("there is no device `{id}`; known are {}", known());
+        bail!(BadInput(format!("there is no device `{id}`; known are {}", known())));
     }
     let mut files = Vec::new();
     for device in devices.iter().filter(|device| arguments.device.as_ref().is_none_or(|id| *id == device.id)) {
@@ -75,7 +75,7 @@ fn files(arguments: &Arguments) -> anyhow::Result<Vec<(String, usize)>> {
         if let Some(number) = arguments.config
             && !(1..=n_configurations).contains(&number)
         {
-            bail!("{} has configurations 1 to {n_configurations}, not {number}", device.id);
+            bail!(BadInput(format!("{} has configurations 1 to {n_configurations}, not {number}", device.id)));
         }
         let numbers = (1..=n_configurations).filter(|number| arguments.config.is_none_or(|asked| asked == *number));
         files.extend(numbers.map(|number| (device.id.clone(), number)));

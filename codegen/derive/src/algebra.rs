@@ -9,6 +9,7 @@ use std::{collections::BTreeMap, fmt, sync::Arc};
 use dynid_lower::{Node, Program};
 use dynid_model::{
     Device, JointKind, Link,
+    device::joint_variable,
     expression::{BinaryOperator, Expression},
 };
 use symbolica::{
@@ -182,7 +183,7 @@ impl Algebra {
         }
         Ok(match expression {
             Expression::Number(_) => unreachable!("a number is a constant"),
-            Expression::Symbol(name) => match joint_of(name) {
+            Expression::Symbol(name) => match joint_variable(name) {
                 Some(joint) => self.symbol(&Symbol::Position(joint)),
                 None => self.parameter(&format!("length.{name}")),
             },
@@ -490,7 +491,7 @@ pub fn angle_sum(expression: &Expression) -> Result<AngleSum, String> {
     let affine = expression.affine().ok_or(wanted)?;
     let mut factors = BTreeMap::new();
     for (name, factor) in affine.coefficients {
-        let joint = joint_of(&name).ok_or(wanted)?;
+        let joint = joint_variable(&name).ok_or(wanted)?;
         if !is_whole(factor) {
             return Err(format!("{wanted}, not {factor} {name}"));
         }
@@ -507,12 +508,6 @@ const WHOLE: f64 = 1e-12;
 
 fn is_whole(value: f64) -> bool {
     (value - value.round()).abs() < WHOLE
-}
-
-/// Joint `i` from `q<i>`.
-pub fn joint_of(symbol: &str) -> Option<usize> {
-    let digits = symbol.strip_prefix('q')?;
-    digits.chars().all(|digit| digit.is_ascii_digit()).then(|| digits.parse().ok()).flatten()
 }
 
 /// The unit of a joint's variable.

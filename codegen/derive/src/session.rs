@@ -15,11 +15,9 @@ pub struct Session {
 /// A temporary folder in which no file can be locked.
 pub fn start() -> anyhow::Result<Session> {
     let path = std::env::temp_dir().join("dynid-symbolica.lock");
-    let lock = File::options()
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .open(&path)
+    // Another user's file may be read, which is enough to lock it, but not written.
+    let lock = File::open(&path)
+        .or_else(|_| File::options().create(true).truncate(false).write(true).open(&path))
         .with_context(|| format!("opening the lock {}", path.display()))?;
     lock.lock().with_context(|| format!("locking {}", path.display()))?;
     Ok(Session { _lock: lock })

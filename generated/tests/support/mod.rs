@@ -222,6 +222,18 @@ impl Case {
         self.plant().inertia_and_bias(self.kernel.free, &self.positions, &self.dq)
     }
 
+    /// `dD/dt` by a central difference along `dq`.
+    pub fn plant_rate_of_inertia(&self) -> Vec<f64> {
+        let along = self.of_all_joints(&self.dq);
+        let step = 1e-5 / along.iter().map(|dq| dq.abs()).sum::<f64>();
+        let inertia = |by: f64| {
+            let moved: Vec<f64> = self.positions.iter().zip(&along).map(|(q, dq)| q + by * dq).collect();
+            self.plant().inertia_and_bias(self.kernel.free, &moved, &self.dq).0
+        };
+        let difference = |(above, below): (f64, f64)| (above - below) / (2.0 * step);
+        inertia(step).into_iter().zip(inertia(-step)).map(difference).collect()
+    }
+
     pub fn plant_gravity(&self) -> Vec<f64> {
         self.of_free_joints(&self.plant().gravity(&self.positions))
     }
@@ -346,9 +358,21 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Entry by entry, relative to the size that each could have.
+/// What a vector may differ by, relative to its largest entry. A single entry may cancel to nothing, where several
+/// hardly all do at once.
+const OF_LARGEST: f64 = 1e-12;
+
+/// Entry by entry, relative to the size that each could have; and all relative to the largest.
 pub fn assert_vector(computed: &[f64], expected: &[f64], size: &[f64], tolerance: f64, what: impl Fn() -> String) {
     assert_eq!((computed.len(), size.len()), (expected.len(), expected.len()), "{}", what());
+    if expected.len() > 1 {
+        let largest = expected.iter().fold(0.0f64, |largest, entry| largest.max(entry.abs()));
+        let agree = computed
+            .iter()
+            .zip(expected)
+            .all(|(computed, expected)| (computed - expected).abs() <= OF_LARGEST * largest);
+        assert!(agree, "{}: {computed:?}, not {expected:?}", what());
+    }
     for (place, ((computed, expected), size)) in computed.iter().zip(expected).zip(size).enumerate() {
         let error = (computed - expected).abs();
         assert!(error <= tolerance * size, "entry {place} of {}: {computed:e}, not {expected:e}", what());

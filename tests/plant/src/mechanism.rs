@@ -9,7 +9,7 @@
 //!
 //! Nothing here is symbolic, nothing is differenced, and nothing is shared with the code that derives the kernels.
 
-use dynid_model::{Convention, Device, Expression, Link};
+use dynid_model::{Convention, Device, Expression, Link, device::joint_variable};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::jet::{self, Jet};
@@ -172,7 +172,7 @@ impl Mechanism {
             assert_eq!(slice.len(), self.n_joints, "a state has one entry per joint of the device");
         }
         let symbol = |name: &str| {
-            let joint = joint_of(name).expect("lengths are already numbers, so only joints are left");
+            let joint = joint_variable(name).expect("lengths are already numbers, so only joints are left");
             Jet { value: q[joint], rate: dq[joint], acceleration: ddq[joint] }
         };
         let value = |entry: &Entry| match entry {
@@ -349,15 +349,10 @@ fn unit(n: usize, index: usize) -> Vec<f64> {
     unit
 }
 
-/// Joint index of a symbol `q<i>`; `None` for a length.
-fn joint_of(symbol: &str) -> Option<usize> {
-    symbol.strip_prefix('q')?.parse().ok()
-}
-
 fn with_lengths(expression: &Expression, parameters: &dyn Fn(&str) -> f64) -> Expression {
     let inner = |part: &Expression| with_lengths(part, parameters);
     match expression {
-        Expression::Symbol(name) if joint_of(name).is_none() => {
+        Expression::Symbol(name) if joint_variable(name).is_none() => {
             Expression::Number(parameters(&format!("length.{name}")))
         }
         Expression::Number(_) | Expression::Symbol(_) => expression.clone(),
@@ -375,7 +370,7 @@ fn with_lengths(expression: &Expression, parameters: &dyn Fn(&str) -> f64) -> Ex
 fn moves(expression: &Expression) -> bool {
     match expression {
         Expression::Number(_) => false,
-        Expression::Symbol(name) => joint_of(name).is_some(),
+        Expression::Symbol(name) => joint_variable(name).is_some(),
         Expression::Negate(part) => moves(part),
         Expression::Binary(_, left, right) => moves(left) || moves(right),
         Expression::Call(_, arguments) => arguments.iter().any(moves),

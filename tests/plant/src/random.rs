@@ -1,4 +1,5 @@
-//! Gaussian noise from a seed, the same bits everywhere.
+//! Noise from a seed: uniform numbers are the same bits everywhere. Gaussian ones go through the `ln` of the platform's
+//! mathematical library, so another platform may give other last bits.
 
 /// SplitMix64 (Steele, Lea & Flood 2014) as the source of bits.
 #[derive(Debug, Clone)]

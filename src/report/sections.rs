@@ -32,7 +32,7 @@ pub struct Errors {
     pub models: Vec<String>,
     /// Run, role, joint, and the error of each model.
     pub rows: Vec<(String, String, usize, Vec<f64>)>,
-    /// What the numbers are, e.g. `RMSE [rad]`.
+    /// What the numbers are, e.g. `RMSE (rad)`.
     pub quantity: String,
     /// What is said below the table.
     pub note: String,

@@ -21,7 +21,7 @@ pub struct Mechanism {
     convention: Convention,
     rows: Vec<Row>,
     bodies: Vec<Body>,
-    /// Up, times the magnitude of gravity [m/s^2], in the base frame.
+    /// Up, times the magnitude of gravity (m/s^2), in the base frame.
     gravity: Vector3<f64>,
 }
 
@@ -46,9 +46,9 @@ struct Body {
     frame: usize,
     /// kg
     mass: f64,
-    /// Centroid in the frame's axes [m].
+    /// Centroid in the frame's axes (m).
     centroid: Vector3<f64>,
-    /// About the centroid, in the frame's axes [kg m^2].
+    /// About the centroid, in the frame's axes (kg m^2).
     inertia: Matrix3<f64>,
 }
 
@@ -57,13 +57,13 @@ struct Body {
 pub struct Motion {
     /// Turns coordinates of the frame into coordinates of the base.
     pub rotation: Matrix3<f64>,
-    /// Of the frame's origin [m].
+    /// Of the frame's origin (m).
     pub position: Vector3<f64>,
-    /// Of the frame's origin [m/s].
+    /// Of the frame's origin (m/s).
     pub velocity: Vector3<f64>,
     /// rad/s
     pub angular_velocity: Vector3<f64>,
-    /// Of the frame's origin [m/s^2], without gravity.
+    /// Of the frame's origin (m/s^2), without gravity.
     pub acceleration: Vector3<f64>,
     /// rad/s^2
     pub angular_acceleration: Vector3<f64>,
@@ -105,7 +105,7 @@ impl Motion {
         moved
     }
 
-    /// The same body at another of its points, `offset` [m] away in base coordinates.
+    /// The same body at another of its points, `offset` (m) away in base coordinates.
     fn at(self, offset: Vector3<f64>) -> Self {
         let swept = self.angular_velocity.cross(&offset);
         Self {
@@ -240,7 +240,7 @@ impl Mechanism {
         coriolis
     }
 
-    /// Kinetic energy and potential `V = g up . sum(m p)` [J] (thesis Eq. B.4).
+    /// Kinetic energy and potential `V = g up . sum(m p)` (J) (thesis Eq. B.4).
     pub fn energy(&self, q: &[f64], dq: &[f64]) -> [f64; 2] {
         let motions = self.motions(q, dq, &vec![0.0; self.n_joints]);
         let mut energy = [0.0; 2];

@@ -46,13 +46,13 @@ pub struct Recipe {
     pub device: String,
     /// Of the noise; every run continues the sequence.
     pub seed: u64,
-    /// Time from row to row [s].
+    /// Time from row to row (s).
     pub sample_s: f64,
     /// Runge-Kutta steps from row to row.
     pub steps_per_sample: usize,
-    /// Standard deviation of the position noise of free joints [rad or m].
+    /// Standard deviation of the position noise of free joints (rad or m).
     pub noise_rms: f64,
-    /// Logged positions are multiples of this [rad or m]; 0 for none.
+    /// Logged positions are multiples of this (rad or m); 0 for none.
     pub quantum: f64,
     /// Position of every joint at the start of every run.
     pub start: Vec<f64>,
@@ -91,9 +91,9 @@ pub struct Cosine {
     pub joint: usize,
     /// N*m or N.
     pub amplitude: f64,
-    /// Frequency at the start [Hz].
+    /// Frequency at the start (Hz).
     pub hz: f64,
-    /// How fast it rises, for a chirp [Hz/s].
+    /// How fast it rises, for a chirp (Hz/s).
     #[serde(default)]
     pub hz_per_s: f64,
     /// rad

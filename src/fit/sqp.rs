@@ -71,7 +71,7 @@ pub struct Region {
 pub struct Limits {
     /// Linearisations at most.
     pub iterations: usize,
-    /// Converged when the foreseen decrease is below this fraction of the cost (see `Limits::negligible`).
+    /// Converged when the foreseen decrease is below this fraction of the cost, or of 1 where the cost is less.
     pub tolerance: f64,
 }
 

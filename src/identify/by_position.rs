@@ -118,8 +118,7 @@ pub(super) fn cost_at(model: &Model, runs: &[&Run], options: &Options) -> Result
 /// Half the sum of squared position errors, each joint's over the noise of its log.
 fn cost(runs: &[RunError]) -> f64 {
     let of_run = |run: &RunError| -> f64 {
-        let n_samples = run.simulated.len() / run.rmse.len().max(1);
-        run.rmse.iter().zip(&run.noise).map(|(rmse, noise)| (rmse / noise).powi(2)).sum::<f64>() * n_samples as f64
+        run.rmse.iter().zip(&run.noise).map(|(rmse, noise)| (rmse / noise).powi(2)).sum::<f64>() * run.samples as f64
     };
     0.5 * runs.iter().map(of_run).sum::<f64>()
 }

@@ -8,6 +8,7 @@ pub mod position;
 pub mod sensitivity;
 pub mod sequence;
 pub mod sqp;
+pub mod starts;
 pub mod torque;
 
 use dynid_model::expression::Comparison;

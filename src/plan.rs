@@ -30,6 +30,9 @@ pub struct Plan {
     pub unreachable: Vec<Unreachable>,
 }
 
+/// Why no experiment can reveal a parameter.
+pub const NOWHERE: &str = "it stands in no equation of motion";
+
 /// A parameter that no step reveals.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unreachable {
@@ -110,8 +113,8 @@ pub fn plan(model: &Model, method: &str) -> Result<Plan, Error> {
 fn unreachable(model: &Model, seen: &BTreeSet<String>) -> Vec<Unreachable> {
     let everywhere: Vec<usize> = (0..model.device.joints.len()).collect();
     let structure = dynid_generated::structure(&model.device.id);
-    let kernels = (1..=model.device.configurations.len())
-        .filter_map(|number| dynid_generated::kernel(&model.device.id, number));
+    let kernels =
+        (1..=model.device.configurations.len()).filter_map(|number| dynid_generated::kernel(&model.device.id, number));
     let anywhere: BTreeSet<String> = kernels.flat_map(|kernel| depends_on(model, kernel)).collect();
     let mut unreachable = Vec::new();
     for (name, parameter) in model.parameters() {
@@ -126,7 +129,7 @@ fn unreachable(model: &Model, seen: &BTreeSet<String>) -> Vec<Unreachable> {
         } else if structure.is_some_and(|structure| structure.appears(&name, &everywhere)) {
             "it acts where joints move together that no configuration frees together"
         } else {
-            "it stands in no equation of motion"
+            NOWHERE
         };
         unreachable.push(Unreachable { name, why });
     }

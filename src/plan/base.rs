@@ -8,6 +8,7 @@
 //! Lengths that are zero in the model stay zero, all others are general. Locked joints stand anywhere: the combinations are
 //! those that runs at several poses reveal; a single pose reveals fewer ([`BaseParameters::rank_at_one_pose`]).
 
+use dynid_model::Parameter;
 use nalgebra::{DMatrix, DVector};
 
 use super::{
@@ -51,8 +52,7 @@ pub(crate) struct Analysis {
 impl Analysis {
     /// Of some configurations of the model's device.
     pub(crate) fn new(model: &Model, configurations: &[usize]) -> Result<Self, Error> {
-        let systems =
-            configurations.iter().map(|&number| system_of(model, number)).collect::<Result<Vec<_>, _>>()?;
+        let systems = configurations.iter().map(|&number| system_of(model, number)).collect::<Result<Vec<_>, _>>()?;
         let parameters = LinearParameters::of_model(model, &systems);
         let names = model.device.lengths.iter().map(|length| length.symbol.clone());
         let lengths = names.zip(&model.lengths).map(|(name, length)| (name, length.value)).collect();
@@ -205,7 +205,9 @@ fn factors(rows: &DMatrix<f64>, leading: &[usize], dependent: &[usize]) -> DMatr
     let qr = rows.select_columns(leading).qr();
     let right = qr.q().transpose() * rows.select_columns(dependent);
     // `leading` was independent at other lengths; where it is not here, nothing is recognised.
-    qr.r().solve_upper_triangular(&right).unwrap_or_else(|| DMatrix::from_element(leading.len(), dependent.len(), f64::NAN))
+    qr.r()
+        .solve_upper_triangular(&right)
+        .unwrap_or_else(|| DMatrix::from_element(leading.len(), dependent.len(), f64::NAN))
 }
 
 impl BaseParameters {
@@ -256,21 +258,32 @@ impl BaseParameters {
         matrix
     }
 
+    /// As [`Self::told`], the effects left out.
+    pub fn told_of_links(&self, combination: &Combination) -> String {
+        let others = combination.others.iter().filter(|(other, _)| *other < self.n_link);
+        let told = others.map(|(other, factor)| factor.times(&self.names[*other]));
+        self.names[combination.leading].clone() + &told.collect::<String>()
+    }
+
     /// Names of the standard parameters (`link.2.m`, `link.2.x`, `link.2.Izz`, ..) that the base parameters determine by
-    /// themselves, the bodies being general.
+    /// themselves. Fixed ones have their values, the others are general.
     pub fn identifiable_alone(&self, model: &Model) -> Vec<String> {
         let mut random = Random::new(29);
+        let mut general = |own: &Parameter| if own.fixed { own.value } else { random.between(0.5, 1.5) };
         let bodies: Vec<[f64; 10]> =
-            model.links.iter().map(|_| std::array::from_fn(|_| random.between(0.5, 1.5))).collect();
+            model.links.iter().map(|link| std::array::from_fn(|k| general(&link[k]))).collect();
         let by_linear = self.matrix(model).columns(0, self.n_link).into_owned();
         let by_standard = by_linear * LinearParameters::by_standard(&bodies);
-        let n = by_standard.ncols();
-        if n == 0 || by_standard.nrows() == 0 {
+        let links = model.parameters().into_iter().filter(|(name, _)| name.starts_with("link."));
+        let (unknown, names): (Vec<usize>, Vec<String>) =
+            links.enumerate().filter(|(_, (_, own))| !own.fixed).map(|(place, (name, _))| (place, name)).unzip();
+        let by_unknown = by_standard.select_columns(&unknown);
+        let n = unknown.len();
+        if n == 0 || by_unknown.nrows() == 0 {
             return Vec::new();
         }
-        let standing = crate::fit::identifiability::standing(&by_standard, &DMatrix::identity(n, n), &vec![1.0; n]);
-        let links = model.names().into_iter().filter(|name| name.starts_with("link."));
-        links.zip(standing.identifiable).filter(|(_, alone)| *alone).map(|(name, _)| name).collect()
+        let standing = crate::fit::identifiability::standing(&by_unknown, &DMatrix::identity(n, n), &vec![1.0; n]);
+        names.into_iter().zip(standing.identifiable).filter(|(_, alone)| *alone).map(|(name, _)| name).collect()
     }
 }
 
@@ -320,8 +333,7 @@ mod tests {
             m2 * (l2 + x2),
             m2 * y2,
         ];
-        let ours =
-            [beta[0] + 2.0 * l1 * beta[1], beta[1], beta[2], beta[3] + 2.0 * l2 * beta[4], beta[4], beta[5]];
+        let ours = [beta[0] + 2.0 * l1 * beta[1], beta[1], beta[2], beta[3] + 2.0 * l2 * beta[4], beta[4], beta[5]];
         for (ours, closed) in ours.iter().zip(&closed) {
             assert!((ours - closed).abs() < 1e-14, "{ours} {closed}");
         }
@@ -344,7 +356,11 @@ mod tests {
             let error = (&rows - &kept * base.matrix(&model)).amax();
             assert!(error < 1e-9 * rows.amax(), "{}: {error:e}", device.id);
             let singular = DMatrix::from_columns(
-                &rows.column_iter().filter(|column| column.norm() > 0.0).map(|column| column.normalize()).collect::<Vec<_>>(),
+                &rows
+                    .column_iter()
+                    .filter(|column| column.norm() > 0.0)
+                    .map(|column| column.normalize())
+                    .collect::<Vec<_>>(),
             )
             .singular_values();
             let rank = singular.iter().filter(|value| **value > 1e-9 * singular.max()).count();

@@ -89,7 +89,7 @@ pub fn flat_directions(
     reduced.columns_mut(rank, n_columns - n_links).copy_from(&factor.columns(n_links, n_columns - n_links));
     let n_reduced = reduced.ncols();
     let found = standing(&reduced, &DMatrix::identity(n_reduced, n_reduced), &vec![1.0; n_reduced]);
-    let alone = standing(&links, &DMatrix::identity(n_links, n_links), &vec![1.0; n_links]);
+    let alone = base.identifiable_alone(model);
     let by_base = BaseChange::new(model, base, &unknown[..n_links]);
     Ok(found
         .flat
@@ -101,12 +101,16 @@ pub fn flat_directions(
                 unknown[n_links..].iter().map(|(name, _)| name.clone()).zip(effects.iter().copied()).collect();
             let mut fix_one_of: Vec<String> =
                 changes.iter().filter(|(_, change)| change.abs() > SAME).map(|(name, _)| name.clone()).collect();
-            let fixing = (0..n_links).filter(|&index| alone.identifiable[index] && links[index].abs() > SAME);
+            let fixing = (0..n_links).filter(|&index| alone.contains(&unknown[index].0) && links[index].abs() > SAME);
             fix_one_of.extend(fixing.map(|index| unknown[index].0.clone()));
             changes.extend(by_base.of(links.as_slice()));
-            let largest = changes.iter().fold(0.0_f64, |largest, (_, change)| {
-                if change.abs() > largest.abs() + SAME { *change } else { largest }
-            });
+            let largest =
+                changes.iter().fold(
+                    0.0_f64,
+                    |largest, (_, change)| {
+                        if change.abs() > largest.abs() + SAME { *change } else { largest }
+                    },
+                );
             // Only a state changed its scale: nothing that has a name.
             if largest == 0.0 {
                 return None;
@@ -128,7 +132,8 @@ fn visible_directions(rows: &DMatrix<f64>) -> DMatrix<f64> {
     if used.is_empty() {
         return DMatrix::zeros(rows.ncols(), 0);
     }
-    let scaled = DMatrix::from_fn(rows.nrows(), used.len(), |row, column| rows[(row, used[column])] / lengths[used[column]]);
+    let scaled =
+        DMatrix::from_fn(rows.nrows(), used.len(), |row, column| rows[(row, used[column])] / lengths[used[column]]);
     let svd = scaled.svd(false, true);
     let largest = svd.singular_values.max();
     let Some(v_t) = svd.v_t else { return DMatrix::zeros(rows.ncols(), 0) };
@@ -191,13 +196,15 @@ fn sensitivity(
             for &(parameter, column) in &link_columns {
                 let change: f64 = (0..kernel.n_lumps)
                     .map(|lump| {
-                        linear.regressor[row * kernel.n_lumps + lump] * gradient[lump * kernel.parameters.len() + parameter]
+                        linear.regressor[row * kernel.n_lumps + lump]
+                            * gradient[lump * kernel.parameters.len() + parameter]
                     })
                     .sum();
                 rows[(first + row, column)] -= change;
             }
             for z in 0..n_z {
-                rows[(first + row, first_state + z)] += linear.torque_by_state[row * n_states + 2 * n + z] * x[2 * n + z];
+                rows[(first + row, first_state + z)] +=
+                    linear.torque_by_state[row * n_states + 2 * n + z] * x[2 * n + z];
             }
         }
         for &(row, parameter, value) in &linear.torque_by_parameter {
@@ -231,7 +238,7 @@ fn sensitivity(
 
 /// How the base parameters of links change with the standard ones.
 struct BaseChange {
-    /// Names of the combinations.
+    /// The combinations, without what effects add to them.
     names: Vec<String>,
     /// Their values; exactly zero where only rounding is left.
     values: Vec<f64>,
@@ -255,12 +262,13 @@ impl BaseChange {
         }
         let linear = LinearParameters { names: base.names[..base.n_link].to_vec(), n_link: base.n_link }.values(model);
         let values = (0..matrix.nrows()).map(|row| {
-            let terms = || matrix.row(row).iter().zip(&linear).map(|(factor, value)| factor * value).collect::<Vec<f64>>();
+            let terms =
+                || matrix.row(row).iter().zip(&linear).map(|(factor, value)| factor * value).collect::<Vec<f64>>();
             let (sum, size) = terms().iter().fold((0.0, 0.0), |(sum, size), term| (sum + term, size + term.abs()));
             if sum.abs() > 1e-12 * size { sum } else { 0.0 }
         });
         Self {
-            names: of_links.iter().map(|&index| base.told(&base.combinations[index])).collect(),
+            names: of_links.iter().map(|&index| base.told_of_links(&base.combinations[index])).collect(),
             values: values.collect(),
             by_unknown,
         }
@@ -306,8 +314,7 @@ mod tests {
         assert_eq!(names.len(), 10, "{names:?}");
 
         let time: Vec<f64> = (0..300).map(|k| f64::from(k) * 0.01).collect();
-        let command: Vec<f64> =
-            time.iter().flat_map(|t| [0.0, 0.0, 0.0, 0.0, 0.01 * (3.0 * t).cos(), 0.0]).collect();
+        let command: Vec<f64> = time.iter().flat_map(|t| [0.0, 0.0, 0.0, 0.0, 0.01 * (3.0 * t).cos(), 0.0]).collect();
         let input = Input { time: &time, command: &command, hold: Hold::Zero };
         let run = |model: &Model| {
             let system = System::of_model(model, &[4], |_| 0.3).unwrap();

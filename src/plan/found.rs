@@ -17,9 +17,8 @@ use crate::{error::Error, model::Model, system::SystemError};
 /// Numbers of the configurations, from 1, in the order found.
 pub(super) fn sequence(model: &Model) -> Result<Vec<usize>, Error> {
     let device = model.device;
-    let kernels: Vec<_> = (1..=device.configurations.len())
-        .filter_map(|number| dynid_generated::kernel(&device.id, number))
-        .collect();
+    let kernels: Vec<_> =
+        (1..=device.configurations.len()).filter_map(|number| dynid_generated::kernel(&device.id, number)).collect();
     if kernels.is_empty() {
         let known = device.configurations.iter().map(|known| known.free.clone()).collect();
         return Err(SystemError::NoConfiguration { device: device.id.clone(), free: Vec::new(), known }.into());
@@ -83,9 +82,10 @@ mod tests {
             let sequence: Vec<usize> = found.steps.iter().map(|step| step.configuration).collect();
             let rank = |numbers: &[usize]| {
                 let analysis = Analysis::new(&model, numbers).unwrap();
-                let rows = (0..numbers.len()).fold(DMatrix::zeros(0, analysis.parameters.names.len()), |rows, index| {
-                    stacked(&rows, &analysis.revealed(index))
-                });
+                let rows = (0..numbers.len())
+                    .fold(DMatrix::zeros(0, analysis.parameters.names.len()), |rows, index| {
+                        stacked(&rows, &analysis.revealed(index))
+                    });
                 independent(&rows).len()
             };
             assert_eq!(rank(&sequence), rank(&all), "{}", device.id);

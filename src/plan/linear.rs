@@ -159,6 +159,7 @@ impl<'a> Regressor<'a> {
         }
     }
 
+    #[cfg(test)]
     /// At the system's own lengths, gravity and locked positions.
     pub(crate) fn of_system(system: &'a System, parameters: &LinearParameters) -> Self {
         Self::new(system, parameters, system.link_parameters(), system.locked())
@@ -197,12 +198,7 @@ impl<'a> Regressor<'a> {
 }
 
 /// How the lumps of a kernel follow from the linear parameters, and what `prepare` makes of a device without mass.
-fn lumps(
-    kernel: &Kernel,
-    parameters: &LinearParameters,
-    values: &[f64],
-    locked: &[f64],
-) -> (DMatrix<f64>, Vec<f64>) {
+fn lumps(kernel: &Kernel, parameters: &LinearParameters, values: &[f64], locked: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
     let mut prepared = vec![0.0; kernel.prepared.len()];
     let mut massless = values.to_vec();
     for (value, _) in massless.iter_mut().zip(kernel.parameters).filter(|(_, name)| name.starts_with("link.")) {

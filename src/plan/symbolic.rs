@@ -116,7 +116,8 @@ impl fmt::Display for Polynomial {
                 (_, true) => " - ",
                 (_, false) => " + ",
             };
-            let mut factors = if factor.is_unit() && !symbols.is_empty() { Vec::new() } else { vec![factor.to_string()] };
+            let mut factors =
+                if factor.is_unit() && !symbols.is_empty() { Vec::new() } else { vec![factor.to_string()] };
             factors.extend(powers(symbols));
             write!(f, "{sign}{}", factors.join("*"))?;
         }
@@ -197,7 +198,8 @@ impl Recogniser {
             return Some(Polynomial::default());
         }
         let over = || {
-            let pairs = (0..self.lengths.len()).flat_map(|length| self.over_a_length.iter().map(move |basis| (length, basis)));
+            let pairs =
+                (0..self.lengths.len()).flat_map(|length| self.over_a_length.iter().map(move |basis| (length, basis)));
             pairs.into_iter().find_map(|(length, basis)| self.found(basis, Some(length), values))
         };
         self.found(&self.plain, None, values).or_else(over)

@@ -59,6 +59,7 @@ fn log(model: &Model) -> FitRun {
         hold: Hold::Zero,
         weights: vec![1.0],
         from_s: f64::NEG_INFINITY,
+        first_half: 1.0,
     }
 }
 

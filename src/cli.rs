@@ -7,6 +7,7 @@ mod compare;
 mod devices;
 mod fit;
 mod inputs;
+mod interrupt;
 mod plan;
 mod progress;
 mod simulate;
@@ -38,7 +39,8 @@ The loop, all of it plain files:
 
 Never seen it work? `dynid tour` fits one joint of a robot to a log that it carries, in seconds.
 
-Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where.";
+Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where; 130 a fit
+that Ctrl-C stopped, to go on later with --resume.";
 
 #[derive(Subcommand)]
 enum Verb {
@@ -69,6 +71,8 @@ struct Outcome {
 enum Answer {
     Yes,
     No,
+    /// Stopped on request, to go on later.
+    Interrupted,
 }
 
 /// Reads the arguments, runs the verb, prints and returns the exit status.
@@ -85,6 +89,7 @@ pub fn main() -> ExitCode {
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,
         Ok(Answer::No) => ExitCode::from(1),
+        Ok(Answer::Interrupted) => ExitCode::from(interrupt::STATUS),
         Err(error) => {
             eprintln!("error: {error}");
             ExitCode::from(2)

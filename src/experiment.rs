@@ -78,6 +78,26 @@ pub struct Settings {
     pub hold: Hold,
     /// Controller of a closed-loop run.
     pub controller: Option<PathBuf>,
+    /// So much of the log's beginning leaves the position error of a fit (s) (the transient cut of the thesis's
+    /// Eq. 4.3).
+    pub from_s: Option<f64>,
+    /// Weight of the position error in the first half of the log (thesis Eq. 4.2: 0.5); 1 is neutral.
+    pub first_half: f64,
+}
+
+impl Default for Settings {
+    /// What holds where an experiment says nothing, for a device of no joints.
+    fn default() -> Self {
+        Self {
+            cutoff_hz: None,
+            decimate: 1,
+            min_speed: Vec::new(),
+            hold: Hold::Zero,
+            controller: None,
+            from_s: None,
+            first_half: 1.0,
+        }
+    }
 }
 
 /// How the commanded torque runs between samples.
@@ -127,9 +147,21 @@ pub enum ExperimentError {
     },
 }
 
-const EXPERIMENT_KEYS: [&str; 10] =
-    ["device", "run", "columns", "scale", "cutoff_hz", "decimate", "min_speed", "mask", "hold", "controller"];
-const RUN_KEYS: [&str; 12] = [
+const EXPERIMENT_KEYS: [&str; 12] = [
+    "device",
+    "run",
+    "columns",
+    "scale",
+    "cutoff_hz",
+    "decimate",
+    "min_speed",
+    "mask",
+    "hold",
+    "controller",
+    "from_s",
+    "first_half",
+];
+const RUN_KEYS: [&str; 14] = [
     "file",
     "free",
     "role",
@@ -142,6 +174,8 @@ const RUN_KEYS: [&str; 12] = [
     "mask",
     "hold",
     "controller",
+    "from_s",
+    "first_half",
 ];
 
 impl Experiment {
@@ -337,7 +371,19 @@ impl<'a> RunSource<'a> {
             }
             None => None,
         };
-        Ok(Settings { cutoff_hz, decimate, min_speed, hold, controller })
+        let from_s = match self.setting("from_s") {
+            Some(value) => Some(number(value).filter(|span| *span >= 0.0).ok_or_else(|| {
+                file.wrong_type(value, "from_s", "a time after the log's first sample [s], not negative")
+            })?),
+            None => None,
+        };
+        let first_half = match self.setting("first_half") {
+            Some(value) => number(value)
+                .filter(|weight| *weight > 0.0)
+                .ok_or_else(|| file.wrong_type(value, "first_half", "a positive weight, e.g. 0.5"))?,
+            None => 1.0,
+        };
+        Ok(Settings { cutoff_hz, decimate, min_speed, hold, controller, from_s, first_half })
     }
 
     /// One speed a joint of the device, or one a free joint.

@@ -1,5 +1,6 @@
 //! dynid.
 
+pub mod checkpoint;
 pub mod compare;
 pub mod error;
 pub mod experiment;

@@ -85,7 +85,13 @@ fn reads_columns_scale_rows_mask_and_settings() {
     assert_eq!(run.log.sample_time(), 2.0);
     assert_eq!(
         run.settings,
-        Settings { cutoff_hz: Some(8.0), decimate: 2, min_speed: vec![0.0, 0.3], hold: Hold::Linear, controller: None }
+        Settings {
+            cutoff_hz: Some(8.0),
+            decimate: 2,
+            min_speed: vec![0.0, 0.3],
+            hold: Hold::Linear,
+            ..Settings::default()
+        }
     );
     assert_eq!(experiment.runs_of(Role::Fit).count(), 0);
 }

@@ -19,6 +19,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 pub use inertia::Body;
 pub use noise::noise_floor;
@@ -51,6 +52,8 @@ pub struct FitRun {
     pub weights: Vec<f64>,
     /// Samples before this time leave the cost (s) (the thesis's transient cut).
     pub from_s: f64,
+    /// Weight of the errors in the first half of the log (thesis Eq. 4.2: 0.5); 1 is neutral.
+    pub first_half: f64,
 }
 
 impl FitRun {
@@ -169,6 +172,12 @@ pub struct Progress {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PositionFitError {
+    /// Whoever watched asked to stop.
+    #[error("the fit was interrupted after {iterations} iterations")]
+    Interrupted {
+        /// Linearisations so far.
+        iterations: usize,
+    },
     /// Nothing to fit to.
     #[error("there is no run to fit to; give at least one run the role \"fit\"")]
     NoRun,
@@ -278,11 +287,33 @@ pub enum PositionFitError {
     },
 }
 
-/// Fits; `watch` sees every iteration and may stop.
+/// All that a fit carries from one iteration to the next, for [`resume`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Which search of the schedule it is in, from 0.
+    pub stage: usize,
+    /// Linearisations before that search.
+    pub iterations: usize,
+    /// Where that search is.
+    pub search: sqp::State,
+}
+
+/// Fits; `watch` sees every iteration and may stop, which ends the fit with [`PositionFitError::Interrupted`].
 pub fn fit(
     problem: &PositionProblem,
     options: &Options,
     watch: &mut dyn FnMut(&Progress) -> Watch,
+) -> Result<PositionFit, PositionFitError> {
+    resume(problem, options, None, &mut |progress, _| watch(progress))
+}
+
+/// As [`fit`], from a state that `watch` was shown in a fit of the same problem: ends bit-identical to a fit that never
+/// stopped.
+pub fn resume(
+    problem: &PositionProblem,
+    options: &Options,
+    from: Option<State>,
+    watch: &mut dyn FnMut(&Progress, &State) -> Watch,
 ) -> Result<PositionFit, PositionFitError> {
     let mut problem = problem.clone();
     keep_what_occurs(&mut problem);
@@ -294,8 +325,13 @@ pub fn fit(
     let full = full(options, coarse);
     let mut iterations = 0;
     let mut ended = Ended::IterationLimit;
+    let mut from = from.filter(|state| state.search.x.len() == evaluator.n());
+    if let Some(state) = &from {
+        iterations = state.iterations;
+    }
+    let first = from.as_ref().map_or(0, |state| state.stage);
 
-    for resolution in schedule(options, coarse) {
+    for (stage, resolution) in schedule(options, coarse).into_iter().enumerate().skip(first) {
         let is_last = resolution == full;
         let is_whole = resolution.tether == 0.0;
         let at = evaluator.at(resolution);
@@ -311,26 +347,28 @@ pub fn fit(
         };
         let samples = at.samples() as f64;
         let tether = resolution.tether;
-        let mut told = |iteration: &Iteration| {
-            watch(&Progress {
+        let mut told = |iteration: &Iteration, search: &sqp::State| {
+            let progress = Progress {
                 iteration: iterations + iteration.number,
                 cost: iteration.cost / samples,
                 step: iteration.step,
                 tether,
-            })
+            };
+            watch(&progress, &State { stage, iterations, search: search.clone() })
         };
-        let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut told);
+        let state = from.take().map_or_else(|| sqp::State::start(&x, &region), |state| state.search);
+        let outcome = sqp::resume(&at, &mut region, state, &limits, &mut told);
         iterations += outcome.iterations;
         x = outcome.x;
         ended = outcome.ended;
+        if ended == Ended::Interrupted {
+            return Err(PositionFitError::Interrupted { iterations });
+        }
         if is_last {
             let Some(quadratic) = outcome.quadratic else {
                 return Err(at.why_not(&x));
             };
             return Ok(result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations));
-        }
-        if ended == Ended::Interrupted {
-            break;
         }
     }
     let at = evaluator.at(full);

@@ -6,6 +6,7 @@
 //! configurations, started from there, replaces the chain's linearised memory by the data themselves.
 
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use super::{
     position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
@@ -16,15 +17,48 @@ use crate::{
     model::Model,
 };
 
+/// What is to be fitted, in which order.
+#[derive(Debug, Clone, Copy)]
+pub struct Sequence<'a> {
+    /// What is believed before any data: the centre of the weak prior.
+    pub believed: &'a Model,
+    /// Where the search starts.
+    pub start: &'a Model,
+    /// The runs; only those for fitting count.
+    pub runs: &'a [&'a Run],
+    /// Configuration numbers from 1, one step each; none for a single fit of all runs.
+    pub configurations: &'a [usize],
+    /// Weights per step and free joint; none where every error counts by its noise.
+    pub weights: &'a [Vec<f64>],
+}
+
 /// What a sequence found.
 #[derive(Debug, Clone)]
 pub struct SequenceFit {
-    /// One fit per configuration that has runs, with the configuration's number.
-    pub steps: Vec<(usize, PositionFit)>,
+    /// One fit per configuration that has runs.
+    pub steps: Vec<Step>,
     /// The fit over all runs.
     pub joint: PositionFit,
     /// The model with the values of the last.
     pub model: Model,
+}
+
+/// A configuration's fit.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Step {
+    /// Its number, from 1.
+    pub configuration: usize,
+    /// What its runs and all before them gave; without the simulated positions.
+    pub fit: PositionFit,
+}
+
+/// All that a sequence carries from one iteration to the next.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct State {
+    /// Where the step under way is; `None` before its first iteration.
+    pub search: Option<position::State>,
+    /// The steps done.
+    pub steps: Vec<Step>,
 }
 
 /// Whether the joints of interest weigh more, as in the thesis, or every error counts by its noise alone.
@@ -46,46 +80,68 @@ pub struct SequenceProgress {
     pub progress: Progress,
 }
 
-/// Fits the configurations `sequence` (numbers from 1) one after another, then all their runs together.
+/// Fits one configuration after another, then all their runs together.
 ///
-/// Configurations without a run of the role `fit` are passed over. `weights` are per step and free joint.
+/// Configurations without a run of the role `fit` are passed over. `from` is a state that `watch` was shown in the same
+/// sequence: the result is bit-identical to one that never stopped.
 pub fn fit(
-    model: &Model,
-    runs: &[&Run],
-    sequence: &[usize],
-    weights: &[Vec<f64>],
+    sequence: &Sequence<'_>,
     options: &Options,
-    watch: &mut dyn FnMut(&SequenceProgress) -> Watch,
+    from: State,
+    watch: &mut dyn FnMut(&SequenceProgress, &State) -> Watch,
 ) -> Result<SequenceFit, PositionFitError> {
-    let mut believed = model.clone();
+    let Sequence { believed: expected, start, runs, configurations, weights } = *sequence;
+    let is_method = !configurations.is_empty();
+    let used: Vec<&Run> = runs
+        .iter()
+        .copied()
+        .filter(|run| run.role == Role::Fit && (!is_method || configurations.contains(&run.configuration)))
+        .collect();
+    let steps: Vec<(usize, usize)> = configurations
+        .iter()
+        .copied()
+        .enumerate()
+        .filter(|(_, configuration)| used.iter().any(|run| run.configuration == *configuration))
+        .collect();
+    let mut believed = start.clone();
     let mut known = Knowledge::default();
-    let mut steps = Vec::new();
-    let used: Vec<&Run> =
-        runs.iter().copied().filter(|run| run.role == Role::Fit && sequence.contains(&run.configuration)).collect();
-    for (step, configuration) in sequence.iter().enumerate() {
-        let own: Vec<&Run> = used.iter().copied().filter(|run| run.configuration == *configuration).collect();
-        if own.is_empty() {
-            continue;
-        }
-        let mut problem = problem(model, &believed, &own)?;
+    let mut state = State::default();
+    let State { mut search, steps: done } = from;
+    let mut done = done.into_iter();
+    for (step, configuration) in steps {
+        let own: Vec<&Run> = used.iter().copied().filter(|run| run.configuration == configuration).collect();
+        let mut problem = problem(expected, &believed, &own)?;
         if let Some(weights) = weights.get(step) {
             for run in &mut problem.runs {
                 run.weights.clone_from(weights);
             }
         }
         problem.prior = known.prior();
-        let mut told =
-            |progress: &Progress| watch(&SequenceProgress { configuration: Some(*configuration), progress: *progress });
-        let fit = position::fit(&problem, options, &mut told)?;
+        let fit = match done.next() {
+            Some(step) => step.fit,
+            None => {
+                let mut told = |progress: &Progress, search: &position::State| {
+                    state.search = Some(search.clone());
+                    watch(&SequenceProgress { configuration: Some(configuration), progress: *progress }, &state)
+                };
+                let mut fit = position::resume(&problem, options, search.take(), &mut told)?;
+                fit.runs.iter_mut().for_each(|run| run.simulated.clear());
+                fit
+            }
+        };
         believed = fit.applied_to(&believed);
         known.add(&fit, &problem);
-        steps.push((*configuration, fit));
+        state = State { search: None, steps: state.steps };
+        state.steps.push(Step { configuration, fit });
     }
-    let mut told = |progress: &Progress| watch(&SequenceProgress { configuration: None, progress: *progress });
-    let near = Options { start: Start::Near, ..*options };
-    let joint = position::fit(&problem(model, &believed, &used)?, &near, &mut told)?;
+    let mut told = |progress: &Progress, search: &position::State| {
+        state.search = Some(search.clone());
+        watch(&SequenceProgress { configuration: None, progress: *progress }, &state)
+    };
+    let options = if is_method { Options { start: Start::Near, ..*options } } else { *options };
+    let joint = position::resume(&problem(expected, &believed, &used)?, &options, search.take(), &mut told)?;
     let model = joint.applied_to(&believed);
-    Ok(SequenceFit { steps, joint, model })
+    Ok(SequenceFit { steps: state.steps, joint, model })
 }
 
 /// Starts from `believed`, with the weak prior around `start`.

@@ -213,6 +213,12 @@ impl<'a> Ready<'a> {
         (resolution.tether > 0.0).then_some(Tether { rate: resolution.tether, position: &self.run.position })
     }
 
+    /// Factor on the error of a free joint at a sample (thesis Eq. 4.2: by time; Eq. 4.3: by joint).
+    fn weight(&self, sample: usize, slot: usize) -> f64 {
+        let by_time = if 2 * sample < self.run.time.len() { self.run.first_half } else { 1.0 };
+        self.weights[slot] * by_time
+    }
+
     /// Index of the first sample that counts.
     fn first_sample(&self) -> usize {
         self.run.time.partition_point(|t| *t < self.run.from_s)
@@ -223,7 +229,8 @@ impl<'a> Ready<'a> {
         let n_free = self.run.system.n_free();
         let skip = self.first_sample() * n_free;
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
-        Ok(0.5 * errors.map(|(index, (y, q))| ((y - q) * self.weights[index % n_free]).powi(2)).sum::<f64>())
+        let weight = |index: usize| self.weight(index / n_free, index % n_free);
+        Ok(0.5 * errors.map(|(index, (y, q))| ((y - q) * weight(index)).powi(2)).sum::<f64>())
     }
 
     /// Cost, gradient and Hessian by this run's own unknowns.
@@ -248,7 +255,7 @@ impl<'a> Ready<'a> {
             }
             let position = finer.as_ref().map_or(position, |finer| &finer[sample * n_free..(sample + 1) * n_free]);
             for (slot, row) in rows.chunks_exact(width).enumerate() {
-                let weight = self.weights[slot];
+                let weight = self.weight(sample, slot);
                 let error = (self.run.position[sample * n_free + slot] - position[slot]) * weight;
                 cost += 0.5 * error * error;
                 for (gradient, by) in gradient.iter_mut().zip(row) {

@@ -1,6 +1,7 @@
 //! What a position fit found, and how sure it is.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use serde::{Deserialize, Serialize};
 
 use super::{
     FitRun, PositionProblem,
@@ -12,7 +13,7 @@ use crate::fit::{
 };
 
 /// The result of a position fit.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct PositionFit {
     /// How it ended.
     pub status: FitStatus,
@@ -20,8 +21,10 @@ pub struct PositionFit {
     pub parameters: Vec<Estimate>,
     /// What these runs alone say about them: inverse covariance in the order of `parameters`, the initial positions
     /// eliminated. Carried to later fits.
+    #[serde(with = "crate::fit::matrix")]
     pub information: DMatrix<f64>,
     /// Covariance of the parameters, data and prior together.
+    #[serde(with = "crate::fit::matrix")]
     pub covariance: DMatrix<f64>,
     /// Combinations that the data do not determine.
     pub undetermined: Vec<Direction>,
@@ -38,7 +41,7 @@ pub struct PositionFit {
 }
 
 /// One parameter.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Its name.
     pub name: String,
@@ -54,7 +57,7 @@ pub struct Estimate {
 }
 
 /// A combination of parameters, each in units of its range.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Direction {
     /// Share of its range that the data leave open (1: all of it).
     pub open: f64,
@@ -63,7 +66,7 @@ pub struct Direction {
 }
 
 /// A run's error.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunError {
     /// The run.
     pub name: String,
@@ -73,7 +76,10 @@ pub struct RunError {
     pub rmse: Vec<f64>,
     /// Noise of the log, per free joint.
     pub noise: Vec<f64>,
-    /// Simulated positions, one row a sample.
+    /// Samples of the log.
+    pub samples: usize,
+    /// Simulated positions, one row a sample; files do not keep them.
+    #[serde(skip)]
     pub simulated: Vec<f64>,
 }
 
@@ -90,7 +96,8 @@ impl RunError {
             rmse.push((sum / measured.len() as f64).sqrt());
             noise.push(noise_of(&measured));
         }
-        Self { name: run.name.clone(), initial, rmse, noise, simulated: simulated.to_vec() }
+        let samples = run.time.len();
+        Self { name: run.name.clone(), initial, rmse, noise, samples, simulated: simulated.to_vec() }
     }
 }
 

@@ -40,6 +40,7 @@ pub(super) struct Evaluator<'a> {
     n_parameters: usize,
     n: usize,
     bodies: Vec<Body>,
+    spread: Vec<f64>,
     /// Weak and earlier knowledge of the parameters.
     prior_mean: DVector<f64>,
     prior_information: DMatrix<f64>,
@@ -80,7 +81,8 @@ impl<'a> Evaluator<'a> {
             return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&start) });
         }
         let (prior_mean, prior_information) = prior(problem);
-        Ok(Self { ready, n_parameters, n, bodies, prior_mean, prior_information })
+        let spread = problem.unknowns.iter().map(super::Unknown::spread).collect();
+        Ok(Self { ready, n_parameters, n, bodies, spread, prior_mean, prior_information })
     }
 
     /// Number of unknowns, initial positions included.
@@ -422,6 +424,12 @@ impl Objective for At<'_, '_> {
         }
         let finite = quadratic.cost.is_finite() && quadratic.hessian.iter().all(|value| value.is_finite());
         finite.then_some(quadratic)
+    }
+
+    fn metric(&self, unknown: usize) -> Option<f64> {
+        /// Share of its range that a parameter goes along a direction the data hardly know, at a damping of one.
+        const STRIDE: f64 = 0.1;
+        self.evaluator.spread.get(unknown).map(|spread| (STRIDE * spread).powi(-2))
     }
 
     fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {

@@ -11,6 +11,7 @@ pub mod model;
 pub mod output;
 pub mod plan;
 pub mod plot;
+pub mod random;
 pub mod report;
 pub mod signal;
 pub mod simulate;

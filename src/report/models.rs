@@ -159,8 +159,11 @@ impl Section for Models {
                 let _ = write!(html, "<td>{}</td>", cell.map_or_else(none, |cell| number(cell.value)));
                 if *fitted {
                     let error = cell.and_then(|cell| cell.std_error).map_or_else(none, number);
-                    let flag = cell.map_or("", |cell| cell.standing.flag());
-                    let _ = write!(html, "<td>{error}</td><td class=\"word\"><span class=\"bad\">{flag}</span></td>");
+                    let standing = cell.map_or(Standing::NotFitted, |cell| cell.standing);
+                    let class = if standing == Standing::NotFitted { "faint" } else { "bad" };
+                    let flag = if cell.is_some() { standing.flag() } else { "" };
+                    let _ =
+                        write!(html, "<td>{error}</td><td class=\"word\"><span class=\"{class}\">{flag}</span></td>");
                 }
             }
             html.push_str("</tr>\n");

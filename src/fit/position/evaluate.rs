@@ -339,6 +339,10 @@ impl<'a> Ready<'a> {
 }
 
 impl At<'_, '_> {
+    pub(super) fn resolution(&self) -> Resolution {
+        self.resolution
+    }
+
     /// Number of errors in the cost.
     pub(super) fn samples(&self) -> usize {
         let ready = &self.evaluator.ready;

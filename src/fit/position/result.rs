@@ -129,8 +129,10 @@ pub(super) fn conclude(
     let degrees = (at.samples() as f64 - x.len() as f64).max(1.0);
     let variance_ratio = 2.0 * quadratic.cost / degrees / mean_square_weight(problem);
     let correlation = correlation(problem, &runs);
-    // A model that leaves more than noise cannot be as sure as the noise would allow; less than noise is luck.
-    let widening = variance_ratio.max(1.0) * correlation;
+    // What the residuals say of the noise counts, not what fourth differences guessed before the fit: those take abrupt
+    // motion for noise. No log is surer than this share of its noise, whatever a perfect model leaves.
+    const LEAST_VARIANCE: f64 = 1e-2;
+    let widening = variance_ratio.max(LEAST_VARIANCE) * correlation;
 
     let mut data = quadratic.hessian.clone();
     for row in 0..n {

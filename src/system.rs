@@ -17,12 +17,11 @@ mod solve;
 
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub(crate) use linear::Linear;
-pub(crate) use solve::{factorise, solve_columns};
 
 use std::fmt;
 
 pub(crate) use dynid_generated::N_SIGNALS;
-use dynid_generated::{EffectKernel, Kernel, Signal};
+use dynid_generated::{EffectKernel, Kernel, Scalar, Signal};
 use dynid_model::{Place, effect::Stage};
 
 use block::{Block, View};
@@ -58,6 +57,8 @@ pub struct System {
     sensors: Vec<Element>,
     /// Constants added to D: row, column, value; one entry per element of `links`.
     added_inertia: Vec<(usize, usize, f64)>,
+    /// Some effect reads the sum of the frictions.
+    friction_is_read: bool,
     /// The drive depends on the commands alone, so it is constant over a held sample.
     steady_drive: bool,
 }
@@ -145,8 +146,8 @@ pub(crate) struct End {
 }
 
 impl End {
-    fn motion(&self, x: &[f64], n: usize) -> (f64, f64) {
-        if self.slot == NONE { (self.angle, 0.0) } else { (x[self.slot], x[n + self.slot]) }
+    fn motion<S: Scalar>(&self, x: &[S], n: usize) -> (S, S) {
+        if self.slot == NONE { (S::constant(self.angle), S::constant(0.0)) } else { (x[self.slot], x[n + self.slot]) }
     }
 }
 
@@ -202,6 +203,7 @@ impl System {
             links: Vec::new(),
             sensors: Vec::new(),
             added_inertia: Vec::new(),
+            friction_is_read: false,
             steady_drive: true,
         };
         system.arrange(effects)?;
@@ -359,7 +361,9 @@ impl System {
         if self.loads.is_empty() {
             return;
         }
-        scratch.friction.copy_from_slice(&scratch.load);
+        if self.friction_is_read {
+            scratch.friction.copy_from_slice(&scratch.load);
+        }
         for block in &load_blocks.0 {
             let view = View { t, x, drive: &scratch.drive, friction: &scratch.friction, effect_parameters };
             block.evaluate(&view, &mut scratch.load, dx);
@@ -390,15 +394,21 @@ impl System {
         !self.sensors.is_empty()
     }
 
-    fn signals(&self, element: &Element, t: f64, x: &[f64]) -> [f64; N_SIGNALS] {
+    /// All effects.
+    fn elements(&self) -> impl Iterator<Item = &Element> {
+        let drive = self.actuators.iter().chain(&self.transmissions);
+        drive.chain(&self.frictions).chain(&self.loads).chain(&self.links).chain(&self.sensors)
+    }
+
+    fn signals<S: Scalar>(&self, element: &Element, t: S, x: &[S]) -> [S; N_SIGNALS] {
         let n = self.n_free();
-        let mut signals = [0.0; N_SIGNALS];
+        let mut signals = [S::constant(0.0); N_SIGNALS];
         let (q, dq) = element.joint.motion(x, n);
         signals[Signal::Q as usize] = q;
         signals[Signal::Dq as usize] = dq;
         signals[Signal::T as usize] = t;
         if element.qeq != NONE {
-            signals[Signal::Qeq as usize] = self.effect_parameters[element.qeq];
+            signals[Signal::Qeq as usize] = S::constant(self.effect_parameters[element.qeq]);
         }
         if element.from.joint != NONE {
             let (q, dq) = element.from.motion(x, n);
@@ -543,6 +553,7 @@ impl System {
         }
         self.connect_springs();
         self.connect_columns();
+        self.friction_is_read = self.loads.iter().any(|element| element.uses.contains(Signal::Friction));
         self.friction_blocks = Block::all(&self.frictions, n);
         self.load_blocks = Block::all(&self.loads, n);
         Ok(())

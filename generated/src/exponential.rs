@@ -54,12 +54,12 @@ pub(crate) fn of_lanes(x: Lanes) -> Lanes {
     let r = high - product;
     let low = (high - r) - product;
 
-    let [p0, p1, p2, p3, p4, p5, p6, p7, p8, p9] = POLYNOMIAL.map(c);
+    let [p0, p1, p2, p3, p4, p5, p6, p7, p8, p9] = POLYNOMIAL;
     let z = r * r;
     let z2 = z * z;
-    let first = (p0 + r * p1) + z * (p2 + r * p3);
-    let second = (p4 + r * p5) + z * (p6 + r * p7);
-    let tail = first + z2 * (second + z2 * (p8 + r * p9));
+    let first = (c(p0) + r * c(p1)) + z * (c(p2) + r * c(p3));
+    let second = (c(p4) + r * c(p5)) + z * (c(p6) + r * c(p7));
+    let tail = first + z2 * (second + z2 * (c(p8) + r * c(p9)));
     // e^(r + low) = e^r + low e^r; 1 + r stands for the second e^r.
     let value = c(1.0) + (r + (z * tail + low * (c(1.0) + r)));
 

@@ -37,7 +37,9 @@ const COSINE: [f64; 6] = [
 #[inline(always)]
 pub fn sin_cos<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
     let (mut sines, mut cosines) = ([0.0; N], [0.0; N]);
-    let pairs = sines.chunks_mut(LANES).zip(cosines.chunks_mut(LANES)).zip(angles.chunks(LANES));
+    // From the last on: an odd one out is the first, for the angle of a joint on the base is mostly not needed, and the
+    // others are loaded in the pairs in which an integrator has stored them.
+    let pairs = sines.rchunks_mut(LANES).zip(cosines.rchunks_mut(LANES)).zip(angles.rchunks(LANES));
     for ((sines, cosines), angles) in pairs {
         let (s, c) = of_lanes(Lanes::new(match *angles {
             [first, second] => [first, second],
@@ -73,14 +75,14 @@ fn reduced(angle: Lanes) -> (Lanes, Lanes) {
 
     let z = r * r;
     let z2 = z * z;
-    let [s0, s1, s2, s3, s4, s5] = SINE.map(c);
-    let odd = (s0 + z * s1) + z2 * ((s2 + z * s3) + z2 * (s4 + z * s5));
+    let [s0, s1, s2, s3, s4, s5] = SINE;
+    let odd = (c(s0) + z * c(s1)) + z2 * ((c(s2) + z * c(s3)) + z2 * (c(s4) + z * c(s5)));
     let half = c(0.5) * z;
     let near = c(1.0) - half;
     // sin(r + low) = sin r + low cos r
     let sine = r + (z * r * odd + low * near);
-    let [c0, c1, c2, c3, c4, c5] = COSINE.map(c);
-    let even = (c0 + z * c1) + z2 * ((c2 + z * c3) + z2 * (c4 + z * c5));
+    let [c0, c1, c2, c3, c4, c5] = COSINE;
+    let even = (c(c0) + z * c(c1)) + z2 * ((c(c2) + z * c(c3)) + z2 * (c(c4) + z * c(c5)));
     // cos(r + low) = cos r - low sin r; `(1 - near) - half` is what `near` rounded off.
     let cosine = near + (((c(1.0) - near) - half) + (z2 * even - r * low));
 

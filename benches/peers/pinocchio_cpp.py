@@ -29,8 +29,7 @@ def source(robot: Robot) -> str:
 #include <optional>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
-#include <pinocchio/multibody/data.hpp>
-#include <pinocchio/multibody/model.hpp>
+#include <pinocchio/multibody.hpp>
 #include "simulation.h"
 using namespace pinocchio;
 constexpr int M = {m};

@@ -405,16 +405,16 @@ fn steps(found: &Identified) -> String {
         return String::new();
     }
     let mut table = Table::new(&[
-        ("step", Align::Left),
+        ("configuration", Align::Left),
         ("free", Align::Left),
         ("iterations", Align::Right),
         ("position RMS of each", Align::Left),
         ("", Align::Left),
     ]);
-    for (index, step) in found.steps.iter().enumerate() {
+    for step in &found.steps {
         let joined = |parts: Vec<String>| parts.join(" ");
         table.row([
-            (index + 1).to_string(),
+            step.configuration.to_string(),
             joined(step.free.iter().map(|joint| format!("q{joint}")).collect()),
             step.iterations.to_string(),
             joined(step.rmse.iter().map(|rmse| number(*rmse)).collect()),

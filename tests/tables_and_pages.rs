@@ -2,14 +2,20 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use assert_cmd::Command;
 use dynid::tour::FILES;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// The tour's files, and a model fitted along the isolated method; also what the fit said.
-fn fitted() -> (TempDir, Value) {
+/// The tour's files, and a model fitted along the isolated method; also what the fit said. One fit serves all tests.
+fn fitted() -> &'static (TempDir, Value) {
+    static FITTED: OnceLock<(TempDir, Value)> = OnceLock::new();
+    FITTED.get_or_init(fit)
+}
+
+fn fit() -> (TempDir, Value) {
     let folder = TempDir::new().unwrap();
     for (name, text) in FILES {
         fs::write(folder.path().join(name), text).unwrap();

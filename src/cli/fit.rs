@@ -58,8 +58,8 @@ pub struct Arguments {
     /// Which error to make small.
     #[arg(long, value_enum)]
     error: Option<Kind>,
-    /// Fit one configuration of this method of the device after another, each with what the earlier ones found, then
-    /// all their runs together (position error).
+    /// Fit one configuration of this method of the device (or of `found`, the sequence that `dynid plan` finds) after
+    /// another, each with what the earlier ones found, then all their runs together (position error).
     #[arg(long, value_name = "METHOD", conflicts_with = "free")]
     method: Option<String>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.

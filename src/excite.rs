@@ -69,9 +69,8 @@ impl Excitation {
             // Writing to a string cannot fail.
             let _ = write!(text, "{t}");
             for values in &self.values {
-                // Nine digits are more than a converter has; adding zero takes the sign off a zero.
-                let rounded: f64 = format!("{:.9e}", values[sample]).parse().unwrap_or(values[sample]);
-                let _ = write!(text, ",{}", rounded + 0.0);
+                // A billionth is less than a converter resolves; adding zero takes the sign off a zero.
+                let _ = write!(text, ",{}", (values[sample] * 1e9).round() / 1e9 + 0.0);
             }
             text.push('\n');
         }

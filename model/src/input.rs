@@ -59,6 +59,15 @@ impl JointInput {
 }
 
 impl NamedInput {
+    /// The highest frequency that a joint passes through within `duration_s` [rad/s]: the phase `omega(t) t` grows by
+    /// `frequency[0] + 2 frequency[1] t`.
+    pub fn highest_frequency(&self, duration_s: f64) -> f64 {
+        let ends = |joint: &JointInput| {
+            joint.frequency[0].abs().max((joint.frequency[0] + 2.0 * joint.frequency[1] * duration_s).abs())
+        };
+        self.joints.iter().map(ends).fold(0.0, f64::max)
+    }
+
     /// Reads the inputs of a device.
     ///
     /// # Errors

@@ -113,9 +113,15 @@ impl<'a> BaseRegressor<'a> {
         for (row, &index) in leading.iter().enumerate() {
             let joined: Vec<usize> =
                 (0..dependent.len()).filter(|&column| factors[(row, column)].abs() > 1e-9).collect();
-            let others: f64 = joined.iter().map(|&column| factors[(row, column)] * pi[dependent[column]]).sum();
+            let terms: Vec<f64> = joined
+                .iter()
+                .map(|&column| factors[(row, column)] * pi[dependent[column]])
+                .chain(std::iter::once(pi[index]))
+                .collect();
+            let (sum, size) = terms.iter().fold((0.0, 0.0), |(sum, size), term| (sum + term, size + term.abs()));
             names.push(format!("{}{}", parameters.names[index], if joined.is_empty() { "" } else { " + .." }));
-            values.push(pi[index] + others);
+            // What is left of terms that cancel is rounding.
+            values.push(if sum.abs() > 1e-12 * size { sum } else { 0.0 });
         }
         Self { system, parameters, leading, names, values }
     }

@@ -13,6 +13,7 @@ mod plan;
 mod progress;
 mod simulate;
 mod table;
+mod tabulate;
 mod tour;
 
 use std::io::Write;
@@ -37,6 +38,7 @@ The loop, all of it plain files:
   dynid excite   freedom6s --list                                what to play on the robot
   dynid fit      experiment.toml --out fitted.toml               parameters from logs
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
+  dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
 
 Never seen it work? `dynid tour` fits one joint of a robot to a log that it carries, in seconds.
@@ -58,6 +60,8 @@ enum Verb {
     Fit(fit::Arguments),
     /// How far a model is from the logs, and where.
     Compare(compare::Arguments),
+    /// Parameters of several models side by side.
+    Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
     Tour(tour::Arguments),
 }
@@ -89,6 +93,7 @@ pub fn main() -> ExitCode {
         Verb::Simulate(arguments) => simulate::run(arguments),
         Verb::Fit(arguments) => fit::run(arguments),
         Verb::Compare(arguments) => compare::run(arguments),
+        Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
     };
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {

@@ -324,6 +324,11 @@ impl<'a> RunSource<'a> {
             })?;
             free.push(joint);
         }
+        if free.is_empty() {
+            let message = format!("free: no joint is free in run {}, so nothing in it moves", self.number);
+            let remedy = "name the joints that were not locked, e.g. free = [0], or leave the run out";
+            return Err(file.invalid(value.span().start, message, remedy));
+        }
         free.sort_unstable();
         let configurations = &self.device.configurations;
         match configurations.iter().position(|configuration| configuration.free == free) {

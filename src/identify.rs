@@ -14,6 +14,7 @@ use crate::{
     experiment::{Experiment, Run},
     fit::{
         FitStatus,
+        budget::Share,
         position::{Options, PositionProblem},
         sequence::{self, Weighting},
         sqp::Watch,
@@ -72,6 +73,8 @@ pub struct Identified {
     pub best_start: usize,
     /// What each configuration of a method found.
     pub steps: Vec<StepTold>,
+    /// How much of each joint's remaining error comes from which configuration of a method.
+    pub budget: Vec<Share>,
     /// What should be known of the fit besides.
     pub notes: Vec<String>,
 }
@@ -278,7 +281,7 @@ pub fn identify_as(
             found.model.set(&name, Parameter { fixed: parameter.fixed, ..fitted })?;
         }
     }
-    record(&mut found, whole, experiment);
+    record(&mut found, whole, experiment, how.method.as_deref());
     Ok(found)
 }
 
@@ -324,7 +327,7 @@ fn matches(pattern: &str, name: &str) -> bool {
 }
 
 /// Writes into the fitted model how it came about.
-fn record(found: &mut Identified, parent: &Model, experiment: &Experiment) {
+fn record(found: &mut Identified, parent: &Model, experiment: &Experiment, method: Option<&str>) {
     found.model.fit = Some(FitRecord {
         error: found.error.to_string(),
         status: found.status.as_str().to_owned(),
@@ -343,6 +346,14 @@ fn record(found: &mut Identified, parent: &Model, experiment: &Experiment) {
             .iter()
             .filter_map(|parameter| Some((parameter.name.clone(), parameter.std_error?)))
             .collect::<BTreeMap<String, f64>>(),
+        at_bound: found
+            .parameters
+            .iter()
+            .filter(|parameter| parameter.held)
+            .map(|parameter| parameter.name.clone())
+            .collect(),
+        method: method.map(str::to_owned),
+        budget: found.budget.clone(),
     });
 }
 

@@ -119,6 +119,16 @@ pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// A title that leaves room for the legend: the end of a long one, which tells runs of one folder apart.
+fn shortened(title: &str) -> String {
+    const ROOM: usize = 58;
+    let length = title.chars().count();
+    if length <= ROOM {
+        return title.to_owned();
+    }
+    std::iter::once('\u{2026}').chain(title.chars().skip(length - ROOM + 1)).collect()
+}
+
 fn panel_height() -> f64 {
     TITLE + OVERLAY + GAP + RESIDUAL + FOOT
 }
@@ -131,7 +141,7 @@ fn draw(svg: &mut String, panel: &Panel) {
     let lower = Axis::around(&[&residual, &[-band, band]], 5, Margin::Some);
 
     let _ = writeln!(svg, "<rect class=\"paper\" width=\"{WIDTH}\" height=\"{}\"/>", panel_height());
-    let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&panel.title));
+    let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&shortened(&panel.title)));
     legend(svg);
 
     let top = Area { top: TITLE, height: OVERLAY };
@@ -323,6 +333,16 @@ mod tests {
         let axis = Axis::around(&[&[-0.31, 0.44]], 5, Margin::None);
         let labels: Vec<String> = axis.ticks.iter().map(|&tick| axis.label(tick)).collect();
         assert_eq!(labels, ["\u{2212}0.2", "0.0", "0.2", "0.4"]);
+    }
+
+    #[test]
+    fn long_titles_leave_room_for_the_legend() {
+        assert_eq!(shortened("run.csv, joint 4"), "run.csv, joint 4");
+        let long = shortened(&format!("{}/run.csv, joint 4", "folder".repeat(30)));
+        assert!(
+            long.chars().count() == 58 && long.starts_with('\u{2026}') && long.ends_with("/run.csv, joint 4"),
+            "{long}"
+        );
     }
 
     #[test]

@@ -1,13 +1,15 @@
 //! `dynid fit`: parameters from logs.
 
-use std::path::PathBuf;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
 use dynid::checkpoint::{self, CheckpointError, Identity};
 use dynid::error::Error;
 use dynid::experiment::{Experiment, Run};
+use dynid::fit::budget::Share;
 use dynid::fit::position::{Options, PositionFitError};
 use dynid::fit::sequence::Weighting;
 use dynid::fit::sqp::Watch;
@@ -134,7 +136,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         run.settings.first_half = arguments.first_half.unwrap_or(run.settings.first_half);
     }
     let outside = if arguments.clip { Outside::Clip } else { Outside::Refuse };
-    let model = inputs::start(arguments.model.as_deref(), &experiment, outside)?;
+    let model = inputs::start(arguments.model.as_deref(), &experiment, outside)
+        .map_err(|error| or_clip(error, arguments.model.as_deref(), outside))?;
     let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
     let how = how(arguments, &model, &runs)?;
     let checkpoint = Checkpoint::new(arguments, &model, &experiment, &runs, &how);
@@ -185,6 +188,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "open": found.open.iter().map(|parts| parts.iter().map(|(name, part)| json!({ "name": name, "part": part })).collect()).collect::<Vec<Value>>(),
         "correlations": found.correlations.iter().map(|pair| json!({ "one": pair.one, "other": pair.other, "value": pair.value })).collect::<Vec<Value>>(),
         "steps": found.steps,
+        "budget": found.budget,
         "starts": found.tried,
         "best_start": found.best_start,
         "notes": found.notes,
@@ -200,6 +204,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             .to_owned()
     });
     Ok(Outcome { text, json, answer: if may_write { Answer::Yes } else { Answer::No } })
+}
+
+/// Says that `--clip` would help, where it would.
+fn or_clip(error: anyhow::Error, path: Option<&Path>, outside: Outside) -> anyhow::Error {
+    let is_clippable = |path: &Path| Model::load(path).is_err() && Model::load_clipped(path).is_ok();
+    let helps = outside == Outside::Refuse && path.is_some_and(is_clippable);
+    if helps { anyhow!("{error}; or let --clip put it on its nearest bound") } else { error }
 }
 
 /// What is asked for, as the library takes it.
@@ -219,6 +230,9 @@ fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<Ho
             "--starts, --from-s, --first-half and --resume belong to the position error, and the torque error is \
              fitted here; leave them out, or say --error position"
         );
+    }
+    if arguments.weights == Weights::Method && arguments.method.is_none() {
+        bail!("--weights method weighs the steps of a method; say which with --method, or leave it out");
     }
     if arguments.from_s.is_some_and(|span| !(span >= 0.0 && span.is_finite())) {
         bail!("--from-s takes a time after the log's first sample [s], not below 0");
@@ -341,6 +355,19 @@ fn told(found: &Identified, wall_seconds: f64) -> String {
         ]);
     }
     text.push_str(&table.text());
+    text.push_str(&open(found));
+    text.push_str(&correlated(found));
+    text.push_str(&steps(found));
+    text.push_str(&budget(&found.budget));
+    text.push_str(&tried(found));
+    for note in &found.notes {
+        let _ = writeln!(text, "note: {note}");
+    }
+    text
+}
+
+fn open(found: &Identified) -> String {
+    let mut text = String::new();
     if !found.open.is_empty() {
         let n_open = found.open.len();
         text.push_str(&format!(
@@ -352,6 +379,91 @@ fn told(found: &Identified, wall_seconds: f64) -> String {
             let more = if parts.len() > 5 { format!(" and {} more", parts.len() - 5) } else { String::new() };
             text.push_str(&format!("  {}{more}\n", shown.join(", ")));
         }
+    }
+    text
+}
+
+/// The pairs that are told apart worst.
+fn correlated(found: &Identified) -> String {
+    /// Below this two parameters are told apart well enough.
+    const STRONG: f64 = 0.95;
+    const AT_MOST: usize = 5;
+    let strong: Vec<_> = found.correlations.iter().filter(|pair| pair.value.abs() >= STRONG).take(AT_MOST).collect();
+    if strong.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from("told apart worst (correlation of their errors; more in --json):\n");
+    for pair in strong {
+        let _ = writeln!(text, "  {:+.4}  {}, {}", pair.value, pair.one, pair.other);
+    }
+    text
+}
+
+/// What each configuration of a method gave before the fit of all runs.
+fn steps(found: &Identified) -> String {
+    if found.steps.is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new(&[
+        ("step", Align::Left),
+        ("free", Align::Left),
+        ("iterations", Align::Right),
+        ("position RMS of each", Align::Left),
+        ("", Align::Left),
+    ]);
+    for (index, step) in found.steps.iter().enumerate() {
+        let joined = |parts: Vec<String>| parts.join(" ");
+        table.row([
+            (index + 1).to_string(),
+            joined(step.free.iter().map(|joint| format!("q{joint}")).collect()),
+            step.iterations.to_string(),
+            joined(step.rmse.iter().map(|rmse| number(*rmse)).collect()),
+            step.status.clone(),
+        ]);
+    }
+    format!("the configurations, one after another, before the fit of all runs:\n{}", table.text())
+}
+
+/// Where each joint's remaining error comes from.
+pub fn budget(shares: &[Share]) -> String {
+    let Some(first) = shares.first() else { return String::new() };
+    let mut columns: Vec<(String, Align)> = vec![
+        ("configuration".to_owned(), Align::Left),
+        ("joint".to_owned(), Align::Right),
+        ("noise".to_owned(), Align::Right),
+        ("residual".to_owned(), Align::Right),
+        ("model off by".to_owned(), Align::Right),
+    ];
+    columns.extend(first.from.iter().map(|source| (format!("from {}", source.configuration), Align::Right)));
+    columns.push(("from ranges".to_owned(), Align::Right));
+    let columns: Vec<(&str, Align)> = columns.iter().map(|(name, align)| (name.as_str(), *align)).collect();
+    let mut table = Table::new(&columns);
+    for share in shares {
+        let mut cells = vec![
+            share.configuration.to_string(),
+            share.joint.to_string(),
+            number(share.noise_floor),
+            number(share.rmse),
+            number(share.remaining),
+        ];
+        cells.extend(share.from.iter().map(|source| number(source.rms)));
+        cells.push(number(share.range));
+        table.cells(cells);
+    }
+    format!(
+        "error budget [rad or m, RMS]: how far each joint of the model may be off, and which configuration's noise (or \
+         a range that no data narrow) that comes from:\n{}",
+        table.text()
+    )
+}
+
+/// What came of each start.
+fn tried(found: &Identified) -> String {
+    let mut text = String::new();
+    for (number_of, tried) in found.tried.iter().enumerate() {
+        let kept = if number_of == found.best_start { ", kept" } else { "" };
+        let cost = tried.cost.map_or_else(|| "\u{2014}".to_owned(), number);
+        let _ = writeln!(text, "start {}: cost {cost}, {}{kept}", number_of + 1, tried.ended);
     }
     text
 }

@@ -1,6 +1,7 @@
 //! Fits: from logs to parameter values, each with its standing.
 
 mod barrier;
+pub mod budget;
 pub mod identifiability;
 mod matrix;
 pub mod physical;

@@ -12,6 +12,7 @@
 mod assemble;
 mod evaluate;
 mod inertia;
+mod motion;
 mod noise;
 mod result;
 
@@ -22,6 +23,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use inertia::Body;
+pub(crate) use motion::{RunMotion, motions};
 pub use noise::noise_floor;
 pub use result::{Direction, Estimate, PositionFit, RunError};
 
@@ -209,12 +211,16 @@ pub enum PositionFitError {
     },
     /// A log without enough samples.
     #[error(
-        "{run}: {samples} samples remain of the log, too few for {unknowns} unknowns; shorten the cut of the transient \
-         or use a longer log"
+        "{run}: {samples} samples remain of the log's {span_s} s after the cut of its transient ({cut_s} s), too few for \
+         {unknowns} unknowns; shorten the cut (`from_s`, --from-s) or use a longer log"
     )]
     TooShort {
         /// The run.
         run: String,
+        /// How long the log is (s).
+        span_s: f64,
+        /// How much of it is cut (s).
+        cut_s: f64,
         /// How many remain.
         samples: usize,
         /// How many it takes.
@@ -485,7 +491,10 @@ fn check_run(run: &FitRun, unknowns: usize) -> Result<(), PositionFitError> {
     }
     let samples = run.time.iter().filter(|t| **t >= run.from_s).count();
     if samples * n_free < unknowns.max(8) {
-        return Err(PositionFitError::TooShort { run: run.name.clone(), samples, unknowns });
+        let first = run.time.first().copied().unwrap_or(0.0);
+        let span_s = run.time.last().map_or(0.0, |last| last - first);
+        let cut_s = (run.from_s - first).max(0.0);
+        return Err(PositionFitError::TooShort { run: run.name.clone(), span_s, cut_s, samples, unknowns });
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::{
+    budget::{self, Share},
     position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
     sqp::Watch,
 };
@@ -41,6 +42,25 @@ pub struct SequenceFit {
     pub joint: PositionFit,
     /// The model with the values of the last.
     pub model: Model,
+}
+
+/// How much of each joint's remaining error comes from which configuration, after the steps `steps` and the fit `joint`
+/// of all runs.
+///
+/// # Errors
+/// A run that cannot be simulated.
+pub fn budget(
+    sequence: &Sequence<'_>,
+    steps: &[Step],
+    joint: &PositionFit,
+    options: &Options,
+) -> Result<Vec<Share>, PositionFitError> {
+    let used = used(sequence);
+    let fitted = joint.applied_to(sequence.start);
+    let problem = problem(sequence.believed, &fitted, &used)?;
+    let configurations: Vec<usize> = used.iter().map(|run| run.configuration).collect();
+    let free: Vec<&[usize]> = used.iter().map(|run| run.free.as_slice()).collect();
+    budget::budget(&problem, (&configurations, &free), steps, joint, options)
 }
 
 /// A configuration's fit.
@@ -90,13 +110,9 @@ pub fn fit(
     from: State,
     watch: &mut dyn FnMut(&SequenceProgress, &State) -> Watch,
 ) -> Result<SequenceFit, PositionFitError> {
-    let Sequence { believed: expected, start, runs, configurations, weights } = *sequence;
+    let Sequence { believed: expected, start, configurations, weights, .. } = *sequence;
     let is_method = !configurations.is_empty();
-    let used: Vec<&Run> = runs
-        .iter()
-        .copied()
-        .filter(|run| run.role == Role::Fit && (!is_method || configurations.contains(&run.configuration)))
-        .collect();
+    let used = used(sequence);
     let steps: Vec<(usize, usize)> = configurations
         .iter()
         .copied()
@@ -142,6 +158,13 @@ pub fn fit(
     let joint = position::resume(&problem(expected, &believed, &used)?, &options, search.take(), &mut told)?;
     let model = joint.applied_to(&believed);
     Ok(SequenceFit { steps: state.steps, joint, model })
+}
+
+/// The runs that count.
+fn used<'a>(sequence: &Sequence<'a>) -> Vec<&'a Run> {
+    let is_of_it =
+        |run: &Run| sequence.configurations.is_empty() || sequence.configurations.contains(&run.configuration);
+    sequence.runs.iter().copied().filter(|run| run.role == Role::Fit && is_of_it(run)).collect()
 }
 
 /// Starts from `believed`, with the weak prior around `start`.

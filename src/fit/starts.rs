@@ -4,7 +4,7 @@
 use dynid_model::{Parameter, inertia::check_body};
 
 use super::orders;
-use crate::model::Model;
+use crate::{model::Model, random::Random};
 
 /// From where a fit is tried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,10 +33,11 @@ pub fn draw(model: &Model, seed: u64, number: usize) -> Model {
     if number == 0 {
         return drawn;
     }
-    let mut random = Random::new(seed, number);
+    // One stream per start, far from the others.
+    let mut random = Random::new(seed ^ (number as u64).wrapping_mul(0xd134_2543_de82_ef95));
     for (name, parameter) in model.parameters() {
         // Every parameter takes its number, so that fixing one does not change the others.
-        let share = random.uniform();
+        let share = random.unit();
         if !parameter.fixed && parameter.lower.is_finite() && parameter.upper.is_finite() {
             // The name is the model's own.
             let _known = drawn.set_value(&name, between(&parameter, share));
@@ -86,31 +87,6 @@ fn make_a_body(model: &Model, drawn: &mut Model, link: usize) {
         }
     }
     drawn.links[link] = model.links[link];
-}
-
-/// `SplitMix64` (Steele, Lea & Flood 2014).
-struct Random(u64);
-
-impl Random {
-    const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
-
-    fn new(seed: u64, number: usize) -> Self {
-        let mut random = Self(seed);
-        // One stream per start, far from the others.
-        Self(random.next() ^ (number as u64).wrapping_mul(0xd134_2543_de82_ef95))
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(Self::STEP);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        mixed ^ (mixed >> 31)
-    }
-
-    /// From 0 to below 1.
-    fn uniform(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
-    }
 }
 
 #[cfg(test)]

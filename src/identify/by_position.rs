@@ -76,11 +76,18 @@ pub(super) fn by_position(
         .copied()
         .filter(|run| configurations.is_empty() || configurations.contains(&run.configuration))
         .collect();
+    let budget = if configurations.is_empty() {
+        Vec::new()
+    } else {
+        let sequence = Sequence { believed: model, start: model, runs, configurations, weights };
+        sequence::budget(&sequence, &steps, &joint, &how.options)?
+    };
     let mut found = told(model, joint, cost_at(model, &used, &how.options)?);
     found.best_start = start;
     found.tried = if how.starts.count > 1 { state.tried } else { Vec::new() };
     found.steps = steps.iter().map(|step| step_told(model.device, step)).collect();
     found.notes = notes;
+    found.budget = budget;
     Ok(found)
 }
 
@@ -179,6 +186,7 @@ fn told(before: &Model, fit: PositionFit, cost_before: f64) -> Identified {
         tried: Vec::new(),
         best_start: 0,
         steps: Vec::new(),
+        budget: Vec::new(),
         notes: Vec::new(),
     }
 }

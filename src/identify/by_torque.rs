@@ -67,6 +67,7 @@ pub(super) fn by_torque(
         tried: Vec::new(),
         best_start: 0,
         steps: Vec::new(),
+        budget: Vec::new(),
         notes: Vec::new(),
     })
 }

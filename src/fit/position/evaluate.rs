@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{Body, FitRun, PositionFitError, PositionProblem, noise_floor};
+use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion, noise_floor};
 use crate::{
     fit::{
         sensitivity::{self, Columns, Lumps},
@@ -283,6 +283,25 @@ impl<'a> Ready<'a> {
         })
     }
 
+    /// `sum(j' j)` over all samples for each free joint, `j` being the derivative of its simulated position by this run's
+    /// unknowns.
+    fn motion(&self, x: &[f64], substeps: usize) -> Option<Vec<DMatrix<f64>>> {
+        let system = self.system(x);
+        let (count, width) = (self.columns.count(), self.columns.width());
+        let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
+        let observe = |_: usize, _: &[f64], rows: &[f64]| {
+            for (sum, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
+                let row = DVector::from_column_slice(&row[..count]);
+                sum.ger(1.0, &row, &row, 1.0);
+            }
+        };
+        let all = Input { time: &self.run.time, command: &self.run.command, hold: self.run.hold };
+        let options = Options { substeps, ..Options::default() };
+        sensitivity::simulate(&system, &self.columns, &all, None, self.initial(x), &options, observe).ok()?;
+        let by_unknown = self.chain(&system);
+        Some(sums.into_iter().map(|sum| by_unknown.transpose() * sum * &by_unknown).collect())
+    }
+
     /// Derivative of the columns by this run's unknowns: parameters in the order of `roles`, then initial positions.
     fn chain(&self, system: &System) -> DMatrix<f64> {
         let kernel = system.kernel();
@@ -320,6 +339,10 @@ impl<'a> Ready<'a> {
 }
 
 impl At<'_, '_> {
+    pub(super) fn resolution(&self) -> Resolution {
+        self.resolution
+    }
+
     /// Number of errors in the cost.
     pub(super) fn samples(&self) -> usize {
         let ready = &self.evaluator.ready;
@@ -354,6 +377,26 @@ impl At<'_, '_> {
             }
         }
         Some(total)
+    }
+
+    /// What each run tells of the parameters, and how its simulated positions move with them.
+    pub(super) fn motions(&self, x: &[f64]) -> Option<Vec<RunMotion>> {
+        let substeps = self.resolution.jacobian_substeps;
+        self.evaluator
+            .ready
+            .par_iter()
+            .map(|ready| {
+                let by_slot = ready.motion(x, substeps)?;
+                let places = ready.places();
+                Some(RunMotion::new(
+                    self.evaluator.n_parameters,
+                    &places,
+                    &ready.weights,
+                    ready.run.time.len(),
+                    &by_slot,
+                ))
+            })
+            .collect()
     }
 
     /// Why the runs cannot be simulated at `x`.

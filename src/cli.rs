@@ -1,16 +1,19 @@
-//! The command line: five verbs, each a file; this one reads the arguments and is the only one that prints results.
+//! The command line: verbs, each a file; this one reads the arguments and is the only one that prints results.
 //!
 //! A verb returns an [`Outcome`]: text for people, one JSON object for programs, and whether the answer is yes. Results
 //! go to stdout, progress and errors to stderr.
 
 mod compare;
 mod devices;
+mod excite;
 mod fit;
 mod inputs;
+mod interrupt;
 mod plan;
 mod progress;
 mod simulate;
 mod table;
+mod tabulate;
 mod tour;
 
 use std::io::Write;
@@ -32,13 +35,16 @@ struct Arguments {
 const HELP: &str = "\
 The loop, all of it plain files:
   dynid plan     freedom6s --method isolated                     which joints to free, and what that reveals
+  dynid excite   freedom6s --list                                what to play on the robot
   dynid fit      experiment.toml --out fitted.toml               parameters from logs
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
+  dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
 
 Never seen it work? `dynid tour` fits one joint of a robot to a log that it carries, in seconds.
 
-Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where.";
+Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where; 130 a fit
+that Ctrl-C stopped, to go on later with --resume.";
 
 #[derive(Subcommand)]
 enum Verb {
@@ -46,12 +52,16 @@ enum Verb {
     Devices(devices::Arguments),
     /// Which joints to free, in which order, and what each step reveals.
     Plan(plan::Arguments),
+    /// What to play on the robot so that its motion tells the parameters.
+    Excite(excite::Arguments),
     /// The positions that a model shows under the torques of the logs.
     Simulate(simulate::Arguments),
     /// Parameters from logs.
     Fit(fit::Arguments),
     /// How far a model is from the logs, and where.
     Compare(compare::Arguments),
+    /// Parameters of several models side by side.
+    Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
     Tour(tour::Arguments),
 }
@@ -69,6 +79,8 @@ struct Outcome {
 enum Answer {
     Yes,
     No,
+    /// Stopped on request, to go on later.
+    Interrupted,
 }
 
 /// Reads the arguments, runs the verb, prints and returns the exit status.
@@ -77,14 +89,17 @@ pub fn main() -> ExitCode {
     let result = match &arguments.verb {
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Plan(arguments) => plan::run(arguments),
+        Verb::Excite(arguments) => excite::run(arguments),
         Verb::Simulate(arguments) => simulate::run(arguments),
         Verb::Fit(arguments) => fit::run(arguments),
         Verb::Compare(arguments) => compare::run(arguments),
+        Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
     };
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,
         Ok(Answer::No) => ExitCode::from(1),
+        Ok(Answer::Interrupted) => ExitCode::from(interrupt::STATUS),
         Err(error) => {
             eprintln!("error: {error}");
             ExitCode::from(2)

@@ -58,6 +58,37 @@ pub enum Error {
         /// The nearest known name.
         help: String,
     },
+    /// A run to fit to of which the method has no step.
+    #[error(
+        "{run}: its free joints {free:?} are configuration {configuration}, which method `{method}` has no step for (it \
+         frees {known}); {remedy}"
+    )]
+    OtherConfiguration {
+        /// The run.
+        run: String,
+        /// Its free joints.
+        free: Vec<usize>,
+        /// Its number.
+        configuration: usize,
+        /// The method.
+        method: String,
+        /// What the method frees.
+        known: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// A fixed parameter among those that are to be fitted.
+    #[error(
+        "{name} is fixed in the model and cannot be fitted; take `fixed = true` off it (and give it bounds that differ), \
+         or do not ask for it"
+    )]
+    FixedUnknown {
+        /// As it was asked for.
+        name: String,
+    },
+    /// A checkpoint that cannot be used.
+    #[error(transparent)]
+    Checkpoint(#[from] crate::checkpoint::CheckpointError),
     /// An effect that cannot stand where it was put.
     #[error("{message}; {help}")]
     Effect {

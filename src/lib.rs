@@ -1,7 +1,9 @@
 //! dynid.
 
+pub mod checkpoint;
 pub mod compare;
 pub mod error;
+pub mod excite;
 pub mod experiment;
 pub mod fit;
 pub mod identify;
@@ -10,6 +12,7 @@ pub mod model;
 pub mod output;
 pub mod plan;
 pub mod plot;
+pub mod random;
 pub mod report;
 pub mod signal;
 pub mod simulate;

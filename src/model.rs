@@ -3,6 +3,7 @@
 //! A model file states all of its effects; a link's or an effect's parameter that it does not state has the device's
 //! value. Parameters have one order everywhere: links, lengths, gravity, then effects in the order of the file.
 
+mod clip;
 mod edit;
 mod fit_record;
 mod read;

@@ -4,6 +4,12 @@
 //! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not
 //! being identifiable: parameters may act only together.
 
+pub mod base;
+pub mod flat;
+mod found;
+pub mod linear;
+pub mod symbolic;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use dynid_generated::Kernel;
@@ -20,6 +26,20 @@ pub struct Plan {
     pub steps: Vec<Step>,
     /// Link parameters that appear in no step.
     pub never: Vec<String>,
+    /// What no step reveals.
+    pub unreachable: Vec<Unreachable>,
+}
+
+/// Why no experiment can reveal a parameter.
+pub const NOWHERE: &str = "it stands in no equation of motion";
+
+/// A parameter that no step reveals.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unreachable {
+    /// E.g. `link.1.Ixx`.
+    pub name: String,
+    /// The reason.
+    pub why: &'static str,
 }
 
 /// One step: a configuration and what it depends on.
@@ -37,22 +57,40 @@ pub struct Step {
     pub new_parameters: Vec<String>,
 }
 
+/// Name of the method whose sequence the program finds itself.
+pub const FOUND: &str = "found";
+
+/// The configurations of a method, in order, by number from 1. Every device has the method [`FOUND`].
+///
+/// # Errors
+/// The device has no such method; for [`FOUND`] also a configuration without a kernel.
+pub fn sequence(model: &Model, method: &str) -> Result<Vec<usize>, Error> {
+    let methods = &model.device.methods;
+    if let Some(Method { sequence, .. }) = methods.iter().find(|known| known.name == method) {
+        return Ok(sequence.clone());
+    }
+    if method == FOUND {
+        return found::sequence(model);
+    }
+    let known = methods.iter().map(|known| known.name.as_str()).chain([FOUND]);
+    Err(Error::UnknownName { kind: "method", name: method.to_owned(), help: did_you_mean(method, known) })
+}
+
+/// The method that a device is planned by unless another is asked for: its first, else [`FOUND`].
+pub fn default_method(model: &Model) -> &str {
+    model.device.methods.first().map_or(FOUND, |method| &method.name)
+}
+
 /// The steps of a method of the model's device.
 ///
 /// # Errors
 /// The device has no such method, or a configuration has no kernel.
 pub fn plan(model: &Model, method: &str) -> Result<Plan, Error> {
     let device = model.device;
-    let Some(Method { name, sequence, .. }) = device.methods.iter().find(|known| known.name == method) else {
-        return Err(Error::UnknownName {
-            kind: "method",
-            name: method.to_owned(),
-            help: did_you_mean(method, device.methods.iter().map(|known| known.name.as_str())),
-        });
-    };
+    let sequence = sequence(model, method)?;
     let mut seen = BTreeSet::new();
     let mut steps = Vec::new();
-    for (number, &configuration) in (1..).zip(sequence) {
+    for (number, &configuration) in (1..).zip(&sequence) {
         let free = device.configurations.get(configuration - 1).map_or_else(Vec::new, |known| known.free.clone());
         let kernel = dynid_generated::kernel(&device.id, configuration).ok_or_else(|| {
             Error::from(SystemError::NoConfiguration {
@@ -66,7 +104,36 @@ pub fn plan(model: &Model, method: &str) -> Result<Plan, Error> {
         steps.push(Step { number, configuration, free, parameters, new_parameters });
     }
     let links = model.names().into_iter().filter(|name| name.starts_with("link."));
-    Ok(Plan { method: name.clone(), steps, never: links.filter(|name| !seen.contains(name)).collect() })
+    let never = links.filter(|name| !seen.contains(name)).collect();
+    let unreachable = unreachable(model, &seen);
+    Ok(Plan { method: method.to_owned(), steps, never, unreachable })
+}
+
+/// What no step reveals, and why.
+fn unreachable(model: &Model, seen: &BTreeSet<String>) -> Vec<Unreachable> {
+    let everywhere: Vec<usize> = (0..model.device.joints.len()).collect();
+    let structure = dynid_generated::structure(&model.device.id);
+    let kernels =
+        (1..=model.device.configurations.len()).filter_map(|number| dynid_generated::kernel(&model.device.id, number));
+    let anywhere: BTreeSet<String> = kernels.flat_map(|kernel| depends_on(model, kernel)).collect();
+    let mut unreachable = Vec::new();
+    for (name, parameter) in model.parameters() {
+        let known = name.starts_with("length.") || name.starts_with("base.") || parameter.fixed;
+        if seen.contains(&name) || (known && !name.starts_with("link.")) {
+            continue;
+        }
+        let why = if anywhere.contains(&name) {
+            "another configuration of the device reveals it"
+        } else if !name.starts_with("link.") {
+            "its joints are free in no configuration"
+        } else if structure.is_some_and(|structure| structure.appears(&name, &everywhere)) {
+            "it acts where joints move together that no configuration frees together"
+        } else {
+            NOWHERE
+        };
+        unreachable.push(Unreachable { name, why });
+    }
+    unreachable
 }
 
 /// Link parameters that appear, then those parameters of the free joints' effects that may be unknown.

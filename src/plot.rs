@@ -25,6 +25,19 @@ pub struct Panel {
     pub noise_floor: Option<f64>,
 }
 
+/// One curve over time, without anything to compare it with.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Curve {
+    /// What it shows, e.g. `joint 4: torque`.
+    pub title: String,
+    /// What the vertical axis shows, with its unit, e.g. `torque [N*m]`.
+    pub quantity: String,
+    /// s
+    pub time: Vec<f64>,
+    /// One a time.
+    pub values: Vec<f64>,
+}
+
 const WIDTH: f64 = 760.0;
 const LEFT: f64 = 78.0;
 const RIGHT: f64 = 14.0;
@@ -65,6 +78,30 @@ pub fn standalone(panels: &[Panel]) -> String {
     svg
 }
 
+/// Curves below each other, as an `.svg` file.
+pub fn curves(curves: &[Curve]) -> String {
+    let each = TITLE + OVERLAY + FOOT;
+    let height = each * curves.len() as f64;
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" \
+         width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n<style>{STYLE}</style>\n\
+         <rect class=\"paper\" width=\"{WIDTH}\" height=\"{height}\"/>\n"
+    );
+    for (index, own) in curves.iter().enumerate() {
+        let _ = writeln!(svg, "<g transform=\"translate(0 {})\">", each * index as f64);
+        let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&own.title));
+        let area = Area { top: TITLE, height: OVERLAY };
+        let time = Axis::around(&[&own.time], 8, Margin::None);
+        let values = Axis::around(&[&own.values], 6, Margin::Some);
+        frame(&mut svg, &area, &time, &values, &own.quantity);
+        curve(&mut svg, "predicted", &area, &time, &values, &own.time, &own.values);
+        foot(&mut svg, &time, TITLE + OVERLAY);
+        svg.push_str("</g>\n");
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
 /// A picture for a page that has [`STYLE`] in its head.
 pub fn inline(panel: &Panel) -> String {
     let height = panel_height();
@@ -82,6 +119,16 @@ pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// A title that leaves room for the legend: the end of a long one, which tells runs of one folder apart.
+fn shortened(title: &str) -> String {
+    const ROOM: usize = 58;
+    let length = title.chars().count();
+    if length <= ROOM {
+        return title.to_owned();
+    }
+    std::iter::once('\u{2026}').chain(title.chars().skip(length - ROOM + 1)).collect()
+}
+
 fn panel_height() -> f64 {
     TITLE + OVERLAY + GAP + RESIDUAL + FOOT
 }
@@ -94,7 +141,7 @@ fn draw(svg: &mut String, panel: &Panel) {
     let lower = Axis::around(&[&residual, &[-band, band]], 5, Margin::Some);
 
     let _ = writeln!(svg, "<rect class=\"paper\" width=\"{WIDTH}\" height=\"{}\"/>", panel_height());
-    let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&panel.title));
+    let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&shortened(&panel.title)));
     legend(svg);
 
     let top = Area { top: TITLE, height: OVERLAY };
@@ -115,21 +162,25 @@ fn draw(svg: &mut String, panel: &Panel) {
     frame(svg, &bottom, &time, &lower, &format!("residual [{}]", panel.unit));
     curve(svg, "residual", &bottom, &time, &lower, &panel.time, &residual);
 
-    let foot = bottom.top + bottom.height;
+    foot(svg, &time, bottom.top + bottom.height);
+}
+
+/// The labels of the time axis below `y`.
+fn foot(svg: &mut String, time: &Axis, y: f64) {
     for &tick in &time.ticks {
         let x = time.place(tick, LEFT, WIDTH - RIGHT);
         let label = time.label(tick);
         let _ = writeln!(
             svg,
             "<text class=\"tick\" x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{label}</text>",
-            foot + 15.0
+            y + 15.0
         );
     }
     let _ = writeln!(
         svg,
         "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">time [s]</text>",
         0.5 * (LEFT + WIDTH - RIGHT),
-        foot + 31.0
+        y + 31.0
     );
 }
 
@@ -282,6 +333,16 @@ mod tests {
         let axis = Axis::around(&[&[-0.31, 0.44]], 5, Margin::None);
         let labels: Vec<String> = axis.ticks.iter().map(|&tick| axis.label(tick)).collect();
         assert_eq!(labels, ["\u{2212}0.2", "0.0", "0.2", "0.4"]);
+    }
+
+    #[test]
+    fn long_titles_leave_room_for_the_legend() {
+        assert_eq!(shortened("run.csv, joint 4"), "run.csv, joint 4");
+        let long = shortened(&format!("{}/run.csv, joint 4", "folder".repeat(30)));
+        assert!(
+            long.chars().count() == 58 && long.starts_with('\u{2026}') && long.ends_with("/run.csv, joint 4"),
+            "{long}"
+        );
     }
 
     #[test]

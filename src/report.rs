@@ -1,10 +1,12 @@
 //! A report is a list of sections on one page that opens with no network: no font, script, style or picture comes
 //! from anywhere but the page itself.
 
+mod models;
 mod sections;
 
 use std::fmt::Write;
 
+pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Verdict};
 
 use crate::plot;
@@ -21,14 +23,14 @@ const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1b1f24;--faint:#57606a;--line:#d5dae0;--paper:#ffffff;--good:#0a6b3d;--bad:#a33c00}\
 @media screen and (prefers-color-scheme:dark){:root{--ink:#e6e8eb;--faint:#a0a8b2;--line:#343a42;--paper:#15181c;\
 --good:#5cc98f;--bad:#ffa94d}}\
-body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:54rem;margin:2rem auto;\
+body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:64rem;margin:2rem auto;\
 padding:0 1rem}\
 h1{font-size:1.5rem;line-height:1.25;margin:0 0 1rem}h2{font-size:1.1rem;margin:2.2rem 0 .6rem}\
 p{margin:.5rem 0}.note{color:var(--faint);font-size:.9rem}\
-.wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;width:100%}\
-th,td{padding:.25rem .6rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}\
+.wide{overflow-x:auto}table{border-collapse:collapse;font-size:.92rem;font-variant-numeric:tabular-nums;width:100%}\
+th,td{padding:.22rem .45rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}\
 th{color:var(--faint);font-weight:600}th.word,td.word{text-align:left}\
-.good{color:var(--good)}.bad{color:var(--bad)}code{font:.9em ui-monospace,monospace}\
+.faint{color:var(--faint)}.good{color:var(--good)}.bad{color:var(--bad)}code{font:.9em ui-monospace,monospace}\
 figure{margin:1rem 0}figure svg{width:100%;height:auto;display:block}\
 dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1rem}dt{color:var(--faint)}\
 dd{margin:0;overflow-wrap:anywhere}\

@@ -14,9 +14,11 @@ mod block;
 mod effects;
 mod linear;
 mod solve;
+mod switch;
 
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub(crate) use linear::Linear;
+pub(crate) use switch::Switch;
 
 use std::fmt;
 

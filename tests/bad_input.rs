@@ -237,3 +237,93 @@ fn a_controller_with_a_limit_below_zero() {
     put(&folder, "experiment.toml", &EXPERIMENT.replace("[[run]]", "[[run]]\ncontroller = \"control.toml\""));
     insta::assert_snapshot!(refused(&folder, &["compare", "experiment.toml", "--model", "model.toml"]));
 }
+
+/// A model that a position fit can start from.
+const HELD: &str = "device = \"planar2r\"\n\n[link.2]\nm = { value = 0.7, fixed = true }\n\n[[effect]]\nid = \"lugre\"\njoint = 1\n\
+                    sigma0 = 1.0\nFs = 0.02\nFc = 0.01\n\n[[effect]]\nid = \"spring\"\njoint = 1\nKs = 0.5\nqeq = 0.0\n";
+
+/// What a fit of `HELD`, with one thing replaced, is refused for.
+fn fit_refused(from: &str, to: &str, more: &[&str]) -> String {
+    assert!(HELD.contains(from), "`{from}` is in the model");
+    let folder = folder();
+    put(&folder, "model.toml", &HELD.replacen(from, to, 1));
+    let arguments: Vec<&str> = FIT.iter().chain(more).copied().collect();
+    refused(&folder, &arguments)
+}
+
+#[test]
+fn bounds_that_cross() {
+    insta::assert_snapshot!(fit_refused("Ks = 0.5", "Ks = { value = 0.5, lower = 1.0, upper = 0.1 }", &[]));
+}
+
+#[test]
+fn a_start_outside_its_bounds() {
+    insta::assert_snapshot!(fit_refused("Ks = 0.5", "Ks = { value = 0.5, lower = 0.6, upper = 1.0 }", &[]));
+}
+
+#[test]
+fn a_start_outside_its_bounds_is_clipped_on_request() {
+    let folder = folder();
+    put(&folder, "model.toml", &MODEL.replace("m = 0.7", "m = { value = 0.7, lower = 0.8, upper = 0.9 }"));
+    let output = Command::cargo_bin("dynid")
+        .unwrap()
+        .args(FIT)
+        .args(["--clip", "--error", "torque"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{told}");
+    assert!(told.contains("link.2.m started at 0.7, outside its bounds 0.8 .. 0.9; clipped to 0.8"), "{told}");
+}
+
+#[test]
+fn static_friction_below_coulomb_friction() {
+    insta::assert_snapshot!(fit_refused("Fs = 0.02", "Fs = 0.005", &[]));
+}
+
+#[test]
+fn no_free_joint() {
+    let folder = folder();
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("free = [1]", "free = []"));
+    insta::assert_snapshot!(refused(&folder, &FIT));
+}
+
+#[test]
+fn a_log_too_short_for_the_cut_of_its_transient() {
+    insta::assert_snapshot!(fit_refused("Fs", "Fs", &["--from-s", "1.95"]));
+}
+
+#[test]
+fn a_fixed_parameter_among_the_unknowns() {
+    insta::assert_snapshot!(fit_refused("Fs", "Fs", &["--only", "joint.1.spring.Ks,link.2.m"]));
+}
+
+#[test]
+fn weights_of_no_method() {
+    insta::assert_snapshot!(fit_refused("Fs", "Fs", &["--weights", "method"]));
+}
+
+#[test]
+fn a_run_of_another_configuration_than_the_methods() {
+    let folder = folder();
+    let rows: String = log()
+        .lines()
+        .enumerate()
+        .map(|(k, row)| {
+            if k == 0 {
+                "t,tau0,tau1,tau2,tau3,tau4,tau5,q0,q1,q2,q3,q4,q5\n".to_owned()
+            } else {
+                format!("{row},0,0,0,0,0,0,0,0\n")
+            }
+        })
+        .collect();
+    put(&folder, "swing.csv", &rows);
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("planar2r", "freedom6s").replace("[1]", "[4, 5]"));
+    insta::assert_snapshot!(refused(&folder, &["fit", "experiment.toml", "--method", "isolated", "--out", "f.toml"]));
+}
+
+#[test]
+fn a_resumption_of_nothing() {
+    insta::assert_snapshot!(fit_refused("Fs", "Fs", &["--resume"]));
+}

@@ -4,9 +4,16 @@
 //! states, lengths and angles a sum that vanishes identically (`s^2 + c^2 - 1`) leaves rounding alone.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
+use assert_cmd::Command;
+use dynid::model::Model;
+use dynid::plan::base::base_parameters;
 use dynid_generated::Kernel;
 use dynid_plant::random::Noise;
+use nalgebra::DMatrix;
+use serde_json::Value;
+use tempfile::TempDir;
 
 const STATES: usize = 6;
 /// Below this share of the largest derivative is rounding; values, angles and rates are all of order one.
@@ -51,4 +58,116 @@ fn algebra_and_numbers_agree_on_what_appears() {
         let by_algebra = dynid::plan::appearing(kernel);
         assert_eq!(by_numbers, by_algebra, "{} configuration {}", kernel.device, kernel.configuration);
     }
+}
+
+/// The number of base parameters, found a second way: from derivatives of the kernels' lumps by mass, centroid and inertia
+/// about the centroid of random bodies, at the device's lengths.
+#[test]
+fn base_parameters_are_as_many_as_independent_torques() {
+    for device in dynid_model::devices() {
+        let mut model = Model::of_device(device);
+        model.effects.clear();
+        for kernel in dynid_generated::kernels().iter().filter(|kernel| kernel.device == device.id) {
+            let base = base_parameters(&model, &[kernel.configuration]).unwrap();
+            assert_eq!(rank(&model, kernel), base.rank(), "{} configuration {}", device.id, kernel.configuration);
+        }
+    }
+}
+
+fn rank(model: &Model, kernel: &Kernel) -> usize {
+    let (n, n_lumps, n_parameters) = (kernel.free.len(), kernel.n_lumps, kernel.parameters.len());
+    let links: Vec<usize> = (0..n_parameters).filter(|&index| kernel.parameters[index].starts_with("link.")).collect();
+    let mut random = Noise::new(19);
+    let mut draw = |length: usize, low: f64, high: f64| -> Vec<f64> {
+        (0..length).map(|_| low + (high - low) * random.uniform()).collect()
+    };
+    let mut parameters = draw(n_parameters, 0.5, 1.5);
+    for (value, name) in parameters.iter_mut().zip(kernel.parameters).filter(|(_, name)| !name.starts_with("link.")) {
+        *value = model.parameter(name).unwrap().value;
+    }
+    let n_motions = 80;
+    let mut rows = DMatrix::zeros(n_motions * n, links.len());
+    for motion in 0..n_motions {
+        let locked = draw(kernel.locked.len(), -3.0, 3.0);
+        let [q, dq, ddq] = [draw(n, -3.0, 3.0), draw(n, -3.0, 3.0), draw(n, -3.0, 3.0)];
+        let mut prepared = vec![0.0; kernel.prepared.len()];
+        (kernel.prepare)(&parameters, &locked, &mut prepared);
+        let mut by_parameter = vec![0.0; kernel.prepared.len() * n_parameters];
+        (kernel.prepare_gradient)(&parameters, &locked, &mut by_parameter);
+        let mut regressor = vec![0.0; n * n_lumps];
+        (kernel.regressor)(&prepared, &q, &dq, &ddq, &mut regressor);
+        for row in 0..n {
+            for (column, &parameter) in links.iter().enumerate() {
+                rows[(motion * n + row, column)] = (0..n_lumps)
+                    .map(|lump| regressor[row * n_lumps + lump] * by_parameter[lump * n_parameters + parameter])
+                    .sum();
+            }
+        }
+    }
+    let lengths: Vec<f64> = rows.column_iter().map(|column| column.norm()).collect();
+    let largest = lengths.iter().fold(0.0_f64, |largest, length| largest.max(*length));
+    let columns: Vec<_> = rows
+        .column_iter()
+        .zip(&lengths)
+        .filter(|(_, length)| **length > ROUNDING * largest)
+        .map(|(column, length)| column / *length)
+        .collect();
+    let singular = DMatrix::from_columns(&columns).singular_values();
+    singular.iter().filter(|value| **value > ROUNDING * singular.max()).count()
+}
+
+fn plan(folder: &Path, arguments: &[&str]) -> Value {
+    let mut command = Command::cargo_bin("dynid").unwrap();
+    let output = command.current_dir(folder).arg("plan").args(arguments).arg("--json").assert().success();
+    serde_json::from_slice(&output.get_output().stdout).unwrap()
+}
+
+fn texts(list: &Value) -> Vec<&str> {
+    list.as_array().unwrap().iter().map(|text| text.as_str().unwrap()).collect()
+}
+
+/// An arm with six revolute joints whose last three axes meet has 36 base parameters of links; its rotors, of which those
+/// of the first two joints turn like the links, frictions and offsets add to them.
+#[test]
+fn an_industrial_arm_is_planned_for() {
+    let folder = TempDir::new().unwrap();
+    let plan = plan(folder.path(), &["staubli_tx40", "--method", "found"]);
+    assert_eq!(plan["method"], "found");
+    let base = &plan["base_parameters"];
+    let combinations = texts(&base["combinations"]);
+    assert_eq!(combinations.iter().filter(|told| told.starts_with("link.")).count(), 36);
+    assert_eq!(base["rank"], combinations.len());
+    assert_eq!(base["exact"], true);
+    assert!(combinations.contains(&"link.2.mx + a3*link.3.m + a3*link.4.m + a3*link.5.m + a3*link.6.m"));
+    assert!(plan["flat_directions"].as_array().unwrap().iter().all(|flat| flat["scale"] == false));
+    let steps = plan["configurations"].as_array().unwrap();
+    assert_eq!(steps.last().unwrap()["free"], serde_json::json!([0, 1, 2, 3, 4, 5]));
+}
+
+/// A model says which effects there are and what is known: with one gain known, the answer has no free scale.
+#[test]
+fn a_model_with_a_known_gain_has_no_scale() {
+    let folder = TempDir::new().unwrap();
+    let model = |fixed: &str| {
+        format!(
+            "device = \"planar2r\"\n\n[[effect]]\nid = \"gain\"\njoint = 0\nKp = {{ value = 2.0{fixed} }}\n\n\
+             [[effect]]\nid = \"viscous\"\njoint = 0\nFv = 0.1\n\n[[effect]]\nid = \"gain\"\njoint = 1\nKp = 3.0\n"
+        )
+    };
+    std::fs::write(folder.path().join("model.toml"), model("")).unwrap();
+    let free = plan(folder.path(), &["--model", "model.toml", "--method", "found"]);
+    let flat = free["flat_directions"].as_array().unwrap();
+    assert_eq!(flat.len(), 1, "{flat:?}");
+    assert_eq!(flat[0]["scale"], true);
+    assert_eq!(texts(&flat[0]["fix_one_of"]), ["joint.0.gain.Kp", "joint.0.viscous.Fv", "joint.1.gain.Kp"]);
+    std::fs::write(folder.path().join("model.toml"), model(", fixed = true")).unwrap();
+    let known = plan(folder.path(), &["--model", "model.toml"]);
+    assert_eq!(known["flat_directions"], serde_json::json!([]));
+}
+
+#[test]
+fn base_parameters_are_written_out() {
+    let mut command = Command::cargo_bin("dynid").unwrap();
+    let output = command.args(["plan", "planar2r", "--base"]).assert().success();
+    insta::assert_snapshot!(String::from_utf8_lossy(&output.get_output().stdout));
 }

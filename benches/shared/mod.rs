@@ -83,6 +83,7 @@ fn log(model: &Model) -> Result<FitRun> {
         position,
         hold: Hold::Zero,
         weights: vec![1.0],
+        first_half: 1.0,
         from_s: f64::NEG_INFINITY,
     })
 }

@@ -39,15 +39,16 @@ pub fn sin_cos<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
     let (mut sines, mut cosines) = ([0.0; N], [0.0; N]);
     // From the last on: an odd one out is the first, for the angle of a joint on the base is mostly not needed, and the
     // others are loaded in the pairs in which an integrator has stored them.
-    let pairs = sines.rchunks_mut(LANES).zip(cosines.rchunks_mut(LANES)).zip(angles.rchunks(LANES));
-    for ((sines, cosines), angles) in pairs {
-        let (s, c) = of_lanes(Lanes::new(match *angles {
-            [first, second] => [first, second],
-            [only] => [only, 0.0],
-            _ => [0.0; LANES],
-        }));
-        sines.iter_mut().zip(s.to_array()).for_each(|(sine, s)| *sine = s);
-        cosines.iter_mut().zip(c.to_array()).for_each(|(cosine, c)| *cosine = c);
+    let (odd, pairs) = angles.as_rchunks::<LANES>();
+    let (odd_sine, sine_pairs) = sines.as_rchunks_mut::<LANES>();
+    let (odd_cosine, cosine_pairs) = cosines.as_rchunks_mut::<LANES>();
+    for ((angle, sine), cosine) in odd.iter().zip(odd_sine).zip(odd_cosine) {
+        let (s, c) = of_lanes(Lanes::constant(*angle));
+        ([*sine, _], [*cosine, _]) = (s.to_array(), c.to_array());
+    }
+    for ((pair, sines), cosines) in pairs.iter().zip(sine_pairs).zip(cosine_pairs) {
+        let (s, c) = of_lanes(Lanes::new(*pair));
+        (*sines, *cosines) = (s.to_array(), c.to_array());
     }
     (sines, cosines)
 }

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use dynid::compare::{Comparison, JointComparison, RunComparison, compare};
-use dynid::experiment::Run;
+use dynid::experiment::{Experiment, Run};
+use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
 use dynid::plot::{self, Panel};
-use dynid::report::number;
+use dynid::report::{self, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict, number};
 use dynid_model::{Device, JointKind};
 use serde_json::Value;
 
@@ -21,6 +22,7 @@ use super::{Answer, Outcome, inputs};
 Examples:
   dynid compare experiment.toml --model fitted.toml
   dynid compare experiment.toml --model fitted.toml --picture overlay.svg
+  dynid compare experiment.toml --model fitted.toml --report page.html
   dynid compare experiment.toml --model fitted.toml --free 4        only runs with just joint 4 free
   dynid compare experiment.toml                                     the device's default model
 
@@ -43,7 +45,10 @@ pub struct Arguments {
     /// Which error the picture and the table show; both are always in the JSON.
     #[arg(long, value_enum, default_value_t = Shown::Both)]
     error: Shown,
-    /// Overwrite the picture if it is there.
+    /// Write a page (HTML) with tables and pictures of every run and joint; it opens with no network.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Overwrite picture and page if they are there.
     #[arg(long)]
     force: bool,
 }
@@ -58,8 +63,8 @@ enum Shown {
 /// Compares, draws.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
-    if let Some(picture) = &arguments.picture {
-        check_output(picture, overwrite)?;
+    for output in [&arguments.picture, &arguments.report].into_iter().flatten() {
+        check_output(output, overwrite)?;
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
@@ -71,6 +76,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let panels = panels(model.device, &runs, &comparison, arguments.error);
         write_new(picture, &plot::standalone(&panels), overwrite)?;
         let _ = writeln!(text, "drawn: {}", picture.display());
+    }
+    if let Some(report) = &arguments.report {
+        write_new(report, &page(arguments, &experiment, &model, &runs, &comparison), overwrite)?;
+        let _ = writeln!(text, "written: {}", report.display());
     }
     let json = json(&comparison)?;
     Ok(Outcome { text, json, answer: Answer::Yes })
@@ -146,20 +155,92 @@ fn table(comparison: &Comparison, shown: Shown) -> String {
     text
 }
 
-fn panels(device: &Device, runs: &[&Run], comparison: &Comparison, shown: Shown) -> Vec<Panel> {
+/// Tables and pictures, one row and one picture a joint of every run.
+fn page(
+    arguments: &Arguments,
+    experiment: &Experiment,
+    model: &Model,
+    runs: &[&Run],
+    comparison: &Comparison,
+) -> String {
+    let name = arguments.model.as_ref().map_or_else(
+        || format!("the default model of {}", model.device.id),
+        |path| path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned()),
+    );
+    let verdict = Verdict { sentences: sentences(comparison) };
+    let accuracy =
+        Accuracy { title: "How far off".to_owned(), comparison, with_torque: arguments.error != Shown::Position };
+    let figures: Vec<Figures> = runs
+        .iter()
+        .zip(&comparison.runs)
+        .map(|(run, compared)| Figures {
+            title: format!("{}, to {}", compared.file, compared.role),
+            panels: run_panels(model.device, run, compared, arguments.error),
+            note: "Above: measured and model. Below: what is left; the band is twice the log's noise.".to_owned(),
+        })
+        .collect();
+    let models = Models::new(&[(name.clone(), model.clone())]);
+    let shares = model.fit.as_ref().map_or(&[][..], |fit| &fit.budget);
+    let budget = Budget { title: "Where what is left comes from".to_owned(), shares };
+    let mut entries = vec![
+        ("logs".to_owned(), format!("{}, sha256 {}", experiment.path.display(), experiment.digest)),
+        ("model".to_owned(), format!("{name}, sha256 {}", model.digest())),
+        ("device".to_owned(), model.device.id.clone()),
+        ("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))),
+    ];
+    if let Some(fit) = &model.fit {
+        entries.push(("fitted to".to_owned(), format!("logs with sha256 {}", fit.data_digest)));
+    }
+    let provenance = Provenance { entries };
+    let mut sections: Vec<&dyn Section> = vec![&verdict, &accuracy];
+    sections.extend(figures.iter().map(|figures| figures as &dyn Section));
+    if !models.rows.is_empty() {
+        sections.push(&models);
+    }
+    if !shares.is_empty() {
+        sections.push(&budget);
+    }
+    sections.push(&provenance);
+    report::page(&format!("{name} against its logs"), &sections)
+}
+
+/// What the numbers come to, for the runs fitted to and for those held out.
+fn sentences(comparison: &Comparison) -> Vec<String> {
+    let mut sentences = Vec::new();
+    for (role, runs) in [("fit", "the runs to fit to"), ("validate", "the held-out runs")] {
+        let of_role = comparison.runs.iter().filter(|run| run.role == role);
+        let ratios = of_role.flat_map(|run| {
+            run.joints.iter().filter_map(move |joint| Some((joint.rmse? / joint.noise_floor, &run.file, joint.joint)))
+        });
+        if let Some((ratio, file, joint)) = ratios.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            sentences.push(format!(
+                "On {runs} the position error is at most {ratio:.2} times the noise of the log (joint {joint} of {file})."
+            ));
+        }
+    }
+    let notes = comparison.runs.iter().filter(|run| !run.notes.is_empty()).count();
+    if notes > 0 {
+        sentences.push(format!("{notes} of {} runs have notes below the table.", comparison.runs.len()));
+    }
+    sentences
+}
+
+fn run_panels(device: &Device, run: &Run, compared: &RunComparison, shown: Shown) -> Vec<Panel> {
     let mut panels = Vec::new();
-    for (run, compared) in runs.iter().zip(&comparison.runs) {
-        for (slot, joint) in compared.joints.iter().enumerate() {
-            let kind = device.joints[joint.joint].kind;
-            if shown != Shown::Torque {
-                panels.extend(position_panel(run, compared, slot, joint, kind));
-            }
-            if shown != Shown::Position {
-                panels.extend(torque_panel(compared, slot, kind));
-            }
+    for (slot, joint) in compared.joints.iter().enumerate() {
+        let kind = device.joints[joint.joint].kind;
+        if shown != Shown::Torque {
+            panels.extend(position_panel(run, compared, slot, joint, kind));
+        }
+        if shown != Shown::Position {
+            panels.extend(torque_panel(compared, slot, kind));
         }
     }
     panels
+}
+
+fn panels(device: &Device, runs: &[&Run], comparison: &Comparison, shown: Shown) -> Vec<Panel> {
+    runs.iter().zip(&comparison.runs).flat_map(|(run, compared)| run_panels(device, run, compared, shown)).collect()
 }
 
 fn position_panel(

@@ -1,20 +1,29 @@
 //! `dynid fit`: parameters from logs.
 
-use std::path::PathBuf;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::bail;
+use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
-use dynid::experiment::Run;
-use dynid::fit::position::Options;
+use dynid::checkpoint::{self, CheckpointError, Identity};
+use dynid::error::Error;
+use dynid::experiment::{Experiment, Run};
+use dynid::fit::budget::Share;
+use dynid::fit::position::{Options, PositionFitError};
 use dynid::fit::sequence::Weighting;
-use dynid::identify::{self, ErrorKind, Found, Identified};
+use dynid::fit::sqp::Watch;
+use dynid::fit::starts::Starts;
+use dynid::identify::{self, ErrorKind, Found, How, Identified, State};
+use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
 use dynid::report::number;
 use serde_json::{Value, json};
 
+use super::inputs::{self, Outside};
+use super::interrupt::Interrupt;
 use super::table::{Align, Table};
-use super::{Answer, Outcome, compare, inputs, progress};
+use super::{Answer, Outcome, compare, progress};
 
 /// Fit a model's parameters to the runs whose role is `fit`, and judge it on the others.
 #[derive(clap::Args)]
@@ -49,8 +58,8 @@ pub struct Arguments {
     /// Which error to make small.
     #[arg(long, value_enum)]
     error: Option<Kind>,
-    /// Fit one configuration of this method of the device after another, each with what the earlier ones found, then
-    /// all their runs together (position error).
+    /// Fit one configuration of this method of the device (or of `found`, the sequence that `dynid plan` finds) after
+    /// another, each with what the earlier ones found, then all their runs together (position error).
     #[arg(long, value_name = "METHOD", conflicts_with = "free")]
     method: Option<String>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
@@ -62,6 +71,40 @@ pub struct Arguments {
     /// Iterations at most.
     #[arg(long, value_name = "N", default_value_t = Options::default().iterations)]
     iterations: usize,
+    /// Fit only these parameters: names, or patterns with `*`, e.g. `--only 'joint.4.*,link.7.Izz'`.
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    only: Option<Vec<String>>,
+    /// What weighs the joints' errors along a method: their noise alone, or the method's own weights on top (thesis
+    /// Table 4.6) in the steps; the last fit of all runs weighs by noise.
+    #[arg(long, value_enum, default_value_t = Weights::Noise)]
+    weights: Weights,
+    /// Leave so much of every log's beginning out of the position error, for its transient (thesis Eq. 4.3: 10 s). Also
+    /// `from_s` in the experiment.
+    #[arg(long, value_name = "SECONDS")]
+    from_s: Option<f64>,
+    /// Weight of the position error in the first half of every log (thesis Eq. 4.2: 0.5). Also `first_half` in the
+    /// experiment.
+    #[arg(long, value_name = "WEIGHT")]
+    first_half: Option<f64>,
+    /// Try so many starts, the model's own and others drawn within the bounds, and keep the best.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    starts: usize,
+    /// What the starts are drawn from: the same seed, the same starts.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    seed: u64,
+    /// Put a start that lies outside its stated bounds on the nearest one, instead of refusing it.
+    #[arg(long)]
+    clip: bool,
+    /// Go on with a fit that was stopped: ends with the same bits as one that was not.
+    #[arg(long)]
+    resume: bool,
+}
+
+/// What weighs the joints' errors along a method.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Weights {
+    Noise,
+    Method,
 }
 
 /// What a fit makes small.
@@ -87,28 +130,48 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
     check_output(&arguments.out, overwrite)?;
-    let experiment = inputs::experiment(&arguments.experiment)?;
-    let model = inputs::model(arguments.model.as_deref(), &experiment)?;
-    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
-    if arguments.method.is_some() && matches!(arguments.error, Some(Kind::Torque | Kind::Both)) {
-        bail!("a method is fitted to the position error; leave --error out, or use --free with --error torque");
+    let mut experiment = inputs::experiment(&arguments.experiment)?;
+    for run in &mut experiment.runs {
+        run.settings.from_s = arguments.from_s.or(run.settings.from_s);
+        run.settings.first_half = arguments.first_half.unwrap_or(run.settings.first_half);
     }
-    let error = arguments.error.map_or_else(|| identify::default_error(&model, &runs), ErrorKind::from);
-    let options =
-        Options { substeps: arguments.substeps.max(1), iterations: arguments.iterations.max(1), ..Options::default() };
+    let outside = if arguments.clip { Outside::Clip } else { Outside::Refuse };
+    let model = inputs::start(arguments.model.as_deref(), &experiment, outside)
+        .map_err(|error| or_clip(error, arguments.model.as_deref(), outside))?;
+    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
+    let how = how(arguments, &model, &runs)?;
+    let checkpoint = Checkpoint::new(arguments, &model, &experiment, &runs, &how);
+    let state = checkpoint.begin(arguments)?;
 
-    let found = progress::shown(|told| match &arguments.method {
-        Some(method) => {
-            identify::identify_method(&model, &experiment, &runs, method, Weighting::default(), &options, told)
+    let interrupt = if how.error == ErrorKind::Torque { None } else { Some(Interrupt::listen()?) };
+    let mut unsaved = None;
+    let found = progress::shown(|told| {
+        identify::identify_as(&model, &experiment, &runs, &how, state, &mut |progress, state| {
+            told(progress);
+            let saved = state.map_or(Ok(()), |state| checkpoint.keep(state));
+            if let Err(error) = saved {
+                unsaved = Some(error);
+                return Watch::Stop;
+            }
+            if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
+        })
+    });
+    if let Some(error) = unsaved {
+        return Err(error.into());
+    }
+    let found = match found {
+        Err(Error::PositionFit(PositionFitError::Interrupted { iterations })) => {
+            return Ok(checkpoint.interrupted(iterations, started.elapsed().as_secs_f64()));
         }
-        None => identify::identify(&model, &experiment, &runs, error, &options, told),
-    })?;
+        found => found?,
+    };
     let judged = dynid::compare::compare(&found.model, &runs)?;
 
     let may_write = found.status.may_update_model();
     if may_write {
         write_new(&arguments.out, &found.model.to_toml(), overwrite)?;
     }
+    checkpoint.remove()?;
     let wall_seconds = started.elapsed().as_secs_f64();
     let json = json!({
         "error": found.error.to_string(),
@@ -121,8 +184,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "torque_percent_validate": judged.torque_percent_validate,
         "iterations": found.iterations,
         "wall_seconds": wall_seconds,
-        "parameters": found.parameters.iter().map(parameter).collect::<Vec<Value>>(),
+        "parameters": found.parameters.iter().map(|found| parameter(&model, found)).collect::<Vec<Value>>(),
         "open": found.open.iter().map(|parts| parts.iter().map(|(name, part)| json!({ "name": name, "part": part })).collect()).collect::<Vec<Value>>(),
+        "correlations": found.correlations.iter().map(|pair| json!({ "one": pair.one, "other": pair.other, "value": pair.value })).collect::<Vec<Value>>(),
+        "steps": found.steps,
+        "budget": found.budget,
+        "starts": found.tried,
+        "best_start": found.best_start,
+        "notes": found.notes,
         "out": may_write.then(|| arguments.out.display().to_string()),
     });
     let mut text = told(&found, wall_seconds);
@@ -137,14 +206,114 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: if may_write { Answer::Yes } else { Answer::No } })
 }
 
+/// Says that `--clip` would help, where it would.
+fn or_clip(error: anyhow::Error, path: Option<&Path>, outside: Outside) -> anyhow::Error {
+    let is_clippable = |path: &Path| Model::load(path).is_err() && Model::load_clipped(path).is_ok();
+    let helps = outside == Outside::Refuse && path.is_some_and(is_clippable);
+    if helps { anyhow!("{error}; or let --clip put it on its nearest bound") } else { error }
+}
+
+/// What is asked for, as the library takes it.
+fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<How> {
+    let is_torque = matches!(arguments.error, Some(Kind::Torque | Kind::Both));
+    if arguments.method.is_some() && is_torque {
+        bail!("a method is fitted to the position error; leave --error out, or use --free with --error torque");
+    }
+    let error = match (&arguments.method, arguments.error) {
+        (Some(_), _) => ErrorKind::Position,
+        (None, Some(kind)) => kind.into(),
+        (None, None) => identify::default_error(model, runs),
+    };
+    let asks_for_position = arguments.starts > 1 || arguments.from_s.is_some() || arguments.first_half.is_some();
+    if error == ErrorKind::Torque && (asks_for_position || arguments.resume) {
+        bail!(
+            "--starts, --from-s, --first-half and --resume belong to the position error, and the torque error is \
+             fitted here; leave them out, or say --error position"
+        );
+    }
+    if arguments.weights == Weights::Method && arguments.method.is_none() {
+        bail!("--weights method weighs the steps of a method; say which with --method, or leave it out");
+    }
+    if arguments.from_s.is_some_and(|span| !(span >= 0.0 && span.is_finite())) {
+        bail!("--from-s takes a time after the log's first sample [s], not below 0");
+    }
+    if arguments.first_half.is_some_and(|weight| !(weight > 0.0 && weight.is_finite())) {
+        bail!("--first-half takes a positive weight; the thesis's is 0.5");
+    }
+    Ok(How {
+        error,
+        method: arguments.method.clone(),
+        weighting: match arguments.weights {
+            Weights::Noise => Weighting::ByNoise,
+            Weights::Method => Weighting::OfMethod,
+        },
+        only: arguments.only.clone().unwrap_or_default(),
+        starts: Starts { count: arguments.starts.max(1), seed: arguments.seed },
+        options: Options {
+            substeps: arguments.substeps.max(1),
+            iterations: arguments.iterations.max(1),
+            ..Options::default()
+        },
+    })
+}
+
+/// Where the fit is kept while it lasts.
+struct Checkpoint {
+    path: PathBuf,
+    identity: Identity,
+}
+
+impl Checkpoint {
+    fn new(arguments: &Arguments, model: &Model, experiment: &Experiment, runs: &[&Run], how: &How) -> Self {
+        let path = checkpoint::path_beside(&arguments.out);
+        Self { path, identity: Identity::new(model, experiment, runs, how) }
+    }
+
+    /// Where the fit starts or goes on.
+    fn begin(&self, arguments: &Arguments) -> Result<State, CheckpointError> {
+        if arguments.resume {
+            return checkpoint::read(&self.path, &self.identity);
+        }
+        if self.path.exists() && !arguments.force {
+            return Err(CheckpointError::Left { path: self.path.clone() });
+        }
+        Ok(State::default())
+    }
+
+    fn keep(&self, state: &State) -> Result<(), Error> {
+        checkpoint::write(&self.path, &self.identity, state)
+    }
+
+    fn remove(&self) -> anyhow::Result<()> {
+        checkpoint::remove(&self.path).with_context(|| format!("cannot remove {}", self.path.display()))
+    }
+
+    fn interrupted(&self, iterations: usize, wall_seconds: f64) -> Outcome {
+        let path = self.path.display();
+        Outcome {
+            text: format!(
+                "stopped after {iterations} iterations of the search under way, {wall_seconds:.1} s; nothing is lost: \
+                 the same command with --resume goes on from {path}\n"
+            ),
+            json: json!({
+                "status": "interrupted",
+                "checkpoint": path.to_string(),
+                "wall_seconds": wall_seconds,
+            }),
+            answer: Answer::Interrupted,
+        }
+    }
+}
+
 /// JSON knows no infinity.
 fn finite(value: f64) -> Option<f64> {
     Some(value).filter(|value| value.is_finite())
 }
 
-fn parameter(found: &Found) -> Value {
+fn parameter(model: &Model, found: &Found) -> Value {
     json!({
         "name": found.name,
+        "unit": model.unit(&found.name),
         "start": found.start,
         "value": found.value,
         "std_error": found.std_error.and_then(finite),
@@ -186,6 +355,19 @@ fn told(found: &Identified, wall_seconds: f64) -> String {
         ]);
     }
     text.push_str(&table.text());
+    text.push_str(&open(found));
+    text.push_str(&correlated(found));
+    text.push_str(&steps(found));
+    text.push_str(&budget(&found.budget));
+    text.push_str(&tried(found));
+    for note in &found.notes {
+        let _ = writeln!(text, "note: {note}");
+    }
+    text
+}
+
+fn open(found: &Identified) -> String {
+    let mut text = String::new();
     if !found.open.is_empty() {
         let n_open = found.open.len();
         text.push_str(&format!(
@@ -197,6 +379,91 @@ fn told(found: &Identified, wall_seconds: f64) -> String {
             let more = if parts.len() > 5 { format!(" and {} more", parts.len() - 5) } else { String::new() };
             text.push_str(&format!("  {}{more}\n", shown.join(", ")));
         }
+    }
+    text
+}
+
+/// The pairs that are told apart worst.
+fn correlated(found: &Identified) -> String {
+    /// Below this two parameters are told apart well enough.
+    const STRONG: f64 = 0.95;
+    const AT_MOST: usize = 5;
+    let strong: Vec<_> = found.correlations.iter().filter(|pair| pair.value.abs() >= STRONG).take(AT_MOST).collect();
+    if strong.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from("told apart worst (correlation of their errors; more in --json):\n");
+    for pair in strong {
+        let _ = writeln!(text, "  {:+.4}  {}, {}", pair.value, pair.one, pair.other);
+    }
+    text
+}
+
+/// What each configuration of a method gave before the fit of all runs.
+fn steps(found: &Identified) -> String {
+    if found.steps.is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new(&[
+        ("configuration", Align::Left),
+        ("free", Align::Left),
+        ("iterations", Align::Right),
+        ("position RMS of each", Align::Left),
+        ("", Align::Left),
+    ]);
+    for step in &found.steps {
+        let joined = |parts: Vec<String>| parts.join(" ");
+        table.row([
+            step.configuration.to_string(),
+            joined(step.free.iter().map(|joint| format!("q{joint}")).collect()),
+            step.iterations.to_string(),
+            joined(step.rmse.iter().map(|rmse| number(*rmse)).collect()),
+            step.status.clone(),
+        ]);
+    }
+    format!("the configurations, one after another, before the fit of all runs:\n{}", table.text())
+}
+
+/// Where each joint's remaining error comes from.
+pub fn budget(shares: &[Share]) -> String {
+    let Some(first) = shares.first() else { return String::new() };
+    let mut columns: Vec<(String, Align)> = vec![
+        ("configuration".to_owned(), Align::Left),
+        ("joint".to_owned(), Align::Right),
+        ("noise".to_owned(), Align::Right),
+        ("residual".to_owned(), Align::Right),
+        ("model off by".to_owned(), Align::Right),
+    ];
+    columns.extend(first.from.iter().map(|source| (format!("from {}", source.configuration), Align::Right)));
+    columns.push(("from ranges".to_owned(), Align::Right));
+    let columns: Vec<(&str, Align)> = columns.iter().map(|(name, align)| (name.as_str(), *align)).collect();
+    let mut table = Table::new(&columns);
+    for share in shares {
+        let mut cells = vec![
+            share.configuration.to_string(),
+            share.joint.to_string(),
+            number(share.noise_floor),
+            number(share.rmse),
+            number(share.remaining),
+        ];
+        cells.extend(share.from.iter().map(|source| number(source.rms)));
+        cells.push(number(share.range));
+        table.cells(cells);
+    }
+    format!(
+        "error budget [rad or m, RMS]: how far each joint of the model may be off, and which configuration's noise (or \
+         a range that no data narrow) that comes from:\n{}",
+        table.text()
+    )
+}
+
+/// What came of each start.
+fn tried(found: &Identified) -> String {
+    let mut text = String::new();
+    for (number_of, tried) in found.tried.iter().enumerate() {
+        let kept = if number_of == found.best_start { ", kept" } else { "" };
+        let cost = tried.cost.map_or_else(|| "\u{2014}".to_owned(), number);
+        let _ = writeln!(text, "start {}: cost {cost}, {}{kept}", number_of + 1, tried.ended);
     }
     text
 }

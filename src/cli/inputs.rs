@@ -11,12 +11,34 @@ pub fn experiment(path: &Path) -> anyhow::Result<Experiment> {
     Ok(Experiment::read_with(path, dynid_model::devices())?)
 }
 
+/// What to do with a value that lies outside the bounds stated beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outside {
+    /// Refuse the file.
+    Refuse,
+    /// Put it on the nearest bound, and say so.
+    Clip,
+}
+
+/// An experiment whose runs may be planned only.
+pub fn planned_experiment(path: &Path) -> anyhow::Result<Experiment> {
+    Ok(Experiment::read_planned(path, dynid_model::devices())?)
+}
+
 /// The model of that file, or the default model of the experiment's device.
 pub fn model(path: Option<&Path>, experiment: &Experiment) -> anyhow::Result<Model> {
+    start(path, experiment, Outside::Refuse)
+}
+
+/// As [`model`], for a fit to start from.
+pub fn start(path: Option<&Path>, experiment: &Experiment, outside: Outside) -> anyhow::Result<Model> {
     let Some(path) = path else {
         return Ok(Model::of_device(experiment.device));
     };
-    let model = Model::load(path)?;
+    let model = match outside {
+        Outside::Refuse => Model::load(path)?,
+        Outside::Clip => Model::load_clipped(path)?,
+    };
     if model.device.id != experiment.device.id {
         bail!(
             "{}: the model is of device `{}`, the experiment {} of `{}`; use a model and an experiment of one device",

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use dynid::model::Model;
-use dynid::plan::{self, Plan};
+use dynid::plan::base::{BaseParameters, base_parameters};
+use dynid::plan::flat::{FlatDirection, flat_directions};
+use dynid::plan::{self, NOWHERE, Plan, Unreachable};
 use dynid_model::Link;
 use serde_json::{Value, json};
 
@@ -17,55 +19,238 @@ use super::{Answer, Outcome, devices};
 Examples:
   dynid plan freedom6s --method isolated      one joint free at a time
   dynid plan freedom6s --method coupling      one joint more in every step
-  dynid plan freedom6s --method isolated --model believed.toml
+  dynid plan staubli_tx40 --method found      a sequence that the program finds
+  dynid plan planar2r --base                  write every base parameter out
+  dynid plan --model believed.toml            with the effects and the fixed parameters of a model
 
 A parameter is new in the first step whose equations of motion depend on it. Which do is computed from the equations,
-for general angles of the locked joints. Parameters of effects are those of the free joints that are not fixed.")]
+for general angles of the locked joints. Parameters of effects are those of the free joints that are not fixed.
+
+Base parameters are the combinations that a motion can reveal. They are written in the mass m, the first moments mx, my,
+mz and the inertia J about the origin of the link's frame, in which torques are linear: mx = m*x,
+Jxx = Ixx + m*(y^2 + z^2), Jxy = Ixy - m*x*y, and so on.")]
 pub struct Arguments {
-    /// Id of a device, e.g. `freedom6s`.
-    device: String,
-    /// A sequence of configurations of the device, e.g. `isolated` or `coupling`.
+    /// Id of a device, e.g. `freedom6s`; not needed with a model.
+    #[arg(required_unless_present = "model")]
+    device: Option<String>,
+    /// A sequence of configurations of the device, e.g. `isolated` or `coupling`; `found` lets the program find one. Without
+    /// it, the device's first, or `found` where it has none.
     #[arg(long)]
-    method: String,
-    /// A model whose effects count instead of the device's default ones.
+    method: Option<String>,
+    /// A model whose effects and fixed parameters count instead of the device's default ones.
     #[arg(long)]
     model: Option<PathBuf>,
+    /// Write every base parameter out.
+    #[arg(long)]
+    base: bool,
+}
+
+/// What is known of one step or of all together.
+struct Reach {
+    base: BaseParameters,
+    flat: Vec<FlatDirection>,
+}
+
+impl Reach {
+    fn of(model: &Model, configurations: &[usize]) -> anyhow::Result<Self> {
+        let base = base_parameters(model, configurations)?;
+        let flat = flat_directions(model, configurations, &base)?;
+        Ok(Self { base, flat })
+    }
+
+    fn json(&self, model: &Model) -> (Value, Value) {
+        let told: Vec<String> = self.base.combinations.iter().map(|combination| self.base.told(combination)).collect();
+        let base = json!({
+            "rank": self.base.rank(),
+            "rank_at_one_pose": self.base.rank_at_one_pose.iter().max(),
+            "combinations": told,
+            "exact": self.base.is_exact(),
+            "alone": self.base.alone(),
+            "identifiable_alone": self.base.identifiable_alone(model),
+            "vanishing": self.base.vanishing(),
+        });
+        let flat = self.flat.iter().map(|direction| {
+            let changes: Vec<Value> = direction
+                .changes
+                .iter()
+                .map(|(name, change)| json!({ "name": name, "relative_change": change }))
+                .collect();
+            json!({ "scale": direction.is_scale(), "changes": changes, "fix_one_of": direction.fix_one_of })
+        });
+        (base, flat.collect())
+    }
 }
 
 /// Works the plan out.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let device = devices::find(&arguments.device)?;
-    let model = match &arguments.model {
-        Some(path) => Model::load(path)?,
-        None => Model::of_device(device),
+    let device = arguments.device.as_deref().map(devices::find).transpose()?;
+    let model = match (&arguments.model, device) {
+        (Some(path), _) => Model::load(path)?,
+        (None, Some(device)) => Model::of_device(device),
+        (None, None) => bail!("nothing to plan for; name a device, or give a model with `--model`"),
     };
-    if model.device.id != device.id {
+    if let Some(device) = device.filter(|device| model.device.id != device.id) {
         bail!("the model is of device `{}`, not of `{}`; give a model of that device", model.device.id, device.id);
     }
-    let plan = plan::plan(&model, &arguments.method)?;
+    let method = arguments.method.as_deref().unwrap_or(plan::default_method(&model));
+    let plan = plan::plan(&model, method)?;
+    let sequence: Vec<usize> = plan.steps.iter().map(|step| step.configuration).collect();
+    let steps = sequence.iter().map(|&number| Reach::of(&model, &[number])).collect::<anyhow::Result<Vec<_>>>()?;
+    let together = Reach::of(&model, &sequence)?;
     let configurations: Vec<Value> = plan
         .steps
         .iter()
-        .map(|step| {
+        .zip(&steps)
+        .map(|(step, reach)| {
+            let (base, flat) = reach.json(&model);
             json!({
                 "number": step.number,
                 "configuration": step.configuration,
                 "free": step.free,
                 "new_parameters": step.new_parameters,
                 "parameters": step.parameters,
+                "base_parameters": base,
+                "flat_directions": flat,
             })
         })
         .collect();
+    let (base, flat) = together.json(&model);
+    let unreachable: Vec<Value> =
+        plan.unreachable.iter().map(|missing| json!({ "name": missing.name, "why": missing.why })).collect();
     let json = json!({
-        "device": device.id,
+        "device": model.device.id,
         "method": plan.method,
         "configurations": configurations,
         "never": plan.never,
+        "unreachable": unreachable,
+        "base_parameters": base,
+        "flat_directions": flat,
     });
-    Ok(Outcome { text: told(&model, &plan), json, answer: Answer::Yes })
+    let mut text = told(&model, &plan, &steps);
+    text.push_str(&base_told(&model, &together.base, arguments.base));
+    text.push_str(&flat_told(&together.flat));
+    Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
-fn told(model: &Model, plan: &Plan) -> String {
+/// How many base parameters there are, and, where wanted, which.
+fn base_told(model: &Model, base: &BaseParameters, all: bool) -> String {
+    let of_links = base.combinations.iter().filter(|combination| combination.leading < base.n_link).count();
+    let mut text = format!(
+        "\nTogether the steps reveal {of_links} base parameters of links, {} more of effects whose torque is linear in them.\n",
+        base.rank() - of_links
+    );
+    let alone = base.identifiable_alone(model);
+    if !alone.is_empty() {
+        text.push_str(&format!("Of the link parameters {} can be told alone: {}.\n", alone.len(), compact(&alone)));
+    }
+    if all {
+        text.push_str("\nBase parameters:\n\n");
+        for combination in &base.combinations {
+            text.push_str(&format!("  {}\n", base.told(combination)));
+        }
+        text.push_str(
+            "\nmx = m*x; J is the inertia about the origin of the link's frame: Jxx = Ixx + m*(y^2 + z^2), Jxy = Ixy - m*x*y, ..\n",
+        );
+    } else {
+        text.push_str("`--base` writes them out.\n");
+    }
+    text
+}
+
+fn flat_told(flat: &[FlatDirection]) -> String {
+    let mut text = String::new();
+    for direction in flat {
+        let is_effect = |name: &str| name.starts_with("joint.") || name.starts_with("device.");
+        if direction.is_scale() {
+            let effects: Vec<String> =
+                direction.changes.iter().map(|(name, _)| name.clone()).filter(|name| is_effect(name)).collect();
+            text.push_str(&format!(
+                "\nThe answer is up to one scale. No motion changes if these grow in one proportion:\n  {}\n",
+                by_joint(&effects)
+            ));
+            let n_links = direction.changes.len() - effects.len();
+            if n_links > 0 {
+                text.push_str(&format!("  and {n_links} base parameters of links\n"));
+            }
+            let others: Vec<String> =
+                direction.fix_one_of.iter().filter(|name| !effects.contains(name)).cloned().collect();
+            let or = if others.is_empty() { String::new() } else { format!(", or of {}", compact(&others)) };
+            text.push_str(&format!("Fix one of the {} parameters of effects{or}.\n", effects.len()));
+        } else {
+            let changes: Vec<String> =
+                direction.changes.iter().map(|(name, change)| format!("{name} ({change:+.4})")).collect();
+            text.push_str(&format!("\nNo motion changes if these change in proportion:\n  {}\n", changes.join("\n  ")));
+            if !direction.fix_one_of.is_empty() {
+                text.push_str(&format!("Fix one of {}.\n", compact(&direction.fix_one_of)));
+            }
+        }
+    }
+    text
+}
+
+/// `joint.0.gain.Kp, joint.1.gain.Kp` as `joints 0, 1: gain.Kp`, one line for the joints with the same parameters.
+fn by_joint(names: &[String]) -> String {
+    let mut joints: Vec<(&str, Vec<String>)> = Vec::new();
+    for name in names {
+        let (joint, rest) = name.strip_prefix("joint.").and_then(|name| name.split_once('.')).unwrap_or(("", name));
+        match joints.iter_mut().find(|(known, _)| *known == joint) {
+            Some((_, own)) => own.push(rest.to_owned()),
+            None => joints.push((joint, vec![rest.to_owned()])),
+        }
+    }
+    let mut groups: Vec<(Vec<&str>, Vec<String>)> = Vec::new();
+    for (joint, own) in joints {
+        match groups.iter_mut().find(|(_, known)| *known == own) {
+            Some((members, _)) => members.push(joint),
+            None => groups.push((vec![joint], own)),
+        }
+    }
+    let line = |(members, own): &(Vec<&str>, Vec<String>)| match members.as_slice() {
+        [""] => compact(own),
+        [joint] => format!("joint {joint}: {}", compact(own)),
+        _ => format!("joints {}: {}", members.join(", "), compact(own)),
+    };
+    groups.iter().map(line).collect::<Vec<_>>().join("\n  ")
+}
+
+/// `link.7.Ixx, link.7.Ixy, link.6.m` as `link.7.{Ixx, Ixy}, link.6.m`.
+fn compact(names: &[String]) -> String {
+    let split = |name: &str| name.rsplit_once('.').map(|(place, symbol)| (place.to_owned(), symbol.to_owned()));
+    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+    for name in names {
+        let (place, symbol) = split(name).unwrap_or((String::new(), name.clone()));
+        match groups.iter_mut().find(|(known, _)| *known == place) {
+            Some((_, symbols)) => symbols.push(symbol),
+            None => groups.push((place, vec![symbol])),
+        }
+    }
+    let told = groups.iter().map(|(place, symbols)| match symbols.as_slice() {
+        [symbol] => format!("{place}.{symbol}"),
+        _ => format!("{place}.{{{}}}", symbols.join(", ")),
+    });
+    wrapped(&told.collect::<Vec<_>>().join(", "))
+}
+
+/// Broken at spaces so that no line is long.
+fn wrapped(text: &str) -> String {
+    const WIDTH: usize = 110;
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let line = lines.last_mut().map_or(0, |line| line.len());
+        if line > 0 && line + word.len() > WIDTH {
+            lines.push(String::new());
+        }
+        if let Some(line) = lines.last_mut() {
+            if !line.is_empty() {
+                line.push(' ');
+            }
+            line.push_str(word);
+        }
+    }
+    lines.join("\n  ")
+}
+
+fn told(model: &Model, plan: &Plan, reaches: &[Reach]) -> String {
     let joints = |free: &[usize]| free.iter().map(|joint| format!("q{joint}")).collect::<Vec<_>>().join(" ");
     let mut text = format!("{}, method {}\n\n", model.device.id, plan.method);
     let mut steps = Table::new(&[
@@ -75,8 +260,10 @@ fn told(model: &Model, plan: &Plan) -> String {
         ("new", Align::Right),
         ("effect parameters", Align::Right),
         ("new", Align::Right),
+        ("base parameters", Align::Right),
+        ("at one pose", Align::Right),
     ]);
-    for step in &plan.steps {
+    for (step, Reach { base, .. }) in plan.steps.iter().zip(reaches) {
         let links = |names: &[String]| names.iter().filter(|name| name.starts_with("link.")).count();
         let (all, new) = (links(&step.parameters), links(&step.new_parameters));
         steps.row([
@@ -86,6 +273,8 @@ fn told(model: &Model, plan: &Plan) -> String {
             new.to_string(),
             (step.parameters.len() - all).to_string(),
             (step.new_parameters.len() - new).to_string(),
+            base.rank().to_string(),
+            base.rank_at_one_pose.iter().max().map_or_else(String::new, usize::to_string),
         ]);
     }
     text.push_str(&steps.text());
@@ -104,5 +293,13 @@ fn told(model: &Model, plan: &Plan) -> String {
         "\n{} of {n_links} link parameters appear. Appearing is not being identifiable: some act only together.\n",
         n_links - plan.never.len()
     ));
+    let elsewhere: Vec<&Unreachable> = plan
+        .unreachable
+        .iter()
+        .filter(|missing| !plan.never.contains(&missing.name) || missing.why != NOWHERE)
+        .collect();
+    for missing in elsewhere {
+        text.push_str(&format!("{} is not reached: {}.\n", missing.name, missing.why));
+    }
     text
 }

@@ -1,6 +1,6 @@
 //! How far a fit is, on stderr; silent where stderr is no terminal.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use dynid::identify::Progress;
 use dynid::report::number;
@@ -10,12 +10,22 @@ use indicatif::ProgressBar;
 pub fn shown<T>(work: impl FnOnce(&mut dyn FnMut(&Progress)) -> T) -> T {
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
-    let result = work(&mut |told| {
-        let tether =
-            if told.tether > 0.0 { format!(", pulled to the logs at {:.0}/s", told.tether) } else { String::new() };
-        let step = told.configuration.map_or(String::new(), |number| format!("configuration {number}: "));
-        bar.set_message(format!("{step}iteration {}, cost {}{tether}", told.iteration, number(told.cost)));
-    });
+    let started = Instant::now();
+    let result = work(&mut |told| bar.set_message(message(told, started.elapsed())));
     bar.finish_and_clear();
     result
+}
+
+fn message(told: &Progress, elapsed: Duration) -> String {
+    let start = if told.start > 0 { format!("start {}: ", told.start + 1) } else { String::new() };
+    let configuration = told.configuration.map_or(String::new(), |number| format!("configuration {number}: "));
+    let step = told.step.map_or(String::new(), |step| format!(", step {}", number(step)));
+    let tether =
+        if told.tether > 0.0 { format!(", pulled to the logs at {:.0}/s", told.tether) } else { String::new() };
+    format!(
+        "{start}{configuration}iteration {}, cost {}{step}{tether}, {:.0} s",
+        told.iteration,
+        number(told.cost),
+        elapsed.as_secs_f64()
+    )
 }

@@ -85,7 +85,13 @@ fn reads_columns_scale_rows_mask_and_settings() {
     assert_eq!(run.log.sample_time(), 2.0);
     assert_eq!(
         run.settings,
-        Settings { cutoff_hz: Some(8.0), decimate: 2, min_speed: vec![0.0, 0.3], hold: Hold::Linear, controller: None }
+        Settings {
+            cutoff_hz: Some(8.0),
+            decimate: 2,
+            min_speed: vec![0.0, 0.3],
+            hold: Hold::Linear,
+            ..Settings::default()
+        }
     );
     assert_eq!(experiment.runs_of(Role::Fit).count(), 0);
 }
@@ -129,14 +135,14 @@ fn digest_follows_the_numbers_only() {
 fn bad_experiments_are_refused_with_place_and_remedy() {
     let refused = |experiment: &str| refusal(experiment, GOOD_LOG);
     assert_snapshot!(refused("device = arm"), @"experiment.toml:1:10: string values must be quoted, expected literal string; write it as TOML: `key = value`, runs under `[[run]]`");
-    assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller");
+    assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half");
     assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @"experiment.toml:1:10: there is no device `arn`; did you mean `arm`? the devices are arm");
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0]")), @"experiment.toml:4:8: free = [0] is no configuration of `arm`; its configurations are 1 [1], 2 [0, 1]; add one to the device file for another set");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: expected joints of `arm` (0 to 1); name each free joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
     assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);
-    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller");
+    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half");
     assert_snapshot!(refused(&format!("{GOOD}cutoff_hz = -3.0\n")), @"experiment.toml:6:13: cutoff_hz: expected a positive frequency [Hz], found `-3.0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}decimate = 0\n")), @"experiment.toml:6:12: decimate: expected a whole number from 1, found `0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}min_speed = [0.1, 0.1, 0.1]\n")), @"experiment.toml:6:13: min_speed: found 3 speeds for 2 free joints; give one a free joint of the run, or one for each of the device's 2 joints");

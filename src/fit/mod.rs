@@ -1,15 +1,20 @@
 //! Fits: from logs to parameter values, each with its standing.
 
 mod barrier;
+pub mod budget;
 pub mod identifiability;
+mod matrix;
 pub mod physical;
 pub mod position;
 pub mod sensitivity;
 pub mod sequence;
 pub mod sqp;
+pub mod starts;
 pub mod torque;
 
 use dynid_model::expression::Comparison;
+
+use serde::{Deserialize, Serialize};
 
 use crate::model::Model;
 
@@ -34,7 +39,7 @@ pub fn orders(model: &Model) -> Vec<(String, String)> {
 }
 
 /// How a fit ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FitStatus {
     /// Step and gradient are below tolerance.
     Converged,

@@ -6,8 +6,10 @@
 //! configurations, started from there, replaces the chain's linearised memory by the data themselves.
 
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use super::{
+    budget::{self, Share},
     position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
     sqp::Watch,
 };
@@ -16,15 +18,67 @@ use crate::{
     model::Model,
 };
 
+/// What is to be fitted, in which order.
+#[derive(Debug, Clone, Copy)]
+pub struct Sequence<'a> {
+    /// What is believed before any data: the centre of the weak prior.
+    pub believed: &'a Model,
+    /// Where the search starts.
+    pub start: &'a Model,
+    /// The runs; only those for fitting count.
+    pub runs: &'a [&'a Run],
+    /// Configuration numbers from 1, one step each; none for a single fit of all runs.
+    pub configurations: &'a [usize],
+    /// Weights per step and free joint; none where every error counts by its noise.
+    pub weights: &'a [Vec<f64>],
+}
+
 /// What a sequence found.
 #[derive(Debug, Clone)]
 pub struct SequenceFit {
-    /// One fit per configuration that has runs, with the configuration's number.
-    pub steps: Vec<(usize, PositionFit)>,
+    /// One fit per configuration that has runs.
+    pub steps: Vec<Step>,
     /// The fit over all runs.
     pub joint: PositionFit,
     /// The model with the values of the last.
     pub model: Model,
+}
+
+/// How much of each joint's remaining error comes from which configuration, after the steps `steps` and the fit `joint`
+/// of all runs.
+///
+/// # Errors
+/// A run that cannot be simulated.
+pub fn budget(
+    sequence: &Sequence<'_>,
+    steps: &[Step],
+    joint: &PositionFit,
+    options: &Options,
+) -> Result<Vec<Share>, PositionFitError> {
+    let used = used(sequence);
+    let fitted = joint.applied_to(sequence.start);
+    let problem = problem(sequence.believed, &fitted, &used)?;
+    let configurations: Vec<usize> = used.iter().map(|run| run.configuration).collect();
+    let free: Vec<&[usize]> = used.iter().map(|run| run.free.as_slice()).collect();
+    budget::budget(&problem, (&configurations, &free), steps, joint, options)
+}
+
+/// A configuration's fit.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Step {
+    /// Its number, from 1.
+    pub configuration: usize,
+    /// What its runs and all before them gave; without the simulated positions.
+    pub fit: PositionFit,
+}
+
+/// All that a sequence carries from one iteration to the next.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct State {
+    /// Where the step under way is; `None` before its first iteration.
+    pub search: Option<position::State>,
+    /// The steps done.
+    pub steps: Vec<Step>,
 }
 
 /// Whether the joints of interest weigh more, as in the thesis, or every error counts by its noise alone.
@@ -46,46 +100,72 @@ pub struct SequenceProgress {
     pub progress: Progress,
 }
 
-/// Fits the configurations `sequence` (numbers from 1) one after another, then all their runs together.
+/// Fits one configuration after another, then all their runs together.
 ///
-/// Configurations without a run of the role `fit` are passed over. `weights` are per step and free joint.
+/// Configurations without a run of the role `fit` are passed over. `from` is a state that `watch` was shown in the same
+/// sequence: the result is bit-identical to one that never stopped.
 pub fn fit(
-    model: &Model,
-    runs: &[&Run],
-    sequence: &[usize],
-    weights: &[Vec<f64>],
+    sequence: &Sequence<'_>,
     options: &Options,
-    watch: &mut dyn FnMut(&SequenceProgress) -> Watch,
+    from: State,
+    watch: &mut dyn FnMut(&SequenceProgress, &State) -> Watch,
 ) -> Result<SequenceFit, PositionFitError> {
-    let mut believed = model.clone();
+    let Sequence { believed: expected, start, configurations, weights, .. } = *sequence;
+    let is_method = !configurations.is_empty();
+    let used = used(sequence);
+    let steps: Vec<(usize, usize)> = configurations
+        .iter()
+        .copied()
+        .enumerate()
+        .filter(|(_, configuration)| used.iter().any(|run| run.configuration == *configuration))
+        .collect();
+    let roughly = Options { tolerance: ROUGHLY * options.tolerance, ..*options };
+    let mut believed = start.clone();
     let mut known = Knowledge::default();
-    let mut steps = Vec::new();
-    let used: Vec<&Run> =
-        runs.iter().copied().filter(|run| run.role == Role::Fit && sequence.contains(&run.configuration)).collect();
-    for (step, configuration) in sequence.iter().enumerate() {
-        let own: Vec<&Run> = used.iter().copied().filter(|run| run.configuration == *configuration).collect();
-        if own.is_empty() {
-            continue;
-        }
-        let mut problem = problem(model, &believed, &own)?;
+    let mut state = State::default();
+    let State { mut search, steps: done } = from;
+    let mut done = done.into_iter();
+    for (step, configuration) in steps {
+        let own: Vec<&Run> = used.iter().copied().filter(|run| run.configuration == configuration).collect();
+        let mut problem = problem(expected, &believed, &own)?;
         if let Some(weights) = weights.get(step) {
             for run in &mut problem.runs {
                 run.weights.clone_from(weights);
             }
         }
         problem.prior = known.prior();
-        let mut told =
-            |progress: &Progress| watch(&SequenceProgress { configuration: Some(*configuration), progress: *progress });
-        let fit = position::fit(&problem, options, &mut told)?;
+        let fit = match done.next() {
+            Some(step) => step.fit,
+            None => {
+                let mut told = |progress: &Progress, search: &position::State| {
+                    state.search = Some(search.clone());
+                    watch(&SequenceProgress { configuration: Some(configuration), progress: *progress }, &state)
+                };
+                let mut fit = position::resume(&problem, &roughly, search.take(), &mut told)?;
+                fit.runs.iter_mut().for_each(|run| run.simulated.clear());
+                fit
+            }
+        };
         believed = fit.applied_to(&believed);
         known.add(&fit, &problem);
-        steps.push((*configuration, fit));
+        state = State { search: None, steps: state.steps };
+        state.steps.push(Step { configuration, fit });
     }
-    let mut told = |progress: &Progress| watch(&SequenceProgress { configuration: None, progress: *progress });
-    let near = Options { start: Start::Near, ..*options };
-    let joint = position::fit(&problem(model, &believed, &used)?, &near, &mut told)?;
+    let mut told = |progress: &Progress, search: &position::State| {
+        state.search = Some(search.clone());
+        watch(&SequenceProgress { configuration: None, progress: *progress }, &state)
+    };
+    let options = if is_method { Options { start: Start::Near, ..*options } } else { *options };
+    let joint = position::resume(&problem(expected, &believed, &used)?, &options, search.take(), &mut told)?;
     let model = joint.applied_to(&believed);
-    Ok(SequenceFit { steps, joint, model })
+    Ok(SequenceFit { steps: state.steps, joint, model })
+}
+
+/// The runs that count.
+fn used<'a>(sequence: &Sequence<'a>) -> Vec<&'a Run> {
+    let is_of_it =
+        |run: &Run| sequence.configurations.is_empty() || sequence.configurations.contains(&run.configuration);
+    sequence.runs.iter().copied().filter(|run| run.role == Role::Fit && is_of_it(run)).collect()
 }
 
 /// Starts from `believed`, with the weak prior around `start`.
@@ -112,6 +192,9 @@ struct Knowledge {
 /// others hardly; along the latter the former are curved, and their linearised memory would bind the next fit to a
 /// tangent that the data never meant.
 const REACH_OF_LINEARISATION: f64 = 0.02;
+
+/// The steps end at so many tolerances: the fit of all runs goes on from there.
+const ROUGHLY: f64 = 30.0;
 
 impl Knowledge {
     /// The information with every variance widened by `e = (REACH_OF_LINEARISATION * spread)^2`:

@@ -1,6 +1,6 @@
 //! Sequential quadratic programming with a Gauss-Newton Hessian.
 //!
-//! Every iteration minimises `g'd + d'(H + lambda diag H)d / 2` over the step `d` under bounds and linear inequalities.
+//! Every iteration minimises `g'd + d'(H + lambda M)d / 2` over the step `d` under bounds and linear inequalities.
 //! Convex constraints that are not linear (a link's inertia must be one that a body can have) come as cuts: half-spaces
 //! that hold everywhere and that the last step broke; the subproblem is solved again until none is broken. A step that
 //! does not lower the cost as foreseen, or cannot be simulated, raises the damping `lambda` (Levenberg-Marquardt, with
@@ -11,6 +11,7 @@ use clarabel::{
     solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT},
 };
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 /// What is minimised.
 pub trait Objective {
@@ -19,6 +20,14 @@ pub trait Objective {
 
     /// Cost, gradient and Gauss-Newton Hessian at `x`.
     fn quadratic(&self, x: &[f64]) -> Option<Quadratic>;
+
+    /// Weight of an unknown's squared change in the damping (`M`); by default its diagonal entry of the Hessian.
+    ///
+    /// Where the data know some combinations a million times better than others, that default all but stops the latter;
+    /// an unknown's range treats all alike.
+    fn metric(&self, _unknown: usize) -> Option<f64> {
+        None
+    }
 
     /// Half-spaces that contain every allowed point and that `x` lies outside of; none where `x` is allowed.
     fn cuts(&self, x: &[f64]) -> Vec<HalfSpace>;
@@ -36,7 +45,7 @@ pub struct Quadratic {
 }
 
 /// `sum(factor * x[index]) <= limit`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HalfSpace {
     /// Index and factor.
     pub terms: Vec<(usize, f64)>,
@@ -120,6 +129,38 @@ pub struct Iteration {
     pub step: f64,
 }
 
+/// All that a search carries from one iteration to the next: continued from here it takes the same steps to the last
+/// bit, for cost and derivatives at `x` are computed anew from `x` alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The best point so far.
+    pub x: Vec<f64>,
+    /// Levenberg and Marquardt's damping.
+    pub damping: f64,
+    /// What the damping grows by after a step that keeps no promise.
+    pub growth: f64,
+    /// Accepted steps in a row that were hardly worth taking.
+    pub idle: usize,
+    /// Linearisations used.
+    pub iterations: usize,
+    /// Linear inequalities, and the cuts met so far.
+    pub half_spaces: Vec<HalfSpace>,
+}
+
+impl State {
+    /// A search that has not begun.
+    pub fn start(x: &[f64], region: &Region) -> Self {
+        Self {
+            x: x.to_vec(),
+            damping: FIRST_DAMPING,
+            growth: 2.0,
+            idle: 0,
+            iterations: 1,
+            half_spaces: region.half_spaces.clone(),
+        }
+    }
+}
+
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Watch {
@@ -154,14 +195,23 @@ pub fn minimise(
     limits: &Limits,
     watch: &mut dyn FnMut(&Iteration) -> Watch,
 ) -> Outcome {
-    let mut x = start.to_vec();
+    let state = State::start(start, region);
+    resume(objective, region, state, limits, &mut |iteration, _| watch(iteration))
+}
+
+/// As [`minimise`], from any state that `watch` was shown.
+pub fn resume(
+    objective: &impl Objective,
+    region: &mut Region,
+    state: State,
+    limits: &Limits,
+    watch: &mut dyn FnMut(&Iteration, &State) -> Watch,
+) -> Outcome {
+    let State { mut x, mut damping, mut growth, mut idle, mut iterations, half_spaces } = state;
+    region.half_spaces = half_spaces;
     let Some(mut quadratic) = objective.quadratic(&x) else {
         return Outcome { x, quadratic: None, ended: Ended::Stuck, iterations: 0 };
     };
-    let mut damping = FIRST_DAMPING;
-    let mut growth = 2.0;
-    let mut idle = 0;
-    let mut iterations = 1;
     let ended = loop {
         if damping > LAST_DAMPING || idle >= IDLE_ITERATIONS {
             // Near the minimum the cost's kinks and rounding can spoil the last, tiny steps.
@@ -204,7 +254,8 @@ pub fn minimise(
         growth = 2.0;
         idle = if decrease <= IDLE * limits.negligible(quadratic.cost) { idle + 1 } else { 0 };
         let told = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
-        if watch(&told) == Watch::Stop {
+        let half_spaces = region.half_spaces.clone();
+        if watch(&told, &State { x: x.clone(), damping, growth, idle, iterations, half_spaces }) == Watch::Stop {
             break Ended::Interrupted;
         }
     };
@@ -226,7 +277,7 @@ fn allowed_step(
 ) -> Option<DVector<f64>> {
     let mut hessian = quadratic.hessian.clone();
     for k in 0..x.len() {
-        hessian[(k, k)] += damping * quadratic.hessian[(k, k)];
+        hessian[(k, k)] += damping * objective.metric(k).unwrap_or(quadratic.hessian[(k, k)]);
     }
     for _ in 0..CUT_ROUNDS {
         let step = subproblem(&hessian, &quadratic.gradient, region, x)?;
@@ -384,6 +435,30 @@ mod tests {
         let end = minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
         assert!((end.x[0] - 0.786_415).abs() < 1e-4 && (end.x[1] - 0.617_698).abs() < 1e-4, "{:?}", end.x);
         assert!(end.x[0].hypot(end.x[1]) <= 1.0 + 1e-8);
+    }
+
+    /// Stopped after any iteration and continued from its state, the search ends at the same bits.
+    #[test]
+    fn a_search_goes_on_as_if_it_had_never_stopped() {
+        let (objective, start) = (Valley { disk: true }, [-0.5, 0.5]);
+        let mut whole_region = region();
+        let whole = minimise(&objective, &mut whole_region, &start, &LIMITS, &mut |_| Watch::Continue);
+        assert!(whole.iterations > 5, "{}", whole.iterations);
+        for stop in 1..whole.iterations {
+            let mut region = region();
+            let mut kept = None;
+            let state = State::start(&start, &region);
+            let first = resume(&objective, &mut region, state, &LIMITS, &mut |told, state| {
+                kept = Some(state.clone());
+                if told.number == stop { Watch::Stop } else { Watch::Continue }
+            });
+            assert_eq!(first.ended, Ended::Interrupted);
+            let mut region = self::region();
+            let state = kept.expect("an iteration was told");
+            let end = resume(&objective, &mut region, state, &LIMITS, &mut |_, _| Watch::Continue);
+            assert_eq!(end, whole, "stopped after iteration {stop}");
+            assert_eq!(region, whole_region, "stopped after iteration {stop}");
+        }
     }
 
     /// A cost of nothing but rounding: its gradient promises what no step keeps.

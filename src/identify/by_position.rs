@@ -1,83 +1,168 @@
 //! Fits of the position error, of all runs at once or along a method's sequence, told like every other.
 
-use dynid_model::{Method, did_you_mean};
+use dynid_model::Device;
 
-use super::{ErrorKind, Found, Identified, Progress};
+use super::{Best, Correlation, ErrorKind, Found, How, Identified, Progress, State, StepTold, Tried};
 use crate::{
     error::Error,
     experiment::{Role, Run},
     fit::{
-        position::{self, FitRun, Options, PositionFit, PositionProblem, RunError},
-        sequence::{self, SequenceFit, Weighting},
+        FitStatus,
+        position::{self, FitRun, Options, PositionFit, PositionFitError, RunError},
+        sequence::{self, Sequence, SequenceFit, Step, Weighting},
         sqp::Watch,
+        starts,
     },
     model::Model,
+    plan,
 };
 
-/// Fits `model` to the position error of those of `runs` that are for it.
+/// Fits `model` to the position error of those of `runs` that are for it, from every start.
 ///
 /// # Errors
-/// As [`position::fit`].
+/// The device has no such method; a run that the method has no step for; as [`position::fit`].
 pub(super) fn by_position(
     model: &Model,
     runs: &[&Run],
-    options: &Options,
-    progress: &mut dyn FnMut(&Progress),
+    how: &How,
+    from: State,
+    watch: &mut dyn FnMut(&Progress, &State) -> Watch,
 ) -> Result<Identified, Error> {
-    let problem = PositionProblem::of_model(model, fitted(runs))?;
-    let fit = position::fit(&problem, options, &mut |told| {
-        progress(&Progress { iteration: told.iteration, cost: told.cost, tether: told.tether, configuration: None });
-        Watch::Continue
-    })?;
-    let after = fit.applied_to(model);
-    Ok(told(model, after, fit, cost_at(model, runs, options)?))
-}
-
-/// Fits `model` to the position error, one configuration of `method` after another.
-///
-/// # Errors
-/// The device has no such method; as [`position::fit`].
-pub(super) fn by_method(
-    model: &Model,
-    runs: &[&Run],
-    method: &str,
-    weighting: Weighting,
-    options: &Options,
-    progress: &mut dyn FnMut(&Progress),
-) -> Result<Identified, Error> {
-    let methods = &model.device.methods;
-    let Some(Method { sequence, weights, .. }) = methods.iter().find(|known| known.name == method) else {
-        return Err(Error::UnknownName {
-            kind: "method",
-            name: method.to_owned(),
-            help: did_you_mean(method, methods.iter().map(|known| known.name.as_str())),
-        });
-    };
-    let weights: &[Vec<f64>] = match weighting {
-        Weighting::ByNoise => &[],
-        Weighting::OfMethod => weights,
-    };
-    let SequenceFit { steps, joint, model: after } =
-        sequence::fit(model, runs, sequence, weights, options, &mut |told| {
-            progress(&Progress {
+    let mut notes = Vec::new();
+    let mut configurations: &[usize] = &[];
+    let mut weights: &[Vec<f64>] = &[];
+    let sequence;
+    if let Some(method) = how.method.as_deref() {
+        sequence = plan::sequence(model, method)?;
+        configurations = &sequence;
+        check_configurations(model.device, (method, configurations), runs)?;
+        notes.extend(passed_over(model.device, (method, configurations), runs));
+        if how.weighting == Weighting::OfMethod {
+            let known = model.device.methods.iter().find(|known| known.name == method);
+            weights = known.map_or(&[], |known| &known.weights);
+            if weights.is_empty() {
+                notes.push(format!("method {method} has no weights of its own: every error counts by its noise"));
+            }
+        }
+    }
+    let mut state = from;
+    let mut failure = None;
+    for number in state.tried.len()..how.starts.count.max(1) {
+        let start = starts::draw(model, how.starts.seed, number);
+        let sequence = Sequence { believed: model, start: &start, runs, configurations, weights };
+        let resumed = std::mem::take(&mut state.sequence);
+        let fit = sequence::fit(&sequence, &how.options, resumed, &mut |told, carried| {
+            state.sequence.clone_from(carried);
+            let progress = Progress {
                 iteration: told.progress.iteration,
                 cost: told.progress.cost,
+                step: Some(told.progress.step),
                 tether: told.progress.tether,
                 configuration: told.configuration,
-            });
-            Watch::Continue
-        })?;
-    let used: Vec<&Run> = runs.iter().copied().filter(|run| sequence.contains(&run.configuration)).collect();
-    let mut found = told(model, after, joint, cost_at(model, &used, options)?);
-    found.iterations += steps.iter().map(|(_, fit)| fit.iterations).sum::<usize>();
+                start: number,
+            };
+            watch(&progress, &state)
+        });
+        state.sequence = sequence::State::default();
+        match fit {
+            Ok(fit) => keep(&mut state, number, fit),
+            Err(error @ PositionFitError::Interrupted { .. }) => return Err(error.into()),
+            Err(error) if how.starts.count <= 1 => return Err(error.into()),
+            Err(error) => {
+                state.tried.push(Tried { cost: None, ended: error.to_string(), iterations: 0 });
+                failure.get_or_insert(error);
+            }
+        }
+    }
+    let Some(Best { start, mut joint, steps }) = state.best else {
+        return Err(failure.unwrap_or(PositionFitError::NoRun).into());
+    };
+    joint.iterations = state.tried.iter().map(|tried| tried.iterations).sum();
+    let used: Vec<&Run> = runs
+        .iter()
+        .copied()
+        .filter(|run| configurations.is_empty() || configurations.contains(&run.configuration))
+        .collect();
+    let budget = if configurations.is_empty() {
+        Vec::new()
+    } else {
+        let sequence = Sequence { believed: model, start: model, runs, configurations, weights };
+        sequence::budget(&sequence, &steps, &joint, &how.options)?
+    };
+    let mut found = told(model, joint, cost_at(model, &used, &how.options)?);
+    found.best_start = start;
+    found.tried = if how.starts.count > 1 { state.tried } else { Vec::new() };
+    found.steps = steps.iter().map(|step| step_told(model.device, step)).collect();
+    found.notes = notes;
+    found.budget = budget;
     Ok(found)
+}
+
+/// A run to fit to that the method has no step for is a mistake, not something to pass over.
+fn check_configurations(
+    device: &Device,
+    (method, configurations): (&str, &[usize]),
+    runs: &[&Run],
+) -> Result<(), Error> {
+    let Some(run) = fitted(runs).find(|run| !configurations.contains(&run.configuration)) else { return Ok(()) };
+    let own: Vec<String> =
+        configurations.iter().map(|number| format!("{:?}", device.configurations[number - 1].free)).collect();
+    let others: Vec<&str> = device
+        .methods
+        .iter()
+        .filter(|other| other.sequence.contains(&run.configuration))
+        .map(|other| other.name.as_str())
+        .collect();
+    let remedy = match others.as_slice() {
+        [] => "give the run the role \"validate\", or leave it out".to_owned(),
+        [other, ..] => format!("use --method {other} for it, give it the role \"validate\", or leave it out"),
+    };
+    Err(Error::OtherConfiguration {
+        run: run.file.clone(),
+        free: run.free.clone(),
+        configuration: run.configuration,
+        method: method.to_owned(),
+        known: own.join(", "),
+        remedy,
+    })
+}
+
+/// Steps of the method without a run to fit to.
+fn passed_over(device: &Device, (method, configurations): (&str, &[usize]), runs: &[&Run]) -> Option<String> {
+    let missing: Vec<String> = configurations
+        .iter()
+        .filter(|number| !fitted(runs).any(|run| run.configuration == **number))
+        .map(|number| format!("{:?}", device.configurations[number - 1].free))
+        .collect();
+    let plural = if missing.len() == 1 { "a step" } else { "steps" };
+    (!missing.is_empty()).then(|| {
+        format!("{plural} of method {method} without a run to fit to, passed over: free {}", missing.join(", "))
+    })
+}
+
+fn keep(state: &mut State, start: usize, fit: SequenceFit) {
+    let SequenceFit { steps, mut joint, .. } = fit;
+    let iterations = joint.iterations + steps.iter().map(|step| step.fit.iterations).sum::<usize>();
+    state.tried.push(Tried { cost: Some(joint.cost), ended: joint.status.as_str().to_owned(), iterations });
+    // A minimum is better than what is none, however low; then the lower cost; then the earlier start.
+    let rank = |status: FitStatus, cost: f64| (!status.may_update_model(), cost);
+    let is_better = state.best.as_ref().is_none_or(|best| {
+        rank(joint.status, joint.cost).partial_cmp(&rank(best.joint.status, best.joint.cost))
+            == Some(std::cmp::Ordering::Less)
+    });
+    if is_better {
+        joint.runs.iter_mut().for_each(|run| run.simulated.clear());
+        state.best = Some(Best { start, joint, steps });
+    }
 }
 
 pub(super) fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
     runs.iter().copied().filter(|run| run.role == Role::Fit)
 }
 
-fn told(before: &Model, after: Model, fit: PositionFit, cost_before: f64) -> Identified {
+fn told(before: &Model, fit: PositionFit, cost_before: f64) -> Identified {
+    let model = fit.applied_to(before);
+    let correlations = correlations(&fit);
     let PositionFit { status, parameters, undetermined, iterations, runs, .. } = fit;
     let parameters = parameters
         .into_iter()
@@ -91,7 +176,7 @@ fn told(before: &Model, after: Model, fit: PositionFit, cost_before: f64) -> Ide
         })
         .collect();
     Identified {
-        model: after,
+        model,
         error: ErrorKind::Position,
         status,
         iterations,
@@ -99,7 +184,49 @@ fn told(before: &Model, after: Model, fit: PositionFit, cost_before: f64) -> Ide
         cost_after: cost(&runs),
         parameters,
         open: undetermined.into_iter().map(|direction| direction.parts).collect(),
+        correlations,
+        tried: Vec::new(),
+        best_start: 0,
+        steps: Vec::new(),
+        budget: Vec::new(),
+        notes: Vec::new(),
     }
+}
+
+/// The strongest correlations between parameters, from their covariance.
+fn correlations(fit: &PositionFit) -> Vec<Correlation> {
+    /// Weaker ones are not worth telling, and no more than so many are.
+    const WEAKEST: f64 = 0.5;
+    const AT_MOST: usize = 20;
+    let n = fit.parameters.len();
+    let mut pairs = Vec::new();
+    for row in 0..n {
+        for column in row + 1..n {
+            let size = (fit.covariance[(row, row)] * fit.covariance[(column, column)]).sqrt();
+            let value = fit.covariance[(row, column)] / size;
+            if value.abs() >= WEAKEST {
+                pairs.push((row, column, value));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()).then((a.0, a.1).cmp(&(b.0, b.1))));
+    pairs.truncate(AT_MOST);
+    let name = |index: usize| fit.parameters[index].name.clone();
+    pairs.into_iter().map(|(row, column, value)| Correlation { one: name(row), other: name(column), value }).collect()
+}
+
+fn step_told(device: &Device, step: &Step) -> StepTold {
+    let free = device.configurations[step.configuration - 1].free.clone();
+    let rmse = (0..free.len())
+        .map(|slot| {
+            let (sum, count) = step.fit.runs.iter().fold((0.0, 0.0), |(sum, count), run| {
+                (sum + run.samples as f64 * run.rmse[slot].powi(2), count + run.samples as f64)
+            });
+            (sum / f64::max(count, 1.0)).sqrt()
+        })
+        .collect();
+    let status = step.fit.status.as_str().to_owned();
+    StepTold { configuration: step.configuration, free, status, iterations: step.fit.iterations, rmse }
 }
 
 /// Cost of the runs that are fitted to; infinite where one cannot be simulated to its end, for then it is larger than
@@ -118,8 +245,7 @@ pub(super) fn cost_at(model: &Model, runs: &[&Run], options: &Options) -> Result
 /// Half the sum of squared position errors, each joint's over the noise of its log.
 fn cost(runs: &[RunError]) -> f64 {
     let of_run = |run: &RunError| -> f64 {
-        let n_samples = run.simulated.len() / run.rmse.len().max(1);
-        run.rmse.iter().zip(&run.noise).map(|(rmse, noise)| (rmse / noise).powi(2)).sum::<f64>() * n_samples as f64
+        run.rmse.iter().zip(&run.noise).map(|(rmse, noise)| (rmse / noise).powi(2)).sum::<f64>() * run.samples as f64
     };
     0.5 * runs.iter().map(of_run).sum::<f64>()
 }

@@ -37,7 +37,7 @@ pub(super) fn by_torque(
         .collect::<Result<_, Error>>()?;
     let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =
         torque::fit(&fitted, &model.parameters(), &orders(model), iterations, &mut |iteration, cost| {
-            progress(&Progress { iteration, cost, tether: 0.0, configuration: None });
+            progress(&Progress { iteration, cost, step: None, tether: 0.0, configuration: None, start: 0 });
         })?;
     let mut fitted = model.clone();
     let parameters: Vec<Found> = parameters
@@ -63,5 +63,11 @@ pub(super) fn by_torque(
         cost_after,
         parameters,
         open: flat,
+        correlations: Vec::new(),
+        tried: Vec::new(),
+        best_start: 0,
+        steps: Vec::new(),
+        budget: Vec::new(),
+        notes: Vec::new(),
     })
 }

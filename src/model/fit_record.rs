@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use dynid_model::{ModelError, document::Table};
-use toml_edit::{Array, Item, Table as OutTable, value};
+use toml_edit::{Array, ArrayOfTables, InlineTable, Item, Table as OutTable, Value, value};
+
+use crate::fit::budget::{Share, Source};
 
 /// How a model's values were found. Costs are those of the error that was fitted.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -24,6 +26,12 @@ pub struct FitRecord {
     pub not_identifiable: Vec<String>,
     /// Standard error of each parameter that has one, in the parameter's unit.
     pub std_error: BTreeMap<String, f64>,
+    /// Names of parameters that a bound holds.
+    pub at_bound: Vec<String>,
+    /// The method whose configurations were fitted one after another, if one was.
+    pub method: Option<String>,
+    /// How much of each joint's remaining error comes from which configuration of the method.
+    pub budget: Vec<Share>,
 }
 
 impl FitRecord {
@@ -37,14 +45,15 @@ impl FitRecord {
             "cost_after",
             "not_identifiable",
             "std_error",
+            "at_bound",
+            "method",
+            "budget",
         ])?;
         let text = |key: &str| Ok(table.required(key, "\"..\"")?.text()?.to_owned());
-        let mut not_identifiable = Vec::new();
-        if let Some(entry) = table.optional("not_identifiable") {
-            for name in entry.array()? {
-                not_identifiable.push(name.text()?.to_owned());
-            }
-        }
+        let names = |key: &str| -> Result<Vec<String>, ModelError> {
+            let entries = table.optional(key).map_or_else(|| Ok(Vec::new()), |entry| entry.array())?;
+            entries.iter().map(|name| Ok(name.text()?.to_owned())).collect()
+        };
         let mut std_error = BTreeMap::new();
         if let Some(entry) = table.optional("std_error") {
             let errors = entry.table("[fit.std_error]")?;
@@ -59,8 +68,11 @@ impl FitRecord {
             parent_digest: text("parent_digest")?,
             cost_before: table.required("cost_before", "0.0")?.number()?,
             cost_after: table.required("cost_after", "0.0")?.number()?,
-            not_identifiable,
+            not_identifiable: names("not_identifiable")?,
             std_error,
+            at_bound: names("at_bound")?,
+            method: table.optional("method").map(|entry| entry.text().map(str::to_owned)).transpose()?,
+            budget: table.tables("budget", "[[fit.budget]]", 1)?.iter().map(read_share).collect::<Result<_, _>>()?,
         })
     }
 
@@ -76,22 +88,87 @@ impl FitRecord {
         }
         table.insert("cost_before", value(self.cost_before));
         table.insert("cost_after", value(self.cost_after));
-        let mut names = Array::new();
-        names.extend(self.not_identifiable.iter().map(String::as_str));
-        for name in names.iter_mut() {
-            name.decor_mut().set_prefix("\n    ");
+        if let Some(method) = &self.method {
+            table.insert("method", value(method));
         }
-        if !names.is_empty() {
-            names.set_trailing("\n");
-            names.set_trailing_comma(true);
+        table.insert("not_identifiable", value(lines(&self.not_identifiable)));
+        if !self.at_bound.is_empty() {
+            table.insert("at_bound", value(lines(&self.at_bound)));
         }
-        table.insert("not_identifiable", value(names));
         let mut errors = OutTable::new();
         // TOML has no null: a parameter without a standard error is left out.
         for (name, error) in self.std_error.iter().filter(|(_, error)| error.is_finite()) {
             errors.insert(name, value(*error));
         }
         table.insert("std_error", Item::Table(errors));
+        let mut shares = ArrayOfTables::new();
+        self.budget.iter().for_each(|share| shares.push(write_share(share)));
+        if !shares.is_empty() {
+            table.insert("budget", Item::ArrayOfTables(shares));
+        }
         Item::Table(table)
     }
+}
+
+/// Names, one a line.
+fn lines(names: &[String]) -> Array {
+    let mut array = Array::new();
+    array.extend(names.iter().map(String::as_str));
+    for name in array.iter_mut() {
+        name.decor_mut().set_prefix("\n    ");
+    }
+    if !array.is_empty() {
+        array.set_trailing("\n");
+        array.set_trailing_comma(true);
+    }
+    array
+}
+
+fn write_share(share: &Share) -> OutTable {
+    let mut table = OutTable::new();
+    table.insert("configuration", value(share.configuration as i64));
+    table.insert("joint", value(share.joint as i64));
+    for (key, number) in [
+        ("noise_floor", share.noise_floor),
+        ("rmse", share.rmse),
+        ("remaining", share.remaining),
+        ("range", share.range),
+    ] {
+        table.insert(key, value(number));
+    }
+    for (key, sources) in [("from", &share.from), ("carried", &share.carried)] {
+        let mut array = Array::new();
+        for source in sources {
+            let mut entry = InlineTable::new();
+            entry.insert("configuration", Value::from(source.configuration as i64));
+            entry.insert("rms", Value::from(source.rms));
+            array.push(entry);
+        }
+        table.insert(key, value(array));
+    }
+    table
+}
+
+fn read_share(table: &Table) -> Result<Share, ModelError> {
+    table.only(&["configuration", "joint", "noise_floor", "rmse", "remaining", "range", "from", "carried"])?;
+    let number = |key: &str| table.required(key, "0.0")?.number();
+    let sources = |key: &str| -> Result<Vec<Source>, ModelError> {
+        let read = |table: &Table| {
+            Ok(Source {
+                configuration: table.required("configuration", "1")?.index()?,
+                rms: table.required("rms", "0.0")?.number()?,
+            })
+        };
+        table.tables(key, key, 1)?.iter().map(read).collect()
+    };
+    Ok(Share {
+        configuration: table.required("configuration", "1")?.index()?,
+        joint: table.required("joint", "0")?.index()?,
+        noise_floor: number("noise_floor")?,
+        rmse: number("rmse")?,
+        remaining: number("remaining")?,
+        from: sources("from")?,
+        range: number("range")?,
+        carried: sources("carried")?,
+    })
 }

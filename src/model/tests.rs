@@ -2,6 +2,8 @@ use std::path::Path;
 
 use dynid_model::{Parameter, device, devices};
 
+use crate::fit::budget::{Share, Source};
+
 use super::{FitRecord, Model};
 
 fn parse(text: &str) -> Model {
@@ -31,6 +33,20 @@ from = 5
 joint = 4
 gain = -0.2
 "#;
+
+fn share() -> Share {
+    let source = |configuration, rms| Source { configuration, rms };
+    Share {
+        configuration: 9,
+        joint: 3,
+        noise_floor: 2e-4,
+        rmse: 2.1e-4,
+        remaining: 5e-5,
+        from: vec![source(8, 3e-5), source(9, 4e-5)],
+        range: 0.0,
+        carried: vec![source(8, 9e-5)],
+    }
+}
 
 #[test]
 fn default_model_has_every_parameter_in_order() {
@@ -76,12 +92,18 @@ fn writing_keeps_comments_order_and_digits() {
         cost_after: 1.0,
         not_identifiable: vec!["link.2.y".to_owned(), "link.3.z".to_owned()],
         std_error: [("link.2.m".to_owned(), 0.01), ("link.2.y".to_owned(), f64::INFINITY)].into(),
+        at_bound: vec!["link.7.Izz".to_owned()],
+        method: Some("coupling".to_owned()),
+        budget: vec![share()],
     });
     let text = model.to_toml();
     insta::assert_snapshot!(text);
     let again = parse(&text);
     assert_eq!(again.parameters(), model.parameters());
     assert_eq!(again.digest(), model.digest());
+    assert_eq!(again.fit.as_ref().unwrap().budget, [share()]);
+    assert_eq!(again.fit.as_ref().unwrap().at_bound, ["link.7.Izz"]);
+    assert_eq!(again.fit.as_ref().unwrap().method.as_deref(), Some("coupling"));
     assert_eq!(again.fit.as_ref().unwrap().not_identifiable.len(), 2);
     assert_eq!(again.fit.as_ref().unwrap().std_error.len(), 1, "an infinite standard error is left out");
     assert_eq!(again.to_toml(), text);

@@ -217,7 +217,13 @@ mod tests {
     }
 
     fn settings() -> Settings {
-        Settings { cutoff_hz: Some(10.0), decimate: 1, min_speed: vec![0.0; 2], hold: Hold::Linear, controller: None }
+        Settings {
+            cutoff_hz: Some(10.0),
+            decimate: 1,
+            min_speed: vec![0.0; 2],
+            hold: Hold::Linear,
+            ..Settings::default()
+        }
     }
 
     #[test]

@@ -37,8 +37,13 @@ fn run() -> Run {
         reference: None,
         mask: None,
     };
-    let settings =
-        Settings { cutoff_hz: Some(5.0), decimate: 4, min_speed: vec![0.0; 2], hold: Hold::Linear, controller: None };
+    let settings = Settings {
+        cutoff_hz: Some(5.0),
+        decimate: 4,
+        min_speed: vec![0.0; 2],
+        hold: Hold::Linear,
+        ..Settings::default()
+    };
     Run { file: "arm.csv".to_owned(), role: Role::Fit, free: vec![0, 1], configuration: 1, log, settings }
 }
 

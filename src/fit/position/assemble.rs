@@ -22,7 +22,8 @@ impl FitRun {
             position,
             hold: run.settings.hold,
             weights: vec![1.0; run.free.len()],
-            from_s: f64::NEG_INFINITY,
+            from_s: run.settings.from_s.map_or(f64::NEG_INFINITY, |span| run.log.t[0] + span),
+            first_half: run.settings.first_half,
         })
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{Body, FitRun, PositionFitError, PositionProblem, noise_floor};
+use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion, noise_floor};
 use crate::{
     fit::{
         sensitivity::{self, Columns, Lumps},
@@ -40,6 +40,7 @@ pub(super) struct Evaluator<'a> {
     n_parameters: usize,
     n: usize,
     bodies: Vec<Body>,
+    spread: Vec<f64>,
     /// Weak and earlier knowledge of the parameters.
     prior_mean: DVector<f64>,
     prior_information: DMatrix<f64>,
@@ -60,6 +61,8 @@ pub(super) struct Resolution {
 pub(super) struct At<'e, 'a> {
     evaluator: &'e Evaluator<'a>,
     resolution: Resolution,
+    /// Added to the simulated positions of each run; none where it is empty.
+    corrections: Vec<Vec<f64>>,
 }
 
 impl<'a> Evaluator<'a> {
@@ -78,7 +81,8 @@ impl<'a> Evaluator<'a> {
             return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&start) });
         }
         let (prior_mean, prior_information) = prior(problem);
-        Ok(Self { ready, n_parameters, n, bodies, prior_mean, prior_information })
+        let spread = problem.unknowns.iter().map(super::Unknown::spread).collect();
+        Ok(Self { ready, n_parameters, n, bodies, spread, prior_mean, prior_information })
     }
 
     /// Number of unknowns, initial positions included.
@@ -112,7 +116,21 @@ impl<'a> Evaluator<'a> {
     }
 
     pub(super) fn at(&self, resolution: Resolution) -> At<'_, 'a> {
-        At { evaluator: self, resolution }
+        At { evaluator: self, resolution, corrections: Vec::new() }
+    }
+
+    /// At a resolution, and on top what `substeps` steps per sample make of the positions at `anchor` (defect
+    /// correction: there the error of few steps is gone, and near there it hardly changes).
+    pub(super) fn corrected(&self, resolution: Resolution, substeps: usize, anchor: &[f64]) -> At<'_, 'a> {
+        let plain = self.at(resolution);
+        if substeps == resolution.substeps {
+            return plain;
+        }
+        let fine = self.at(Resolution { substeps, ..resolution });
+        let (Some(rough), Some(fine)) = (plain.simulated(anchor), fine.simulated(anchor)) else { return plain };
+        let difference =
+            |(rough, fine): (Vec<f64>, Vec<f64>)| fine.iter().zip(&rough).map(|(fine, rough)| fine - rough).collect();
+        At { corrections: rough.into_iter().zip(fine).map(difference).collect(), ..plain }
     }
 
     /// The fewest steps per sample that change no position by more than a small part of the noise.
@@ -213,21 +231,29 @@ impl<'a> Ready<'a> {
         (resolution.tether > 0.0).then_some(Tether { rate: resolution.tether, position: &self.run.position })
     }
 
+    /// Factor on the error of a free joint at a sample (thesis Eq. 4.2: by time; Eq. 4.3: by joint).
+    fn weight(&self, sample: usize, slot: usize) -> f64 {
+        let by_time = if 2 * sample < self.run.time.len() { self.run.first_half } else { 1.0 };
+        self.weights[slot] * by_time
+    }
+
     /// Index of the first sample that counts.
     fn first_sample(&self) -> usize {
         self.run.time.partition_point(|t| *t < self.run.from_s)
     }
 
-    fn cost(&self, x: &[f64], resolution: Resolution) -> Result<f64, SimulationError> {
-        let simulated = self.simulate(x, resolution)?;
+    fn cost(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Result<f64, SimulationError> {
+        let mut simulated = self.simulate(x, resolution)?;
+        simulated.iter_mut().zip(correction).for_each(|(q, correction)| *q += correction);
         let n_free = self.run.system.n_free();
         let skip = self.first_sample() * n_free;
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
-        Ok(0.5 * errors.map(|(index, (y, q))| ((y - q) * self.weights[index % n_free]).powi(2)).sum::<f64>())
+        let weight = |index: usize| self.weight(index / n_free, index % n_free);
+        Ok(0.5 * errors.map(|(index, (y, q))| ((y - q) * weight(index)).powi(2)).sum::<f64>())
     }
 
     /// Cost, gradient and Hessian by this run's own unknowns.
-    fn quadratic(&self, x: &[f64], resolution: Resolution) -> Option<Quadratic> {
+    fn quadratic(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Option<Quadratic> {
         let system = self.system(x);
         let n_free = system.n_free();
         let count = self.columns.count();
@@ -248,8 +274,10 @@ impl<'a> Ready<'a> {
             }
             let position = finer.as_ref().map_or(position, |finer| &finer[sample * n_free..(sample + 1) * n_free]);
             for (slot, row) in rows.chunks_exact(width).enumerate() {
-                let weight = self.weights[slot];
-                let error = (self.run.position[sample * n_free + slot] - position[slot]) * weight;
+                let weight = self.weight(sample, slot);
+                let index = sample * n_free + slot;
+                let corrected = position[slot] + correction.get(index).copied().unwrap_or(0.0);
+                let error = (self.run.position[index] - corrected) * weight;
                 cost += 0.5 * error * error;
                 for (gradient, by) in gradient.iter_mut().zip(row) {
                     *gradient -= error * weight * by;
@@ -274,6 +302,25 @@ impl<'a> Ready<'a> {
             gradient: by_unknown.transpose() * gradient,
             hessian: by_unknown.transpose() * hessian * &by_unknown,
         })
+    }
+
+    /// `sum(j' j)` over all samples for each free joint, `j` being the derivative of its simulated position by this run's
+    /// unknowns.
+    fn motion(&self, x: &[f64], substeps: usize) -> Option<Vec<DMatrix<f64>>> {
+        let system = self.system(x);
+        let (count, width) = (self.columns.count(), self.columns.width());
+        let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
+        let observe = |_: usize, _: &[f64], rows: &[f64]| {
+            for (sum, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
+                let row = DVector::from_column_slice(&row[..count]);
+                sum.ger(1.0, &row, &row, 1.0);
+            }
+        };
+        let all = Input { time: &self.run.time, command: &self.run.command, hold: self.run.hold };
+        let options = Options { substeps, ..Options::default() };
+        sensitivity::simulate(&system, &self.columns, &all, None, self.initial(x), &options, observe).ok()?;
+        let by_unknown = self.chain(&system);
+        Some(sums.into_iter().map(|sum| by_unknown.transpose() * sum * &by_unknown).collect())
     }
 
     /// Derivative of the columns by this run's unknowns: parameters in the order of `roles`, then initial positions.
@@ -313,6 +360,10 @@ impl<'a> Ready<'a> {
 }
 
 impl At<'_, '_> {
+    pub(super) fn resolution(&self) -> Resolution {
+        self.resolution
+    }
+
     /// Number of errors in the cost.
     pub(super) fn samples(&self) -> usize {
         let ready = &self.evaluator.ready;
@@ -325,11 +376,27 @@ impl At<'_, '_> {
         self.evaluator.ready.par_iter().map(|ready| ready.simulate(x, self.resolution).ok()).collect()
     }
 
+    fn correction(&self, run: usize) -> &[f64] {
+        self.corrections.get(run).map_or(&[], Vec::as_slice)
+    }
+
+    /// Cost of the data alone, without any prior.
+    pub(super) fn data_cost(&self, x: &[f64]) -> Option<f64> {
+        let ready = &self.evaluator.ready;
+        let costs: Option<Vec<f64>> = (0..ready.len())
+            .into_par_iter()
+            .map(|run| ready[run].cost(x, self.resolution, self.correction(run)).ok())
+            .collect();
+        costs.map(|costs| costs.iter().sum::<f64>())
+    }
+
     /// Cost and derivatives of the data alone, without any prior.
     pub(super) fn data(&self, x: &[f64]) -> Option<Quadratic> {
         let evaluator = self.evaluator;
-        let parts: Option<Vec<Quadratic>> =
-            evaluator.ready.par_iter().map(|ready| ready.quadratic(x, self.resolution)).collect();
+        let parts: Option<Vec<Quadratic>> = (0..evaluator.ready.len())
+            .into_par_iter()
+            .map(|run| evaluator.ready[run].quadratic(x, self.resolution, self.correction(run)))
+            .collect();
         let mut total = Quadratic {
             cost: 0.0,
             gradient: DVector::zeros(evaluator.n),
@@ -349,10 +416,30 @@ impl At<'_, '_> {
         Some(total)
     }
 
+    /// What each run tells of the parameters, and how its simulated positions move with them.
+    pub(super) fn motions(&self, x: &[f64]) -> Option<Vec<RunMotion>> {
+        let substeps = self.resolution.jacobian_substeps;
+        self.evaluator
+            .ready
+            .par_iter()
+            .map(|ready| {
+                let by_slot = ready.motion(x, substeps)?;
+                let places = ready.places();
+                Some(RunMotion::new(
+                    self.evaluator.n_parameters,
+                    &places,
+                    &ready.weights,
+                    ready.run.time.len(),
+                    &by_slot,
+                ))
+            })
+            .collect()
+    }
+
     /// Why the runs cannot be simulated at `x`.
     pub(super) fn why_not(&self, x: &[f64]) -> PositionFitError {
         let failure = self.evaluator.ready.iter().find_map(|ready| {
-            let error = ready.cost(x, self.resolution).err()?;
+            let error = ready.cost(x, self.resolution, &[]).err()?;
             Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
         });
         failure.unwrap_or(PositionFitError::NoRun)
@@ -361,9 +448,7 @@ impl At<'_, '_> {
 
 impl Objective for At<'_, '_> {
     fn cost(&self, x: &[f64]) -> Option<f64> {
-        let costs: Option<Vec<f64>> =
-            self.evaluator.ready.par_iter().map(|ready| ready.cost(x, self.resolution).ok()).collect();
-        let total = costs?.iter().sum::<f64>() + self.evaluator.prior_cost(x);
+        let total = self.data_cost(x)? + self.evaluator.prior_cost(x);
         total.is_finite().then_some(total)
     }
 
@@ -382,6 +467,12 @@ impl Objective for At<'_, '_> {
         }
         let finite = quadratic.cost.is_finite() && quadratic.hessian.iter().all(|value| value.is_finite());
         finite.then_some(quadratic)
+    }
+
+    fn metric(&self, unknown: usize) -> Option<f64> {
+        /// Share of its range that a parameter goes along a direction the data hardly know, at a damping of one.
+        const STRIDE: f64 = 0.1;
+        self.evaluator.spread.get(unknown).map(|spread| (STRIDE * spread).powi(-2))
     }
 
     fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {

@@ -1,6 +1,7 @@
 //! What a position fit found, and how sure it is.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use serde::{Deserialize, Serialize};
 
 use super::{
     FitRun, PositionProblem,
@@ -12,7 +13,7 @@ use crate::fit::{
 };
 
 /// The result of a position fit.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct PositionFit {
     /// How it ended.
     pub status: FitStatus,
@@ -20,11 +21,15 @@ pub struct PositionFit {
     pub parameters: Vec<Estimate>,
     /// What these runs alone say about them: inverse covariance in the order of `parameters`, the initial positions
     /// eliminated. Carried to later fits.
+    #[serde(with = "crate::fit::matrix")]
     pub information: DMatrix<f64>,
     /// Covariance of the parameters, data and prior together.
+    #[serde(with = "crate::fit::matrix")]
     pub covariance: DMatrix<f64>,
     /// Combinations that the data do not determine.
     pub undetermined: Vec<Direction>,
+    /// Links whose start was an inertia that no body has, so that the fit started from one near by.
+    pub moved: Vec<usize>,
     /// The fitted runs.
     pub runs: Vec<RunError>,
     /// `1/2 sum((w e / sigma)^2)`, prior included, at the end.
@@ -38,7 +43,7 @@ pub struct PositionFit {
 }
 
 /// One parameter.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Its name.
     pub name: String,
@@ -54,7 +59,7 @@ pub struct Estimate {
 }
 
 /// A combination of parameters, each in units of its range.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Direction {
     /// Share of its range that the data leave open (1: all of it).
     pub open: f64,
@@ -63,7 +68,7 @@ pub struct Direction {
 }
 
 /// A run's error.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunError {
     /// The run.
     pub name: String,
@@ -73,7 +78,10 @@ pub struct RunError {
     pub rmse: Vec<f64>,
     /// Noise of the log, per free joint.
     pub noise: Vec<f64>,
-    /// Simulated positions, one row a sample.
+    /// Samples of the log.
+    pub samples: usize,
+    /// Simulated positions, one row a sample; files do not keep them.
+    #[serde(skip)]
     pub simulated: Vec<f64>,
 }
 
@@ -90,7 +98,8 @@ impl RunError {
             rmse.push((sum / measured.len() as f64).sqrt());
             noise.push(noise_of(&measured));
         }
-        Self { name: run.name.clone(), initial, rmse, noise, simulated: simulated.to_vec() }
+        let samples = run.time.len();
+        Self { name: run.name.clone(), initial, rmse, noise, samples, simulated: simulated.to_vec() }
     }
 }
 
@@ -118,7 +127,7 @@ pub(super) fn conclude(
         runs.push(RunError::new(run, initial, simulated));
     }
     let degrees = (at.samples() as f64 - x.len() as f64).max(1.0);
-    let variance_ratio = 2.0 * quadratic.cost / degrees;
+    let variance_ratio = 2.0 * quadratic.cost / degrees / mean_square_weight(problem);
     let correlation = correlation(problem, &runs);
     // A model that leaves more than noise cannot be as sure as the noise would allow; less than noise is luck.
     let widening = variance_ratio.max(1.0) * correlation;
@@ -129,7 +138,7 @@ pub(super) fn conclude(
             data[(row, column)] -= evaluator.prior_information()[(row, column)];
         }
     }
-    let information = eliminate_initial(&data, n) / widening;
+    let information = information(problem, at, x, &data, n) / widening;
     let covariance = (&information + evaluator.prior_information())
         .cholesky()
         .map_or_else(|| DMatrix::from_element(n, n, f64::INFINITY), |factor| factor.inverse());
@@ -173,12 +182,85 @@ pub(super) fn conclude(
         information,
         covariance,
         undetermined,
+        moved: Vec::new(),
         runs,
         cost: quadratic.cost,
         iterations,
         variance_ratio,
         correlation,
     }
+}
+
+/// Inverse covariance of the parameters if the errors are white noise of the logs' size.
+///
+/// Where all errors weigh alike that is the Hessian H itself. Weights (thesis Eqs 4.2, 4.3) that are not the noise's make
+/// a better fit of some errors and a worse estimate: its covariance is `H^-1 G H^-1`, G being H with every weight squared
+/// (the covariance of the gradient).
+fn information(
+    problem: &PositionProblem,
+    at: &At<'_, '_>,
+    x: &[f64],
+    hessian: &DMatrix<f64>,
+    n: usize,
+) -> DMatrix<f64> {
+    let plain = eliminate_initial(hessian, n);
+    let is_even = |run: &FitRun| run.first_half == 1.0 && run.weights.iter().all(|weight| *weight == 1.0);
+    if problem.runs.iter().all(is_even) {
+        return plain;
+    }
+    let mut squared = problem.clone();
+    for run in &mut squared.runs {
+        run.weights.iter_mut().for_each(|weight| *weight *= *weight);
+        run.first_half *= run.first_half;
+    }
+    let Some(gradient) = Evaluator::new(&squared)
+        .ok()
+        .and_then(|evaluator| evaluator.at(at.resolution()).data(x))
+        .map(|data| data.hessian)
+    else {
+        return plain;
+    };
+    let along = along(hessian, n);
+    let gradient = along.transpose() * gradient * along;
+    let scale = DVector::from_fn(n, |k, _| gradient[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip());
+    let scaled = |matrix: &DMatrix<f64>| {
+        DMatrix::from_fn(n, n, |row, column| matrix[(row, column)] * scale[row] * scale[column])
+    };
+    let eigen = SymmetricEigen::new(scaled(&gradient));
+    // What moves no position has no part in either.
+    let smallest = 1e-13 * eigen.eigenvalues.max();
+    let inverse = eigen.eigenvalues.map(|value| if value > smallest { value.recip() } else { 0.0 });
+    let half = eigen.eigenvectors.transpose() * scaled(&plain);
+    let product = half.transpose() * DMatrix::from_diagonal(&inverse) * half;
+    DMatrix::from_fn(n, n, |row, column| product[(row, column)] / (scale[row] * scale[column]))
+}
+
+/// Mean over samples and joints of the squared weights of the errors.
+fn mean_square_weight(problem: &PositionProblem) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for run in &problem.runs {
+        let early = run.time.len().div_ceil(2);
+        let first = run.time.partition_point(|t| *t < run.from_s);
+        let in_early = early.saturating_sub(first) as f64;
+        let late = (run.time.len() - early.max(first)) as f64;
+        for weight in &run.weights {
+            sum += weight * weight * (in_early * run.first_half * run.first_half + late);
+            count += in_early + late;
+        }
+    }
+    if sum > 0.0 { sum / count } else { 1.0 }
+}
+
+/// Parameters, and initial positions that follow them to their best values, by the parameters.
+fn along(hessian: &DMatrix<f64>, n: usize) -> DMatrix<f64> {
+    let rest = hessian.nrows() - n;
+    let mixed = hessian.view((n, 0), (rest, n)).into_owned();
+    let mut along = DMatrix::zeros(hessian.nrows(), n);
+    along.view_mut((0, 0), (n, n)).fill_with_identity();
+    if let Some(factor) = hessian.view((n, n), (rest, rest)).into_owned().cholesky() {
+        along.view_mut((n, 0), (rest, n)).copy_from(&-factor.solve(&mixed));
+    }
+    along
 }
 
 /// What remains for the parameters once the initial positions take their best values: the Schur complement.

@@ -58,6 +58,7 @@ fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
                 hold: Hold::Zero,
                 weights: vec![1.0],
                 from_s: 0.0,
+                first_half: 1.0,
             }
         })
         .collect()
@@ -209,4 +210,31 @@ fn the_prior_is_as_wide_for_a_start_next_to_zero() {
         ends.push(rest.value);
     }
     assert!(ends.iter().all(|end| (end - ends[0]).abs() < 1e-3), "{ends:?}");
+}
+
+/// Weights that are the same everywhere change nothing, standard errors included; uneven ones (Eq. 4.2) are no better
+/// than even ones.
+#[test]
+fn standard_errors_do_not_believe_in_weights() {
+    let even = problem(3, 8.0, 0.0);
+    let fitted = |weight: f64, first_half: f64| {
+        let mut problem = even.clone();
+        for run in &mut problem.runs {
+            run.weights = vec![weight];
+            run.first_half = first_half;
+        }
+        fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap()
+    };
+    let (one, three, uneven) = (fitted(1.0, 1.0), fitted(3.0, 1.0), fitted(1.0, 0.2));
+    assert!((three.variance_ratio / one.variance_ratio - 1.0).abs() < 1e-3, "{}", three.variance_ratio);
+    assert!((uneven.variance_ratio - 1.0).abs() < 0.2, "{}", uneven.variance_ratio);
+    let mut worse = 0;
+    for ((one, three), uneven) in one.parameters.iter().zip(&three.parameters).zip(&uneven.parameters) {
+        let [one_error, three_error, uneven_error] =
+            [one, three, uneven].map(|parameter| parameter.std_error.expect("is determined"));
+        assert!((three_error / one_error - 1.0).abs() < 0.02, "{}: {one_error}, {three_error}", one.name);
+        assert!(uneven_error > 0.9 * one_error, "{}: {one_error}, {uneven_error}", one.name);
+        worse += usize::from(uneven_error > 1.02 * one_error);
+    }
+    assert!(worse > one.parameters.len() / 2, "{worse} of {} know less", one.parameters.len());
 }

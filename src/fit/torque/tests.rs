@@ -93,8 +93,13 @@ fn play(system: &System, torque_noise: f64, seed: u64) -> TorqueRun {
             log.q[joint].push(q[joint]);
         }
     }
-    let settings =
-        Settings { cutoff_hz: Some(8.0), decimate: 1, min_speed: vec![0.0; n], hold: Hold::Linear, controller: None };
+    let settings = Settings {
+        cutoff_hz: Some(8.0),
+        decimate: 1,
+        min_speed: vec![0.0; n],
+        hold: Hold::Linear,
+        ..Settings::default()
+    };
     let run =
         Run { file: "made.csv".to_owned(), role: Role::Fit, free: (0..n).collect(), configuration: 1, log, settings };
     let motion = Motion::of(&run).expect("long enough");

@@ -1,0 +1,182 @@
+//! What is left of a fit that was stopped: enough to go on and end at the same bits.
+//!
+//! The file is TOML; numbers stand in it with as many digits as bring back the same bits. It names the data, the model
+//! and the options that it belongs to, and is of use for no others.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use dynid_model::sha256_hex;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    experiment::{Experiment, Run},
+    identify::{How, State},
+    model::Model,
+    output::{Overwrite, write_new},
+};
+
+/// Raised whenever the state or the search that goes on from it changes its meaning.
+const FORMAT: u32 = 1;
+
+/// Why a checkpoint is of no use.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CheckpointError {
+    /// There is none.
+    #[error("there is no checkpoint {} to go on from; leave `--resume` out to start from the beginning", path.display())]
+    Missing {
+        /// Where it would be.
+        path: PathBuf,
+    },
+    /// One is there, and the fit is to start from the beginning.
+    #[error(
+        "{} is left of a fit that was stopped; go on from it with `--resume`, or start from the beginning and lose it \
+         with `--force`",
+        path.display()
+    )]
+    Left {
+        /// The checkpoint.
+        path: PathBuf,
+    },
+    /// It belongs to another fit.
+    #[error(
+        "{} belongs to another fit: {what} was {expected}, now it is {found}; go on with what it was made with, or \
+         start from the beginning with `--force` instead of `--resume`",
+        path.display()
+    )]
+    Other {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What differs.
+        what: &'static str,
+        /// As the checkpoint says.
+        expected: String,
+        /// As it is now.
+        found: String,
+    },
+    /// It is not what a fit wrote.
+    #[error("{} cannot be read: {reason}; start from the beginning with `--force` instead of `--resume`", path.display())]
+    Damaged {
+        /// The checkpoint.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// What a fit is of: two fits of the same are the same.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Of this module and the searches.
+    format: u32,
+    /// Of the program.
+    version: String,
+    /// Digest of the samples and how they are processed.
+    data: String,
+    /// Digest of the start, its bounds included.
+    model: String,
+    /// In words.
+    options: String,
+}
+
+impl Identity {
+    /// Of the fit of `model` to `runs`.
+    pub fn new(model: &Model, experiment: &Experiment, runs: &[&Run], how: &How) -> Self {
+        let mut data = experiment.digest.clone();
+        for run in runs {
+            let settings = &run.settings;
+            data.push_str(&format!(
+                "\n{} {} {:?} {:?} {:?} {:?}",
+                run.file, run.role, run.free, settings.hold, settings.from_s, settings.first_half
+            ));
+        }
+        let How { error, method, weighting, only, starts, options } = how;
+        Self {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            data: sha256_hex(data.as_bytes()),
+            model: model.digest(),
+            options: format!(
+                "{error} error, method {}, weights {weighting:?}, only {only:?}, {} starts of seed {}, {options:?}",
+                method.as_deref().unwrap_or("none"),
+                starts.count,
+                starts.seed
+            ),
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Written<'a> {
+    identity: &'a Identity,
+    state: &'a State,
+}
+
+#[derive(Deserialize)]
+struct Read {
+    identity: Identity,
+    state: State,
+}
+
+/// The checkpoint beside an output: `fitted.toml.checkpoint`.
+pub fn path_beside(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(".checkpoint");
+    PathBuf::from(name)
+}
+
+/// Writes a state whole: whenever the program dies, the last state or the one before it is there.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write(path: &Path, identity: &Identity, state: &State) -> Result<(), crate::error::Error> {
+    let unwritable = |reason: String| crate::error::Error::Unwritable {
+        path: path.to_owned(),
+        source: io::Error::new(io::ErrorKind::InvalidData, reason),
+    };
+    let text = toml::to_string(&Written { identity, state }).map_err(|error| unwritable(error.to_string()))?;
+    let text = format!("# State of a stopped fit; `dynid fit` with `--resume` goes on from it and removes it.\n{text}");
+    write_new(path, &text, Overwrite::Force)
+}
+
+/// Reads the state of the fit `identity`.
+///
+/// # Errors
+/// No file, one of another fit, one that no fit wrote.
+pub fn read(path: &Path, identity: &Identity) -> Result<State, CheckpointError> {
+    let text = fs::read_to_string(path).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => CheckpointError::Missing { path: path.to_owned() },
+        _ => CheckpointError::Damaged { path: path.to_owned(), reason: error.to_string() },
+    })?;
+    let Read { identity: expected, state } = toml::from_str(&text)
+        .map_err(|error| CheckpointError::Damaged { path: path.to_owned(), reason: error.message().to_owned() })?;
+    let program = |identity: &Identity| format!("{} (format {})", identity.version, identity.format);
+    let pairs = [
+        ("the program", program(&expected), program(identity)),
+        ("the data", short(&expected.data), short(&identity.data)),
+        ("the model", short(&expected.model), short(&identity.model)),
+        ("the request", format!("`{}`", expected.options), format!("`{}`", identity.options)),
+    ];
+    for (what, expected, found) in pairs {
+        if expected != found {
+            return Err(CheckpointError::Other { path: path.to_owned(), what, expected, found });
+        }
+    }
+    Ok(state)
+}
+
+/// Removes the checkpoint of a fit that is done; one that is not there is as good.
+pub fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        other => other,
+    }
+}
+
+/// As much of a digest as tells two apart.
+fn short(digest: &str) -> String {
+    digest.chars().take(16).collect()
+}

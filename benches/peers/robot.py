@@ -1,7 +1,7 @@
 """The robot as the device file gives it, and its equations by recursive Newton-Euler, for numbers and for symbols.
 
 A row of the Denavit-Hartenberg table turns by an affine function of the joint variables. Rows that start at the same
-frame and turn by the same function are one joint of a tree; the torque of a variable is the sum over the joints that
+frame and turn by the same function, up to a constant, are one joint of a tree; the torque of a variable is the sum over the joints that
 depend on it, each times its slope.
 """
 
@@ -38,10 +38,12 @@ class Robot:
             if not slope.any():
                 self.frames[row["name"]] = (joint, offset @ screw(constant, 0.0) @ after)
                 continue
-            key = (joint, offset.round(12).tobytes(), constant, slope.tobytes())
+            # Turns about one axis commute: the constant one comes after the joint's.
+            after = screw(constant, 0.0) @ after
+            key = (joint, offset.round(12).tobytes(), slope.tobytes())
             known = [k for k, j in enumerate(self.joints) if j["key"] == key]
             if not known:
-                self.joints.append({"key": key, "parent": joint, "place": offset @ screw(constant, 0.0), "slope": slope})
+                self.joints.append({"key": key, "parent": joint, "place": offset, "slope": slope})
                 known = [len(self.joints) - 1]
             self.frames[row["name"]] = (known[0], after)
         # bodies: joint, mass, centroid and inertia about it in the joint's frame

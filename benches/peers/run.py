@@ -39,7 +39,7 @@ def compiled(name, text, suffix, compiler, flags, robot, work):
         (folder / f"{name}{suffix}").write_text(text)
         shutil.copy(HERE / "simulation.h", folder)
         program = folder / name
-        # What a release build of ours gets: full optimisation for the plain processor of the platform.
+        # For the plain processor of the platform, as a release build of ours.
         subprocess.run([compiler, "-O3", "-I", folder, folder / f"{name}{suffix}", "-o", program, *flags], check=True)
         result = json.loads(subprocess.run([program, folder / "commands.bin"], check=True, capture_output=True).stdout)
     result["away"] = float(np.max(np.abs(np.array(result.pop("last")) - np.array(work["last"]))))

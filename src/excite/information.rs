@@ -287,6 +287,7 @@ pub fn needed_torque(system: &System, path: &Path) -> Vec<Vec<f64>> {
     const MOST_STEPS: f64 = 400.0;
     let n = system.n_free();
     let command = vec![0.0; system.n_joints()];
+    let follows_motion = system.states_follow_motion();
     let mut linear = Linear::new(system);
     let mut dx = vec![0.0; system.n_states()];
     let mut states = system.rest(&vec![0.0; n])[2 * n..].to_vec();
@@ -318,7 +319,12 @@ pub fn needed_torque(system: &System, path: &Path) -> Vec<Vec<f64>> {
                 x[n + slot] = dq[slot] + share * (path.dq[sample + 1][slot] - dq[slot]);
             }
             x[2 * n..].copy_from_slice(z);
-            linear.along(system, path.time[sample] + share * span_s, &x, None, &command, &mut dx);
+            let t = path.time[sample] + share * span_s;
+            if follows_motion {
+                linear.follow(system, t, &x, &mut dx);
+            } else {
+                linear.along(system, t, &x, None, &command, &mut dx);
+            }
             dx[2 * n..].to_vec()
         };
         for index in 0..n_steps {

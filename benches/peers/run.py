@@ -61,7 +61,8 @@ def pinocchio(robot, work):
     if not (compiler := shutil.which("c++")):
         raise RuntimeError("there is no C++ compiler (c++)")
     prefix = next(p for p in map(Path, module.__path__) for p in p.parents if (p / "include" / "pinocchio").exists())
-    flags = ["-std=c++17", "-w", "-DNDEBUG", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION"]
+    # Its algorithms are in its library, compiled with all optimisations; only the calls are compiled here.
+    flags = ["-O2", "-std=c++17", "-w", "-DNDEBUG", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION"]
     # The header list of joints is longer than what Boost has prepared.
     flags += ["-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "-DBOOST_MPL_LIMIT_LIST_SIZE=30"]
     flags += ["-I", prefix / "include", "-I", prefix / "include" / "eigen3"]

@@ -168,7 +168,8 @@ fn page(
         |path| path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned()),
     );
     let verdict = Verdict { sentences: sentences(comparison) };
-    let accuracy = Accuracy { title: "How far off".to_owned(), comparison };
+    let accuracy =
+        Accuracy { title: "How far off".to_owned(), comparison, with_torque: arguments.error != Shown::Position };
     let figures: Vec<Figures> = runs
         .iter()
         .zip(&comparison.runs)

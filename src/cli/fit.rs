@@ -58,8 +58,8 @@ pub struct Arguments {
     /// Which error to make small.
     #[arg(long, value_enum)]
     error: Option<Kind>,
-    /// Fit one configuration of this method of the device after another, each with what the earlier ones found, then
-    /// all their runs together (position error).
+    /// Fit one configuration of this method of the device (or of `found`, the sequence that `dynid plan` finds) after
+    /// another, each with what the earlier ones found, then all their runs together (position error).
     #[arg(long, value_name = "METHOD", conflicts_with = "free")]
     method: Option<String>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
@@ -405,16 +405,16 @@ fn steps(found: &Identified) -> String {
         return String::new();
     }
     let mut table = Table::new(&[
-        ("step", Align::Left),
+        ("configuration", Align::Left),
         ("free", Align::Left),
         ("iterations", Align::Right),
         ("position RMS of each", Align::Left),
         ("", Align::Left),
     ]);
-    for (index, step) in found.steps.iter().enumerate() {
+    for step in &found.steps {
         let joined = |parts: Vec<String>| parts.join(" ");
         table.row([
-            (index + 1).to_string(),
+            step.configuration.to_string(),
             joined(step.free.iter().map(|joint| format!("q{joint}")).collect()),
             step.iterations.to_string(),
             joined(step.rmse.iter().map(|rmse| number(*rmse)).collect()),

@@ -1,6 +1,6 @@
 //! Fits of the position error, of all runs at once or along a method's sequence, told like every other.
 
-use dynid_model::{Device, Method, did_you_mean};
+use dynid_model::Device;
 
 use super::{Best, Correlation, ErrorKind, Found, How, Identified, Progress, State, StepTold, Tried};
 use crate::{
@@ -14,6 +14,7 @@ use crate::{
         starts,
     },
     model::Model,
+    plan,
 };
 
 /// Fits `model` to the position error of those of `runs` that are for it, from every start.
@@ -27,16 +28,22 @@ pub(super) fn by_position(
     from: State,
     watch: &mut dyn FnMut(&Progress, &State) -> Watch,
 ) -> Result<Identified, Error> {
-    let method = how.method.as_deref().map(|name| method(model.device, name)).transpose()?;
-    let configurations: &[usize] = method.map_or(&[], |method| &method.sequence);
-    let weights: &[Vec<f64>] = match (method, how.weighting) {
-        (Some(method), Weighting::OfMethod) => &method.weights,
-        _ => &[],
-    };
     let mut notes = Vec::new();
-    if let Some(method) = method {
-        check_configurations(model.device, method, runs)?;
-        notes.extend(passed_over(model.device, method, runs));
+    let mut configurations: &[usize] = &[];
+    let mut weights: &[Vec<f64>] = &[];
+    let sequence;
+    if let Some(method) = how.method.as_deref() {
+        sequence = plan::sequence(model, method)?;
+        configurations = &sequence;
+        check_configurations(model.device, (method, configurations), runs)?;
+        notes.extend(passed_over(model.device, (method, configurations), runs));
+        if how.weighting == Weighting::OfMethod {
+            let known = model.device.methods.iter().find(|known| known.name == method);
+            weights = known.map_or(&[], |known| &known.weights);
+            if weights.is_empty() {
+                notes.push(format!("method {method} has no weights of its own: every error counts by its noise"));
+            }
+        }
     }
     let mut state = from;
     let mut failure = None;
@@ -91,19 +98,15 @@ pub(super) fn by_position(
     Ok(found)
 }
 
-fn method<'a>(device: &'a Device, name: &str) -> Result<&'a Method, Error> {
-    device.methods.iter().find(|known| known.name == name).ok_or_else(|| Error::UnknownName {
-        kind: "method",
-        name: name.to_owned(),
-        help: did_you_mean(name, device.methods.iter().map(|known| known.name.as_str())),
-    })
-}
-
 /// A run to fit to that the method has no step for is a mistake, not something to pass over.
-fn check_configurations(device: &Device, method: &Method, runs: &[&Run]) -> Result<(), Error> {
-    let Some(run) = fitted(runs).find(|run| !method.sequence.contains(&run.configuration)) else { return Ok(()) };
+fn check_configurations(
+    device: &Device,
+    (method, configurations): (&str, &[usize]),
+    runs: &[&Run],
+) -> Result<(), Error> {
+    let Some(run) = fitted(runs).find(|run| !configurations.contains(&run.configuration)) else { return Ok(()) };
     let own: Vec<String> =
-        method.sequence.iter().map(|number| format!("{:?}", device.configurations[number - 1].free)).collect();
+        configurations.iter().map(|number| format!("{:?}", device.configurations[number - 1].free)).collect();
     let others: Vec<&str> = device
         .methods
         .iter()
@@ -118,23 +121,22 @@ fn check_configurations(device: &Device, method: &Method, runs: &[&Run]) -> Resu
         run: run.file.clone(),
         free: run.free.clone(),
         configuration: run.configuration,
-        method: method.name.clone(),
+        method: method.to_owned(),
         known: own.join(", "),
         remedy,
     })
 }
 
 /// Steps of the method without a run to fit to.
-fn passed_over(device: &Device, method: &Method, runs: &[&Run]) -> Option<String> {
-    let missing: Vec<String> = method
-        .sequence
+fn passed_over(device: &Device, (method, configurations): (&str, &[usize]), runs: &[&Run]) -> Option<String> {
+    let missing: Vec<String> = configurations
         .iter()
         .filter(|number| !fitted(runs).any(|run| run.configuration == **number))
         .map(|number| format!("{:?}", device.configurations[number - 1].free))
         .collect();
     let plural = if missing.len() == 1 { "a step" } else { "steps" };
     (!missing.is_empty()).then(|| {
-        format!("{plural} of method {} without a run to fit to, passed over: free {}", method.name, missing.join(", "))
+        format!("{plural} of method {method} without a run to fit to, passed over: free {}", missing.join(", "))
     })
 }
 

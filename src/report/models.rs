@@ -184,6 +184,8 @@ pub struct Accuracy<'a> {
     pub title: String,
     /// The runs.
     pub comparison: &'a Comparison,
+    /// Whether the torque error is told too.
+    pub with_torque: bool,
 }
 
 impl Section for Accuracy<'_> {
@@ -194,18 +196,18 @@ impl Section for Accuracy<'_> {
     fn html(&self) -> String {
         let mut html = String::from(
             "<div class=\"wide\"><table>\n<tr><th class=\"word\">run</th><th class=\"word\">role</th><th>joint</th>\
-             <th>RMS</th><th>noise</th><th>RMS / noise</th><th>largest</th><th>fit %</th><th class=\"word\">white</th>\
-             <th>torque %</th></tr>\n",
+             <th>RMS</th><th>noise</th><th>RMS / noise</th><th>largest</th><th>fit %</th><th class=\"word\">white</th>",
         );
+        html.push_str(if self.with_torque { "<th>torque %</th></tr>\n" } else { "</tr>\n" });
         let told = |value: Option<f64>| number(value.unwrap_or(f64::NAN));
         let percent = |value: Option<f64>| value.map_or_else(|| told(None), |value| format!("{value:.2}"));
         for run in &self.comparison.runs {
             for joint in &run.joints {
                 let ratio = joint.rmse.map(|rmse| rmse / joint.noise_floor);
-                let _ = writeln!(
+                let _ = write!(
                     html,
                     "<tr><td class=\"word\">{}</td><td class=\"word\">{}</td><td>{}</td><td>{}</td><td>{}</td>\
-                     <td>{}</td><td>{}</td><td>{}</td><td class=\"word\">{}</td><td>{}</td></tr>",
+                     <td>{}</td><td>{}</td><td>{}</td><td class=\"word\">{}</td>",
                     escaped(&run.file),
                     escaped(&run.role),
                     joint.joint,
@@ -215,15 +217,22 @@ impl Section for Accuracy<'_> {
                     told(joint.max_abs),
                     percent(joint.fit_percent),
                     if joint.white { "yes" } else { "no" },
-                    percent(joint.torque_percent)
                 );
+                if self.with_torque {
+                    let _ = write!(html, "<td>{}</td>", percent(joint.torque_percent));
+                }
+                html.push_str("</tr>\n");
             }
         }
         html.push_str(
             "</table></div>\n<p class=\"note\">RMS, noise and largest are of measured minus simulated position [rad or \
-             m]; noise is the log's own. White: no pattern is left. Torque: commanded minus what the measured motion \
-             needs, as a share of it.</p>\n",
+             m]; noise is the log's own. White: no pattern is left.",
         );
+        html.push_str(if self.with_torque {
+            " Torque: commanded minus what the measured motion needs, as a share of it.</p>\n"
+        } else {
+            "</p>\n"
+        });
         for run in &self.comparison.runs {
             for note in &run.notes {
                 let _ = writeln!(html, "<p class=\"note\">{}: {}</p>", escaped(&run.file), escaped(note));

@@ -89,8 +89,8 @@ impl Identity {
         for run in runs {
             let settings = &run.settings;
             data.push_str(&format!(
-                "\n{} {} {:?} {:?} {:?} {:?}",
-                run.file, run.role, run.free, settings.hold, settings.from_s, settings.first_half
+                "\n{} {} {:?} {:?} {:?} {:?} {:?}",
+                run.file, run.role, run.free, settings.hold, settings.from_s, settings.first_half, settings.moving
             ));
         }
         let How { error, method, weighting, only, starts, options } = how;

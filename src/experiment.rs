@@ -83,6 +83,8 @@ pub struct Settings {
     pub from_s: Option<f64>,
     /// Weight of the position error in the first half of the log (thesis Eq. 4.2: 0.5); 1 is neutral.
     pub first_half: f64,
+    /// The log begins while the joints move: a position fit estimates their initial speeds with their initial positions.
+    pub moving: bool,
     /// Where all joints of a planned run start [rad or m]: it was not played on the robot yet and has no measured positions.
     pub start: Option<Vec<f64>>,
 }
@@ -98,6 +100,7 @@ impl Default for Settings {
             controller: None,
             from_s: None,
             first_half: 1.0,
+            moving: false,
             start: None,
         }
     }
@@ -150,7 +153,7 @@ pub enum ExperimentError {
     },
 }
 
-const EXPERIMENT_KEYS: [&str; 12] = [
+const EXPERIMENT_KEYS: [&str; 13] = [
     "device",
     "run",
     "columns",
@@ -163,8 +166,9 @@ const EXPERIMENT_KEYS: [&str; 12] = [
     "controller",
     "from_s",
     "first_half",
+    "moving",
 ];
-const RUN_KEYS: [&str; 15] = [
+const RUN_KEYS: [&str; 16] = [
     "file",
     "free",
     "role",
@@ -179,6 +183,7 @@ const RUN_KEYS: [&str; 15] = [
     "controller",
     "from_s",
     "first_half",
+    "moving",
     "start",
 ];
 
@@ -433,7 +438,15 @@ impl<'a> RunSource<'a> {
                 .ok_or_else(|| file.wrong_type(value, "first_half", "a positive weight, e.g. 0.5"))?,
             None => 1.0,
         };
-        Ok(Settings { cutoff_hz, decimate, min_speed, hold, controller, from_s, first_half, start: self.start()? })
+        let moving = match self.setting("moving") {
+            Some(value) => value
+                .get_ref()
+                .as_bool()
+                .ok_or_else(|| file.wrong_type(value, "moving", "true where the log begins in motion, else false"))?,
+            None => false,
+        };
+        let start = self.start()?;
+        Ok(Settings { cutoff_hz, decimate, min_speed, hold, controller, from_s, first_half, moving, start })
     }
 
     /// One speed a joint of the device, or one a free joint.

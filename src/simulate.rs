@@ -51,7 +51,7 @@ impl Tether<'_> {
     }
 }
 
-/// Simulates on a tether, from rest at `q0`.
+/// Simulates on a tether, from `q0` as [`simulate`].
 pub(crate) fn simulate_tethered(
     system: &System,
     input: &Input<'_>,
@@ -156,7 +156,7 @@ pub enum SimulationError {
     },
 }
 
-/// Simulates from rest at `q0` [rad or m] (the free joints' positions).
+/// Simulates from `q0`: the free joints' positions [rad or m], at rest; or their positions, then their speeds.
 pub fn simulate(
     system: &System,
     input: &Input<'_>,
@@ -201,7 +201,7 @@ pub(crate) fn check(system: &System, input: &Input<'_>, q0: &[f64]) -> Result<()
     if input.command.len() != expected {
         return Err(SimulationError::Length { what: "commanded torques", found: input.command.len(), expected });
     }
-    if q0.len() != system.n_free() {
+    if q0.len() != system.n_free() && q0.len() != 2 * system.n_free() {
         return Err(SimulationError::Length { what: "initial positions", found: q0.len(), expected: system.n_free() });
     }
     match input.time.windows(2).position(|pair| pair[0].partial_cmp(&pair[1]) != Some(std::cmp::Ordering::Less)) {

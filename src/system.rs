@@ -270,10 +270,11 @@ impl System {
         self.prepare();
     }
 
-    /// Starts at rest at `q`: `dq = 0`, effect states at their initial values.
+    /// Starts at `q`, the positions of the free joints: at rest, or with the speeds that follow the positions. Effect states
+    /// are at their initial values.
     pub fn rest(&self, q: &[f64]) -> Vec<f64> {
         let mut x = vec![0.0; self.n_states()];
-        x[..self.n_free()].copy_from_slice(q);
+        x[..q.len()].copy_from_slice(q);
         x[2 * self.n_free()..].copy_from_slice(&self.initial_states);
         x
     }

@@ -84,6 +84,7 @@ fn log(model: &Model) -> Result<FitRun> {
         hold: Hold::Zero,
         weights: vec![1.0],
         first_half: 1.0,
+        moving: false,
         from_s: f64::NEG_INFINITY,
     })
 }

@@ -2,7 +2,8 @@
 //!
 //! The cost is `1/2 sum((w (q_measured - q_simulated) / sigma)^2)` over the samples and free joints of all runs, `sigma`
 //! being the noise of the log. Unknown are the wanted parameters and every run's initial positions, which the log shows
-//! only through the noise; velocities and effect states start at rest. A parameter's range also enters as a weak prior
+//! only through the noise; velocities are zero unless the run says that it begins in motion, and effect states start at
+//! rest. A parameter's range also enters as a weak prior
 //! (its [`Unknown::spread`] as standard deviation) that decides only where the data say nothing.
 //!
 //! A poor start is met by a tether ([`simulate::Tether`]): first the simulation is pulled to the log, so that errors do not
@@ -58,9 +59,16 @@ pub struct FitRun {
     pub from_s: f64,
     /// Weight of the errors in the first half of the log (thesis Eq. 4.2: 0.5); 1 is neutral.
     pub first_half: f64,
+    /// The log begins while the joints move: their initial speeds are unknown too.
+    pub moving: bool,
 }
 
 impl FitRun {
+    /// Number of unknown initial positions and speeds.
+    pub fn n_initial(&self) -> usize {
+        self.system.n_free() * if self.moving { 2 } else { 1 }
+    }
+
     /// Whether the run's equations or effects have a parameter of this name.
     pub fn occurs(&self, name: &str) -> bool {
         let kernel = self.system.kernel();

@@ -35,7 +35,7 @@ pub struct Columns {
     of_effect: Vec<usize>,
     first_lump: usize,
     n_lumps: usize,
-    n_free: usize,
+    n_initial: usize,
     width: usize,
 }
 
@@ -56,9 +56,17 @@ impl Columns {
             })
             .collect();
         let n_lumps = if lumps == Lumps::Wanted { system.kernel().n_lumps } else { 0 };
-        let n_free = system.n_free();
-        let width = (count + n_lumps + n_free).next_multiple_of(BLOCK);
-        Self { of_effect, first_lump: count, n_lumps, n_free, width }
+        let n_initial = system.n_free();
+        let width = (count + n_lumps + n_initial).next_multiple_of(BLOCK);
+        Self { of_effect, first_lump: count, n_lumps, n_initial, width }
+    }
+
+    /// With columns for the initial speeds of the `n_free` joints too.
+    #[must_use]
+    pub fn moving(self, n_free: usize) -> Self {
+        let n_initial = 2 * n_free;
+        let width = (self.first_lump + self.n_lumps + n_initial).next_multiple_of(BLOCK);
+        Self { n_initial, width, ..self }
     }
 
     /// Column of an effect parameter, by its index in [`System::effect_parameters`].
@@ -71,10 +79,10 @@ impl Columns {
         self.first_lump..self.first_lump + self.n_lumps
     }
 
-    /// Columns of the initial positions.
+    /// Columns of the initial positions, then of the initial speeds where they are unknown.
     pub fn initial(&self) -> std::ops::Range<usize> {
         let first = self.first_lump + self.n_lumps;
-        first..first + self.n_free
+        first..first + self.n_initial
     }
 
     /// Number of columns in use.
@@ -97,7 +105,8 @@ pub enum Lumps {
     Known,
 }
 
-/// Simulates from rest at `q0`, on a tether if one is given, and hands every sample to `observe`: its index, the logged positions of the free joints
+/// Simulates from `q0` (positions of the free joints, at rest; or positions, then speeds), on a tether if one is given, and
+/// hands every sample to `observe`: its index, the logged positions of the free joints
 /// and their derivatives, n_free x width.
 pub fn simulate(
     system: &System,
@@ -285,7 +294,7 @@ impl Variation {
             places: Places::default(),
             switches: system.switches(),
             sides: Linear::new(system),
-            q_before: q0.to_vec(),
+            q_before: q0[..system.n_free()].to_vec(),
             jump: vec![0.0; system.n_free()],
             x_lanes: vec![Lanes::constant(0.0); n_states],
             ddq_lanes: vec![Lanes::constant(0.0); system.n_free()],

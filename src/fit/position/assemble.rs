@@ -24,6 +24,7 @@ impl FitRun {
             weights: vec![1.0; run.free.len()],
             from_s: run.settings.from_s.map_or(f64::NEG_INFINITY, |span| run.log.t[0] + span),
             first_half: run.settings.first_half,
+            moving: run.settings.moving,
         })
     }
 }

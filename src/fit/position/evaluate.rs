@@ -72,7 +72,7 @@ impl<'a> Evaluator<'a> {
         let mut ready = Vec::with_capacity(problem.runs.len());
         for run in &problem.runs {
             ready.push(Ready::new(problem, run, n));
-            n += run.system.n_free();
+            n += run.n_initial();
         }
         let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
         let bodies = Body::all(&names, &problem.known);
@@ -98,13 +98,19 @@ impl<'a> Evaluator<'a> {
         &self.prior_information
     }
 
-    /// Starts of the parameters; the median of a run's first samples for its initial positions.
+    /// Starts of the parameters; the median of a run's first samples for its initial positions. Of a run that begins in
+    /// motion, the line through its first samples.
     pub(super) fn start(&self, problem: &PositionProblem) -> Vec<f64> {
         /// At rest the first samples differ by noise only; later ones show motion.
         const SAMPLES: usize = 3;
         let mut x: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
         for run in &problem.runs {
             let n_free = run.system.n_free();
+            if run.moving {
+                let lines: Vec<[f64; 2]> = (0..n_free).map(|slot| first_line(run, slot)).collect();
+                x.extend(lines.iter().map(|line| line[0]).chain(lines.iter().map(|line| line[1])));
+                continue;
+            }
             for slot in 0..n_free {
                 let mut first: Vec<f64> =
                     run.position.iter().skip(slot).step_by(n_free).take(SAMPLES).copied().collect();
@@ -182,6 +188,7 @@ impl<'a> Ready<'a> {
             if roles.iter().any(|(_, role)| matches!(role, Role::Link(_))) { Lumps::Wanted } else { Lumps::Known };
         let wanted = |name: &str| problem.unknowns.iter().any(|unknown| unknown.name == name);
         let columns = Columns::new(system, wanted, lumps);
+        let columns = if run.moving { columns.moving(system.n_free()) } else { columns };
         let n_free = system.n_free();
         let weights = (0..n_free)
             .map(|slot| {
@@ -208,7 +215,7 @@ impl<'a> Ready<'a> {
     }
 
     fn initial<'x>(&self, x: &'x [f64]) -> &'x [f64] {
-        &x[self.first_initial..self.first_initial + self.run.system.n_free()]
+        &x[self.first_initial..self.first_initial + self.run.n_initial()]
     }
 
     fn input(&self, resolution: Resolution) -> Input<'a> {
@@ -331,7 +338,7 @@ impl<'a> Ready<'a> {
         if !self.columns.lumps().is_empty() {
             (kernel.prepare_gradient)(system.link_parameters(), system.locked(), &mut by_link);
         }
-        let mut chain = DMatrix::zeros(self.columns.count(), self.roles.len() + system.n_free());
+        let mut chain = DMatrix::zeros(self.columns.count(), self.roles.len() + self.run.n_initial());
         for (own, (_, role)) in self.roles.iter().enumerate() {
             match role {
                 Role::Link(index) => {
@@ -354,7 +361,7 @@ impl<'a> Ready<'a> {
 
     /// Index among all unknowns of each of this run's own.
     fn places(&self) -> Vec<usize> {
-        let initial = self.first_initial..self.first_initial + self.run.system.n_free();
+        let initial = self.first_initial..self.first_initial + self.run.n_initial();
         self.roles.iter().map(|(unknown, _)| *unknown).chain(initial).collect()
     }
 }
@@ -478,6 +485,20 @@ impl Objective for At<'_, '_> {
     fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {
         self.evaluator.bodies.iter().flat_map(|body| body.cuts(x)).collect()
     }
+}
+
+/// Position and speed at the first sample by the line of least squares through the first few.
+fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
+    const SAMPLES: usize = 6;
+    let n = run.time.len().min(SAMPLES);
+    let position = |k: usize| run.position[k * run.system.n_free() + slot];
+    let (time, mean) = (run.time[..n].iter().sum::<f64>() / n as f64, (0..n).map(position).sum::<f64>() / n as f64);
+    let (moment, product) = (0..n).fold((0.0, 0.0), |(moment, product), k| {
+        let away = run.time[k] - time;
+        (moment + away * away, product + away * (position(k) - mean))
+    });
+    let speed = if moment > 0.0 { product / moment } else { 0.0 };
+    [mean + speed * (run.time[0] - time), speed]
 }
 
 /// Noise of a log; a log without noise counts as one of a millionth of its range.

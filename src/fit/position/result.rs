@@ -122,8 +122,8 @@ pub(super) fn conclude(
     let mut first = n;
     let mut runs = Vec::with_capacity(problem.runs.len());
     for (run, simulated) in problem.runs.iter().zip(&simulated) {
-        let initial = x[first..first + run.system.n_free()].to_vec();
-        first += run.system.n_free();
+        let initial = x[first..first + run.n_initial()].to_vec();
+        first += run.n_initial();
         runs.push(RunError::new(run, initial, simulated));
     }
     let degrees = (at.samples() as f64 - x.len() as f64).max(1.0);

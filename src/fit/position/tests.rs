@@ -59,6 +59,7 @@ fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
                 weights: vec![1.0],
                 from_s: 0.0,
                 first_half: 1.0,
+                moving: false,
             }
         })
         .collect()

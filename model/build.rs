@@ -1,4 +1,4 @@
-//! Embeds `devices/*.toml` and `effects/*.toml` after reading them with the crate's own readers: a shipped file that
+//! Embeds `devices/*.toml`, `effects/*.toml` and `inputs/*.toml` after reading them with the crate's own readers: a shipped file that
 //! is wrong fails the build, with an error that points at the line.
 
 // The readers are compiled here a second time; what only the library offers is unused.
@@ -22,6 +22,8 @@ mod expression;
 mod identifier;
 #[path = "src/inertia.rs"]
 mod inertia;
+#[path = "src/input.rs"]
+mod input;
 #[path = "src/instance.rs"]
 mod instance;
 #[path = "src/parameter.rs"]
@@ -42,6 +44,7 @@ use parameter::Parameter;
 fn main() -> ExitCode {
     println!("cargo::rerun-if-changed=devices");
     println!("cargo::rerun-if-changed=effects");
+    println!("cargo::rerun-if-changed=inputs");
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
@@ -59,14 +62,25 @@ fn run() -> Result<(), String> {
     let read = |folder: &str| {
         files(&Path::new(&root).join(folder), folder).map_err(|error| format!("reading model/{folder}: {error}"))
     };
-    let (device_files, effect_files) = (read("devices")?, read("effects")?);
+    let (device_files, effect_files, input_files) = (read("devices")?, read("effects")?, read("inputs")?);
     let pairs: Vec<(&str, &str)> = effect_files.iter().map(|file| (file.shown.as_str(), file.text.as_str())).collect();
     let effects = shipped::read_effects(&pairs).map_err(|error| error.to_string())?;
+    let mut devices = Vec::new();
     for file in &device_files {
-        Device::parse_with(&file.text, Path::new(&file.shown), &effects).map_err(|error| error.to_string())?;
+        let device = Device::parse_with(&file.text, Path::new(&file.shown), &effects);
+        devices.push(device.map_err(|error| error.to_string())?);
+    }
+    for file in &input_files {
+        let path = Path::new(&file.shown);
+        let id = path.file_stem().unwrap_or_default();
+        let device = devices.iter().find(|device| id == device.id.as_str());
+        let device = device.ok_or_else(|| format!("{}: no device has this name; rename the file", file.shown))?;
+        input::NamedInput::parse(&file.text, path, device).map_err(|error| error.to_string())?;
     }
     let mut code = String::new();
-    for (name, files) in [("DEVICE_FILES", &device_files), ("EFFECT_FILES", &effect_files)] {
+    for (name, files) in
+        [("DEVICE_FILES", &device_files), ("EFFECT_FILES", &effect_files), ("INPUT_FILES", &input_files)]
+    {
         // Writing to a string cannot fail.
         let _ = writeln!(code, "const {name}: &[(&str, &str)] = &[");
         for file in files {

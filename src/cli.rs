@@ -5,6 +5,7 @@
 
 mod compare;
 mod devices;
+mod excite;
 mod fit;
 mod inputs;
 mod interrupt;
@@ -34,6 +35,7 @@ struct Arguments {
 const HELP: &str = "\
 The loop, all of it plain files:
   dynid plan     freedom6s --method isolated                     which joints to free, and what that reveals
+  dynid excite   freedom6s --list                                what to play on the robot
   dynid fit      experiment.toml --out fitted.toml               parameters from logs
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
@@ -50,6 +52,8 @@ enum Verb {
     Devices(devices::Arguments),
     /// Which joints to free, in which order, and what each step reveals.
     Plan(plan::Arguments),
+    /// What to play on the robot so that its motion tells the parameters.
+    Excite(excite::Arguments),
     /// The positions that a model shows under the torques of the logs.
     Simulate(simulate::Arguments),
     /// Parameters from logs.
@@ -85,6 +89,7 @@ pub fn main() -> ExitCode {
     let result = match &arguments.verb {
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Plan(arguments) => plan::run(arguments),
+        Verb::Excite(arguments) => excite::run(arguments),
         Verb::Simulate(arguments) => simulate::run(arguments),
         Verb::Fit(arguments) => fit::run(arguments),
         Verb::Compare(arguments) => compare::run(arguments),

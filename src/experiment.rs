@@ -83,6 +83,8 @@ pub struct Settings {
     pub from_s: Option<f64>,
     /// Weight of the position error in the first half of the log (thesis Eq. 4.2: 0.5); 1 is neutral.
     pub first_half: f64,
+    /// Where all joints of a planned run start [rad or m]: it was not played on the robot yet and has no measured positions.
+    pub start: Option<Vec<f64>>,
 }
 
 impl Default for Settings {
@@ -96,6 +98,7 @@ impl Default for Settings {
             controller: None,
             from_s: None,
             first_half: 1.0,
+            start: None,
         }
     }
 }
@@ -161,7 +164,7 @@ const EXPERIMENT_KEYS: [&str; 12] = [
     "from_s",
     "first_half",
 ];
-const RUN_KEYS: [&str; 14] = [
+const RUN_KEYS: [&str; 15] = [
     "file",
     "free",
     "role",
@@ -176,11 +179,22 @@ const RUN_KEYS: [&str; 14] = [
     "controller",
     "from_s",
     "first_half",
+    "start",
 ];
 
 impl Experiment {
     /// Reads the experiment at `path` with all its logs; its device is one of `devices`.
     pub fn read_with(path: &Path, devices: &'static [Device]) -> Result<Self, ExperimentError> {
+        Self::read_as(path, devices, Planned::Refused)
+    }
+
+    /// As [`Experiment::read_with`], with runs that are only planned: they say where they `start` instead of having
+    /// measured positions.
+    pub fn read_planned(path: &Path, devices: &'static [Device]) -> Result<Self, ExperimentError> {
+        Self::read_as(path, devices, Planned::Allowed)
+    }
+
+    fn read_as(path: &Path, devices: &'static [Device], planned: Planned) -> Result<Self, ExperimentError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| ExperimentError::Unreadable { path: path.to_owned(), source })?;
         let file = File { path, text: &text };
@@ -206,6 +220,12 @@ impl Experiment {
         for (index, entry) in entries.iter().enumerate() {
             let table = entry.get_ref().as_table().ok_or_else(|| file.wrong_type(entry, "run", "a [[run]] table"))?;
             file.known_keys(table, &RUN_KEYS)?;
+            if let (Some(start), Planned::Refused) = (table.get("start"), planned) {
+                let message = format!("start: run {} is only planned, it has no measured positions", index + 1);
+                let remedy = "`dynid simulate` shows what a model would do; play it on the robot, log the positions and take \
+                              `start` out";
+                return Err(file.invalid(start.span().start, message, remedy));
+            }
             let source = RunSource { file: &file, device, top, table, start: entry.span().start, number: index + 1 };
             let run = source.read()?;
             hash.update([run.role as u8]);
@@ -221,6 +241,13 @@ impl Experiment {
     pub fn runs_of(&self, role: Role) -> impl Iterator<Item = &Run> {
         self.runs.iter().filter(move |run| run.role == role)
     }
+}
+
+/// Whether runs without measured positions may be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Planned {
+    Allowed,
+    Refused,
 }
 
 /// One `[[run]]` on its way to a [`Run`].
@@ -265,6 +292,8 @@ impl<'a> RunSource<'a> {
                 None => None,
             },
             free: free.clone(),
+            start: self.start()?,
+            has_controller: self.setting("controller").is_some(),
         };
         let settings = self.settings(&free)?;
         let path = file.relative(name);
@@ -316,6 +345,22 @@ impl<'a> RunSource<'a> {
                 Err(file.invalid(value.span().start, message, &remedy))
             }
         }
+    }
+
+    /// Where all joints of a planned run start.
+    fn start(&self) -> Result<Option<Vec<f64>>, ExperimentError> {
+        let Some(value) = self.table.get("start") else { return Ok(None) };
+        let n_joints = self.device.joints.len();
+        let what = format!("one position for each of the {n_joints} joints [rad or m]");
+        let entries = self.file.array(value, "start", &what)?;
+        if entries.len() != n_joints {
+            let message = format!("start: found {} positions, expected {what}", entries.len());
+            return Err(self.file.invalid(value.span().start, message, "give one for every joint, locked ones too"));
+        }
+        let position = |entry: &&Spanned<DeValue<'a>>| {
+            number(entry).ok_or_else(|| self.file.wrong_type(entry, "start", "a finite position"))
+        };
+        entries.iter().map(position).collect::<Result<Vec<f64>, _>>().map(Some)
     }
 
     fn rows(&self) -> Result<Option<[usize; 2]>, ExperimentError> {
@@ -388,7 +433,7 @@ impl<'a> RunSource<'a> {
                 .ok_or_else(|| file.wrong_type(value, "first_half", "a positive weight, e.g. 0.5"))?,
             None => 1.0,
         };
-        Ok(Settings { cutoff_hz, decimate, min_speed, hold, controller, from_s, first_half })
+        Ok(Settings { cutoff_hz, decimate, min_speed, hold, controller, from_s, first_half, start: self.start()? })
     }
 
     /// One speed a joint of the device, or one a free joint.

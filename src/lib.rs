@@ -3,6 +3,7 @@
 pub mod checkpoint;
 pub mod compare;
 pub mod error;
+pub mod excite;
 pub mod experiment;
 pub mod fit;
 pub mod identify;

@@ -92,6 +92,10 @@ pub struct LogFormat {
     pub rows: Option<[usize; 2]>,
     /// Column whose zeros leave the torque error.
     pub mask: Option<String>,
+    /// Where the joints of a planned run start [rad or m]: its log has no measured positions, and [`Log::q`] stays there.
+    pub start: Option<Vec<f64>>,
+    /// A controller gives the torques: a planned run has none in its log.
+    pub has_controller: bool,
 }
 
 /// Why a log cannot be used.
@@ -213,11 +217,14 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     let mut tau = joints
         .clone()
         .map(|joint| match find(&format!("tau{joint}")) {
-            Err(LogError::MissingColumn { .. }) if !format.is_free(joint) => Ok(None),
+            Err(LogError::MissingColumn { .. }) if !format.is_free(joint) || format.is_controlled_plan() => Ok(None),
             found => found.map(Some),
         })
         .collect::<Result<Vec<_>, _>>()?;
-    let mut q = joints.clone().map(|joint| find(&format!("q{joint}"))).collect::<Result<Vec<_>, _>>()?;
+    let mut q = match format.start {
+        Some(_) => Vec::new(),
+        None => joints.clone().map(|joint| find(&format!("q{joint}"))).collect::<Result<Vec<_>, _>>()?,
+    };
     let mut reference = joints
         .map(|joint| format!("ref{joint}"))
         .map(|name| match find(&name) {
@@ -251,7 +258,10 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
         return Err(LogError::Empty { path: path.to_owned(), found: found.to_owned() });
     }
 
-    let q: Vec<Vec<f64>> = q.into_iter().map(|column| column.values).collect();
+    let q: Vec<Vec<f64>> = match &format.start {
+        Some(start) => start.iter().map(|position| vec![*position; n_samples]).collect(),
+        None => q.into_iter().map(|column| column.values).collect(),
+    };
     let has_reference = reference.iter().any(Option::is_some);
     let reference = has_reference.then(|| {
         reference.into_iter().zip(&q).map(|(column, q)| column.map_or_else(|| q.clone(), |c| c.values)).collect()
@@ -318,6 +328,10 @@ fn read_rows(
 impl LogFormat {
     fn is_free(&self, joint: usize) -> bool {
         self.free.contains(&joint)
+    }
+
+    fn is_controlled_plan(&self) -> bool {
+        self.start.is_some() && self.has_controller
     }
 
     /// Whether the experiment says which column of the log this is.

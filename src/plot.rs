@@ -25,6 +25,19 @@ pub struct Panel {
     pub noise_floor: Option<f64>,
 }
 
+/// One curve over time, without anything to compare it with.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Curve {
+    /// What it shows, e.g. `joint 4: torque`.
+    pub title: String,
+    /// What the vertical axis shows, with its unit, e.g. `torque [N*m]`.
+    pub quantity: String,
+    /// s
+    pub time: Vec<f64>,
+    /// One a time.
+    pub values: Vec<f64>,
+}
+
 const WIDTH: f64 = 760.0;
 const LEFT: f64 = 78.0;
 const RIGHT: f64 = 14.0;
@@ -59,6 +72,30 @@ pub fn standalone(panels: &[Panel]) -> String {
     for (index, panel) in panels.iter().enumerate() {
         let _ = writeln!(svg, "<g transform=\"translate(0 {})\">", each * index as f64);
         draw(&mut svg, panel);
+        svg.push_str("</g>\n");
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// Curves below each other, as an `.svg` file.
+pub fn curves(curves: &[Curve]) -> String {
+    let each = TITLE + OVERLAY + FOOT;
+    let height = each * curves.len() as f64;
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" \
+         width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n<style>{STYLE}</style>\n\
+         <rect class=\"paper\" width=\"{WIDTH}\" height=\"{height}\"/>\n"
+    );
+    for (index, own) in curves.iter().enumerate() {
+        let _ = writeln!(svg, "<g transform=\"translate(0 {})\">", each * index as f64);
+        let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&own.title));
+        let area = Area { top: TITLE, height: OVERLAY };
+        let time = Axis::around(&[&own.time], 8, Margin::None);
+        let values = Axis::around(&[&own.values], 6, Margin::Some);
+        frame(&mut svg, &area, &time, &values, &own.quantity);
+        curve(&mut svg, "predicted", &area, &time, &values, &own.time, &own.values);
+        foot(&mut svg, &time, TITLE + OVERLAY);
         svg.push_str("</g>\n");
     }
     svg.push_str("</svg>\n");
@@ -125,21 +162,25 @@ fn draw(svg: &mut String, panel: &Panel) {
     frame(svg, &bottom, &time, &lower, &format!("residual [{}]", panel.unit));
     curve(svg, "residual", &bottom, &time, &lower, &panel.time, &residual);
 
-    let foot = bottom.top + bottom.height;
+    foot(svg, &time, bottom.top + bottom.height);
+}
+
+/// The labels of the time axis below `y`.
+fn foot(svg: &mut String, time: &Axis, y: f64) {
     for &tick in &time.ticks {
         let x = time.place(tick, LEFT, WIDTH - RIGHT);
         let label = time.label(tick);
         let _ = writeln!(
             svg,
             "<text class=\"tick\" x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{label}</text>",
-            foot + 15.0
+            y + 15.0
         );
     }
     let _ = writeln!(
         svg,
         "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">time [s]</text>",
         0.5 * (LEFT + WIDTH - RIGHT),
-        foot + 31.0
+        y + 31.0
     );
 }
 

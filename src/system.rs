@@ -13,10 +13,12 @@ mod assemble;
 mod effects;
 mod linear;
 mod solve;
+mod switch;
 
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub(crate) use linear::Linear;
 pub(crate) use solve::{factorise, solve_columns};
+pub(crate) use switch::Switch;
 
 use std::fmt;
 

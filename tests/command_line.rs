@@ -185,7 +185,7 @@ fn plan_counts_as_the_thesis_does() {
 #[test]
 fn every_verb_teaches_by_example() {
     let folder = TempDir::new().unwrap();
-    let verbs = ["devices", "plan", "simulate", "fit", "compare", "tour"];
+    let verbs = ["devices", "plan", "excite", "simulate", "fit", "compare", "tour"];
     let help: BTreeMap<&str, String> = verbs
         .into_iter()
         .map(|verb| {

@@ -2,7 +2,7 @@
 //!
 //! A *device* (`devices/*.toml`) is a mechanism: joints, Denavit-Hartenberg frames, links, locking
 //! configurations. An *effect* (`effects/*.toml`) is one physical effect: a formula with parameters that vanishes
-//! at its null value. This crate reads and checks both; it computes nothing.
+//! at its null value. An *input* (`inputs/*.toml`) is what a published experiment played on a device. This crate reads and checks both; it computes nothing.
 
 pub mod device;
 pub mod device_reader;
@@ -13,6 +13,7 @@ pub mod error;
 pub mod expression;
 mod identifier;
 pub mod inertia;
+pub mod input;
 pub mod instance;
 pub mod library;
 pub mod parameter;
@@ -26,5 +27,6 @@ pub use device::{
 pub use effect::{Effect, EffectParameter, EffectState, Origin, Place, Replacement, Scope, Stage};
 pub use error::{ModelError, Source, did_you_mean, nearest};
 pub use expression::Expression;
-pub use library::{device, devices, effect, effects};
+pub use input::{JointInput, NamedInput, Quantity};
+pub use library::{device, devices, effect, effects, inputs};
 pub use parameter::Parameter;

@@ -1,8 +1,8 @@
-//! The devices and effects of `devices/` and `effects/`, built in.
+//! The devices, effects and inputs of `devices/`, `effects/` and `inputs/`, built in.
 
-use std::{path::Path, sync::OnceLock};
+use std::{collections::BTreeMap, path::Path, sync::OnceLock};
 
-use crate::{Device, Effect, error::ModelError, shipped::read_effects};
+use crate::{Device, Effect, NamedInput, error::ModelError, shipped::read_effects};
 
 // (id, path, text) of each file, written by the build script, which has read them all with the readers of this crate.
 include!(concat!(env!("OUT_DIR"), "/library.rs"));
@@ -30,6 +30,22 @@ pub fn effects() -> &'static [Effect] {
 /// The effect of that id.
 pub fn effect(id: &str) -> Option<&'static Effect> {
     effects().iter().find(|effect| effect.id == id)
+}
+
+/// Inputs of published experiments with a device; none where the library knows none.
+pub fn inputs(device: &str) -> &'static [NamedInput] {
+    static INPUTS: OnceLock<BTreeMap<&str, Vec<NamedInput>>> = OnceLock::new();
+    let all = INPUTS.get_or_init(|| {
+        let read = |device: &'static Device| {
+            let file = INPUT_FILES
+                .iter()
+                .find(|(path, _)| Path::new(path).file_stem().is_some_and(|id| id == device.id.as_str()));
+            let inputs = file.map(|(path, text)| checked(NamedInput::parse(text, Path::new(path), device)));
+            (device.id.as_str(), inputs.unwrap_or_default())
+        };
+        devices().iter().map(read).collect()
+    });
+    all.get(device).map_or(&[], Vec::as_slice)
 }
 
 impl Device {

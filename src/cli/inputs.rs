@@ -20,6 +20,11 @@ pub enum Outside {
     Clip,
 }
 
+/// An experiment whose runs may be planned only.
+pub fn planned_experiment(path: &Path) -> anyhow::Result<Experiment> {
+    Ok(Experiment::read_planned(path, dynid_model::devices())?)
+}
+
 /// The model of that file, or the default model of the experiment's device.
 pub fn model(path: Option<&Path>, experiment: &Experiment) -> anyhow::Result<Model> {
     start(path, experiment, Outside::Refuse)

@@ -9,7 +9,7 @@ use dynid::experiment::{Experiment, Run};
 use dynid::fit::position::{self, FitRun, Options, RunError};
 use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
-use dynid::simulate;
+use dynid::simulate::{self, Input};
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};
@@ -23,7 +23,8 @@ Examples:
   dynid simulate experiment.toml --model fitted.toml --out-dir simulated
 
 Writes one CSV per run, in the format of the logs: t, tau0.., q0..; locked joints stay where the log has them.
-Every run starts at rest, at the position that explains the log best. A run with a controller starts at the log's first
+Every run starts at rest, at the position that explains the log best. A planned run, whose log holds what `dynid excite`
+wrote, has no positions yet: it says where all joints start, e.g. start = [0, 0.1]. A run with a controller starts at the log's first
 position, and what its controller commands takes the place of the logged torques.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
@@ -44,7 +45,7 @@ pub struct Arguments {
 
 /// Simulates every run, then writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let experiment = inputs::experiment(&arguments.experiment)?;
+    let experiment = inputs::planned_experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
     let targets = targets(&experiment, &arguments.out_dir)?;
@@ -65,11 +66,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut runs: Vec<Value> = Vec::new();
     for ((run, result), target) in experiment.runs.iter().zip(&simulated).zip(&targets) {
         write_new(target, &log(run, result), overwrite)?;
-        for (joint, rmse) in run.free.iter().zip(&result.rmse) {
-            table.row([run.file.clone(), joint.to_string(), format!("{rmse:.3e}"), target.display().to_string()]);
+        let rmse = |slot: usize| result.rmse.as_ref().map(|rmse| rmse[slot]);
+        for (slot, joint) in run.free.iter().enumerate() {
+            let off = rmse(slot).map_or_else(|| "planned".to_owned(), |rmse| format!("{rmse:.3e}"));
+            table.row([run.file.clone(), joint.to_string(), off, target.display().to_string()]);
         }
         let joints: Vec<Value> =
-            run.free.iter().zip(&result.rmse).map(|(joint, rmse)| json!({ "joint": joint, "rmse": rmse })).collect();
+            run.free.iter().enumerate().map(|(slot, joint)| json!({ "joint": joint, "rmse": rmse(slot) })).collect();
         runs.push(json!({ "file": run.file, "out": target.display().to_string(), "joints": joints }));
     }
     Ok(Outcome { text: table.text(), json: json!({ "runs": runs }), answer: Answer::Yes })
@@ -81,8 +84,8 @@ struct Played {
     position: Vec<f64>,
     /// Commanded torques of all joints, one row a sample.
     command: Vec<f64>,
-    /// Root mean square off the log, per free joint.
-    rmse: Vec<f64>,
+    /// Root mean square off the log, per free joint; `None` for a run that is only planned.
+    rmse: Option<Vec<f64>>,
 }
 
 /// Plays the commands of the log or, where the run has a controller, lets it command.
@@ -96,10 +99,18 @@ fn played(model: &Model, run: &Run, options: &Options) -> anyhow::Result<Played>
             let errors = fit_run.position.iter().zip(&trajectory.q).skip(slot).step_by(n_free);
             (errors.map(|(y, q)| (y - q).powi(2)).sum::<f64>() / run.log.len() as f64).sqrt()
         });
-        return Ok(Played { rmse: rmse.collect(), position: trajectory.q, command });
+        let rmse = run.settings.start.is_none().then(|| rmse.collect());
+        return Ok(Played { rmse, position: trajectory.q, command });
+    }
+    if run.settings.start.is_some() {
+        let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
+        let start: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
+        let trajectory = simulate::simulate(&fit_run.system, &input, &start, &how)
+            .map_err(|error| anyhow!("{}: {error}", run.file))?;
+        return Ok(Played { rmse: None, position: trajectory.q, command: fit_run.command });
     }
     let RunError { simulated, rmse, .. } = position::judge(&fit_run, options)?;
-    Ok(Played { position: simulated, command: fit_run.command, rmse })
+    Ok(Played { position: simulated, command: fit_run.command, rmse: Some(rmse) })
 }
 
 /// One file a run, named as its log; where that name is taken, it is numbered by its run, or further up until it is free.

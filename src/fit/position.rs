@@ -6,8 +6,8 @@
 //! (its [`Unknown::spread`] as standard deviation) that decides only where the data say nothing.
 //!
 //! A poor start is met by a tether ([`simulate::Tether`]): first the simulation is pulled to the log, so that errors do not
-//! pile up, then the tether is loosened step by step and let go. Until the last search, as few integration steps are taken
-//! as their accuracy allows; the last takes the stated step.
+//! pile up, then the tether is loosened and let go as soon as the simulation stays near the log by itself. All searches but
+//! the last take as few integration steps as their accuracy allows (`searches`).
 
 mod assemble;
 mod evaluate;
@@ -15,6 +15,7 @@ mod inertia;
 mod motion;
 mod noise;
 mod result;
+mod searches;
 
 use std::collections::BTreeMap;
 
@@ -33,7 +34,8 @@ use crate::{
     simulate::{self, Input, SimulationError},
     system::{System, SystemError},
 };
-use evaluate::{Evaluator, Resolution};
+use evaluate::Evaluator;
+use searches::{SEARCHES, Search};
 
 /// One log with the equations that are to explain it.
 #[derive(Debug, Clone)]
@@ -145,11 +147,6 @@ pub enum Start {
     /// The model explains the logs nearly.
     Near,
 }
-
-/// The search with few integration steps ends at so many tolerances: the last one goes on from there.
-const COARSE: f64 = 10.0;
-/// Rates of the tether, one search each [1/s].
-const TETHERS: [f64; 3] = [10.0, 3.0, 1.0];
 
 impl Default for Options {
     fn default() -> Self {
@@ -296,8 +293,10 @@ pub enum PositionFitError {
 /// All that a fit carries from one iteration to the next, for [`resume`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// Which search of the schedule it is in, from 0.
+    /// Which search it is in, from 0.
     pub stage: usize,
+    /// Where that search began.
+    pub anchor: Vec<f64>,
     /// Linearisations before that search.
     pub iterations: usize,
     /// Where that search is.
@@ -324,63 +323,50 @@ pub fn resume(
     let mut problem = problem.clone();
     keep_what_occurs(&mut problem);
     check(&problem)?;
+    let moved = make_physical(&mut problem);
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
-    let mut x = evaluator.start(&problem);
-    let coarse = evaluator.coarse_substeps(&x, options.substeps);
-    let full = full(options, coarse);
-    let mut iterations = 0;
-    let mut ended = Ended::IterationLimit;
-    let mut from = from.filter(|state| state.search.x.len() == evaluator.n());
-    if let Some(state) = &from {
-        iterations = state.iterations;
-    }
-    let first = from.as_ref().map_or(0, |state| state.stage);
-
-    for (stage, resolution) in schedule(options, coarse).into_iter().enumerate().skip(first) {
-        let is_last = resolution == full;
-        let is_whole = resolution.tether == 0.0;
-        let at = evaluator.at(resolution);
-        let limits = Limits {
-            iterations: if is_whole { options.iterations.saturating_sub(iterations).max(1) } else { 6 },
-            tolerance: if is_last {
-                options.tolerance
-            } else if is_whole {
-                COARSE * options.tolerance
-            } else {
-                1e-2
-            },
-        };
+    let (mut stage, mut iterations, mut x, mut search) = match from.filter(|state| state.anchor.len() == evaluator.n())
+    {
+        Some(state) => (state.stage, state.iterations, state.anchor, Some(state.search)),
+        None => {
+            let x = evaluator.start(&problem);
+            let near = options.start == Start::Near || searches::is_near(&evaluator, &x, options);
+            (if near { searches::FIRST_FREE } else { 0 }, 0, x, None)
+        }
+    };
+    loop {
+        let anchor = x;
+        let kind = SEARCHES[stage.min(SEARCHES.len() - 1)];
+        let at = kind.at(&evaluator, &anchor, options);
+        let limits = kind.limits(options, iterations);
         let samples = at.samples() as f64;
-        let tether = resolution.tether;
         let mut told = |iteration: &Iteration, search: &sqp::State| {
             let progress = Progress {
                 iteration: iterations + iteration.number,
                 cost: iteration.cost / samples,
                 step: iteration.step,
-                tether,
+                tether: kind.tether(),
             };
-            watch(&progress, &State { stage, iterations, search: search.clone() })
+            watch(&progress, &State { stage, iterations, anchor: anchor.clone(), search: search.clone() })
         };
-        let state = from.take().map_or_else(|| sqp::State::start(&x, &region), |state| state.search);
+        let state = search.take().unwrap_or_else(|| sqp::State::start(&anchor, &region));
         let outcome = sqp::resume(&at, &mut region, state, &limits, &mut told);
         iterations += outcome.iterations;
         x = outcome.x;
-        ended = outcome.ended;
-        if ended == Ended::Interrupted {
+        if outcome.ended == Ended::Interrupted {
             return Err(PositionFitError::Interrupted { iterations });
         }
-        if is_last {
+        if kind == Search::Fine {
             let Some(quadratic) = outcome.quadratic else {
                 return Err(at.why_not(&x));
             };
-            return Ok(result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations));
+            let ended = outcome.ended;
+            let fit = result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations);
+            return Ok(PositionFit { moved, ..fit });
         }
-    }
-    let at = evaluator.at(full);
-    match sqp::Objective::quadratic(&at, &x) {
-        Some(quadratic) => Ok(result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations)),
-        None => Err(at.why_not(&x)),
+        let released = kind.tether() > 0.0 && searches::is_near(&evaluator, &x, options);
+        stage = if released { searches::FIRST_FREE } else { stage + 1 };
     }
 }
 
@@ -398,9 +384,8 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
     let mut x = evaluator.start(&problem);
-    let coarse = evaluator.coarse_substeps(&x, options.substeps);
-    for resolution in schedule(&Options { start: Start::Near, ..*options }, coarse) {
-        let at = evaluator.at(resolution);
+    for search in [Search::Coarse, Search::Corrected] {
+        let at = search.at(&evaluator, &x, options);
         let limits = Limits { iterations: 20, tolerance: 1e-4 };
         let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut |_| Watch::Continue);
         if outcome.quadratic.is_none() {
@@ -435,6 +420,26 @@ fn keep_what_occurs(problem: &mut PositionProblem) {
     let (kept, dropped): (Vec<_>, Vec<_>) = problem.unknowns.drain(..).partition(|unknown| occurs(&unknown.name));
     problem.unknowns = kept;
     problem.known.extend(dropped.into_iter().map(|unknown| (unknown.name, unknown.value)));
+}
+
+/// A start may have an inertia that no body has: values off by some per cent each easily do. It becomes that of a body near
+/// by, within the bounds. Says which links were moved.
+fn make_physical(problem: &mut PositionProblem) -> Vec<usize> {
+    let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
+    let bodies = Body::all(&names, &problem.known);
+    let column = |of: fn(&Unknown) -> f64| problem.unknowns.iter().map(of).collect::<Vec<f64>>();
+    let (mut x, lower, upper) =
+        (column(|unknown| unknown.value), column(|unknown| unknown.lower), column(|unknown| unknown.upper));
+    let mut moved = Vec::new();
+    for body in bodies {
+        if !body.is_physical(&x) && body.make_physical(&mut x, &lower, &upper) {
+            moved.push(body.link);
+        }
+    }
+    for (unknown, value) in problem.unknowns.iter_mut().zip(&x) {
+        unknown.value = *value;
+    }
+    moved
 }
 
 fn check(problem: &PositionProblem) -> Result<(), PositionFitError> {
@@ -531,24 +536,6 @@ fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
         upper: bounds(|unknown| unknown.upper, f64::INFINITY),
         half_spaces,
     }
-}
-
-/// A tether that loosens, then none; few steps first, then the full resolution.
-fn schedule(options: &Options, coarse: usize) -> Vec<Resolution> {
-    let mut resolutions = Vec::new();
-    let rough = Resolution { substeps: coarse, ..full(options, coarse) };
-    if options.start == Start::Poor {
-        resolutions.extend(TETHERS.map(|tether| Resolution { tether, ..rough }));
-    }
-    if coarse < options.substeps {
-        resolutions.push(rough);
-    }
-    resolutions.push(full(options, coarse));
-    resolutions
-}
-
-fn full(options: &Options, coarse: usize) -> Resolution {
-    Resolution { horizon_s: f64::INFINITY, substeps: options.substeps, jacobian_substeps: coarse, tether: 0.0 }
 }
 
 #[cfg(test)]

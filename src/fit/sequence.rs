@@ -119,6 +119,7 @@ pub fn fit(
         .enumerate()
         .filter(|(_, configuration)| used.iter().any(|run| run.configuration == *configuration))
         .collect();
+    let roughly = Options { tolerance: ROUGHLY * options.tolerance, ..*options };
     let mut believed = start.clone();
     let mut known = Knowledge::default();
     let mut state = State::default();
@@ -140,7 +141,7 @@ pub fn fit(
                     state.search = Some(search.clone());
                     watch(&SequenceProgress { configuration: Some(configuration), progress: *progress }, &state)
                 };
-                let mut fit = position::resume(&problem, options, search.take(), &mut told)?;
+                let mut fit = position::resume(&problem, &roughly, search.take(), &mut told)?;
                 fit.runs.iter_mut().for_each(|run| run.simulated.clear());
                 fit
             }
@@ -191,6 +192,9 @@ struct Knowledge {
 /// others hardly; along the latter the former are curved, and their linearised memory would bind the next fit to a
 /// tangent that the data never meant.
 const REACH_OF_LINEARISATION: f64 = 0.02;
+
+/// The steps end at so many tolerances: the fit of all runs goes on from there.
+const ROUGHLY: f64 = 30.0;
 
 impl Knowledge {
     /// The information with every variance widened by `e = (REACH_OF_LINEARISATION * spread)^2`:

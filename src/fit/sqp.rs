@@ -1,6 +1,6 @@
 //! Sequential quadratic programming with a Gauss-Newton Hessian.
 //!
-//! Every iteration minimises `g'd + d'(H + lambda diag H)d / 2` over the step `d` under bounds and linear inequalities.
+//! Every iteration minimises `g'd + d'(H + lambda M)d / 2` over the step `d` under bounds and linear inequalities.
 //! Convex constraints that are not linear (a link's inertia must be one that a body can have) come as cuts: half-spaces
 //! that hold everywhere and that the last step broke; the subproblem is solved again until none is broken. A step that
 //! does not lower the cost as foreseen, or cannot be simulated, raises the damping `lambda` (Levenberg-Marquardt, with
@@ -20,6 +20,14 @@ pub trait Objective {
 
     /// Cost, gradient and Gauss-Newton Hessian at `x`.
     fn quadratic(&self, x: &[f64]) -> Option<Quadratic>;
+
+    /// Weight of an unknown's squared change in the damping (`M`); by default its diagonal entry of the Hessian.
+    ///
+    /// Where the data know some combinations a million times better than others, that default all but stops the latter;
+    /// an unknown's range treats all alike.
+    fn metric(&self, _unknown: usize) -> Option<f64> {
+        None
+    }
 
     /// Half-spaces that contain every allowed point and that `x` lies outside of; none where `x` is allowed.
     fn cuts(&self, x: &[f64]) -> Vec<HalfSpace>;
@@ -269,7 +277,7 @@ fn allowed_step(
 ) -> Option<DVector<f64>> {
     let mut hessian = quadratic.hessian.clone();
     for k in 0..x.len() {
-        hessian[(k, k)] += damping * quadratic.hessian[(k, k)];
+        hessian[(k, k)] += damping * objective.metric(k).unwrap_or(quadratic.hessian[(k, k)]);
     }
     for _ in 0..CUT_ROUNDS {
         let step = subproblem(&hessian, &quadratic.gradient, region, x)?;

@@ -198,7 +198,7 @@ pub(crate) fn independent(rows: &DMatrix<f64>) -> Vec<usize> {
 }
 
 /// `C` of `W_d = W_k C`.
-fn factors(rows: &DMatrix<f64>, leading: &[usize], dependent: &[usize]) -> DMatrix<f64> {
+pub(crate) fn factors(rows: &DMatrix<f64>, leading: &[usize], dependent: &[usize]) -> DMatrix<f64> {
     if leading.is_empty() || dependent.is_empty() {
         return DMatrix::zeros(leading.len(), dependent.len());
     }

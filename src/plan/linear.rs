@@ -159,7 +159,6 @@ impl<'a> Regressor<'a> {
         }
     }
 
-    #[cfg(test)]
     /// At the system's own lengths, gravity and locked positions.
     pub(crate) fn of_system(system: &'a System, parameters: &LinearParameters) -> Self {
         Self::new(system, parameters, system.link_parameters(), system.locked())

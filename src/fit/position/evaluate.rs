@@ -40,6 +40,7 @@ pub(super) struct Evaluator<'a> {
     n_parameters: usize,
     n: usize,
     bodies: Vec<Body>,
+    spread: Vec<f64>,
     /// Weak and earlier knowledge of the parameters.
     prior_mean: DVector<f64>,
     prior_information: DMatrix<f64>,
@@ -60,6 +61,8 @@ pub(super) struct Resolution {
 pub(super) struct At<'e, 'a> {
     evaluator: &'e Evaluator<'a>,
     resolution: Resolution,
+    /// Added to the simulated positions of each run; none where it is empty.
+    corrections: Vec<Vec<f64>>,
 }
 
 impl<'a> Evaluator<'a> {
@@ -78,7 +81,8 @@ impl<'a> Evaluator<'a> {
             return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&start) });
         }
         let (prior_mean, prior_information) = prior(problem);
-        Ok(Self { ready, n_parameters, n, bodies, prior_mean, prior_information })
+        let spread = problem.unknowns.iter().map(super::Unknown::spread).collect();
+        Ok(Self { ready, n_parameters, n, bodies, spread, prior_mean, prior_information })
     }
 
     /// Number of unknowns, initial positions included.
@@ -112,7 +116,21 @@ impl<'a> Evaluator<'a> {
     }
 
     pub(super) fn at(&self, resolution: Resolution) -> At<'_, 'a> {
-        At { evaluator: self, resolution }
+        At { evaluator: self, resolution, corrections: Vec::new() }
+    }
+
+    /// At a resolution, and on top what `substeps` steps per sample make of the positions at `anchor` (defect
+    /// correction: there the error of few steps is gone, and near there it hardly changes).
+    pub(super) fn corrected(&self, resolution: Resolution, substeps: usize, anchor: &[f64]) -> At<'_, 'a> {
+        let plain = self.at(resolution);
+        if substeps == resolution.substeps {
+            return plain;
+        }
+        let fine = self.at(Resolution { substeps, ..resolution });
+        let (Some(rough), Some(fine)) = (plain.simulated(anchor), fine.simulated(anchor)) else { return plain };
+        let difference =
+            |(rough, fine): (Vec<f64>, Vec<f64>)| fine.iter().zip(&rough).map(|(fine, rough)| fine - rough).collect();
+        At { corrections: rough.into_iter().zip(fine).map(difference).collect(), ..plain }
     }
 
     /// The fewest steps per sample that change no position by more than a small part of the noise.
@@ -224,8 +242,9 @@ impl<'a> Ready<'a> {
         self.run.time.partition_point(|t| *t < self.run.from_s)
     }
 
-    fn cost(&self, x: &[f64], resolution: Resolution) -> Result<f64, SimulationError> {
-        let simulated = self.simulate(x, resolution)?;
+    fn cost(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Result<f64, SimulationError> {
+        let mut simulated = self.simulate(x, resolution)?;
+        simulated.iter_mut().zip(correction).for_each(|(q, correction)| *q += correction);
         let n_free = self.run.system.n_free();
         let skip = self.first_sample() * n_free;
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
@@ -234,7 +253,7 @@ impl<'a> Ready<'a> {
     }
 
     /// Cost, gradient and Hessian by this run's own unknowns.
-    fn quadratic(&self, x: &[f64], resolution: Resolution) -> Option<Quadratic> {
+    fn quadratic(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Option<Quadratic> {
         let system = self.system(x);
         let n_free = system.n_free();
         let count = self.columns.count();
@@ -256,7 +275,9 @@ impl<'a> Ready<'a> {
             let position = finer.as_ref().map_or(position, |finer| &finer[sample * n_free..(sample + 1) * n_free]);
             for (slot, row) in rows.chunks_exact(width).enumerate() {
                 let weight = self.weight(sample, slot);
-                let error = (self.run.position[sample * n_free + slot] - position[slot]) * weight;
+                let index = sample * n_free + slot;
+                let corrected = position[slot] + correction.get(index).copied().unwrap_or(0.0);
+                let error = (self.run.position[index] - corrected) * weight;
                 cost += 0.5 * error * error;
                 for (gradient, by) in gradient.iter_mut().zip(row) {
                     *gradient -= error * weight * by;
@@ -355,11 +376,27 @@ impl At<'_, '_> {
         self.evaluator.ready.par_iter().map(|ready| ready.simulate(x, self.resolution).ok()).collect()
     }
 
+    fn correction(&self, run: usize) -> &[f64] {
+        self.corrections.get(run).map_or(&[], Vec::as_slice)
+    }
+
+    /// Cost of the data alone, without any prior.
+    pub(super) fn data_cost(&self, x: &[f64]) -> Option<f64> {
+        let ready = &self.evaluator.ready;
+        let costs: Option<Vec<f64>> = (0..ready.len())
+            .into_par_iter()
+            .map(|run| ready[run].cost(x, self.resolution, self.correction(run)).ok())
+            .collect();
+        costs.map(|costs| costs.iter().sum::<f64>())
+    }
+
     /// Cost and derivatives of the data alone, without any prior.
     pub(super) fn data(&self, x: &[f64]) -> Option<Quadratic> {
         let evaluator = self.evaluator;
-        let parts: Option<Vec<Quadratic>> =
-            evaluator.ready.par_iter().map(|ready| ready.quadratic(x, self.resolution)).collect();
+        let parts: Option<Vec<Quadratic>> = (0..evaluator.ready.len())
+            .into_par_iter()
+            .map(|run| evaluator.ready[run].quadratic(x, self.resolution, self.correction(run)))
+            .collect();
         let mut total = Quadratic {
             cost: 0.0,
             gradient: DVector::zeros(evaluator.n),
@@ -402,7 +439,7 @@ impl At<'_, '_> {
     /// Why the runs cannot be simulated at `x`.
     pub(super) fn why_not(&self, x: &[f64]) -> PositionFitError {
         let failure = self.evaluator.ready.iter().find_map(|ready| {
-            let error = ready.cost(x, self.resolution).err()?;
+            let error = ready.cost(x, self.resolution, &[]).err()?;
             Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
         });
         failure.unwrap_or(PositionFitError::NoRun)
@@ -411,9 +448,7 @@ impl At<'_, '_> {
 
 impl Objective for At<'_, '_> {
     fn cost(&self, x: &[f64]) -> Option<f64> {
-        let costs: Option<Vec<f64>> =
-            self.evaluator.ready.par_iter().map(|ready| ready.cost(x, self.resolution).ok()).collect();
-        let total = costs?.iter().sum::<f64>() + self.evaluator.prior_cost(x);
+        let total = self.data_cost(x)? + self.evaluator.prior_cost(x);
         total.is_finite().then_some(total)
     }
 
@@ -432,6 +467,12 @@ impl Objective for At<'_, '_> {
         }
         let finite = quadratic.cost.is_finite() && quadratic.hessian.iter().all(|value| value.is_finite());
         finite.then_some(quadratic)
+    }
+
+    fn metric(&self, unknown: usize) -> Option<f64> {
+        /// Share of its range that a parameter goes along a direction the data hardly know, at a damping of one.
+        const STRIDE: f64 = 0.1;
+        self.evaluator.spread.get(unknown).map(|spread| (STRIDE * spread).powi(-2))
     }
 
     fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {

@@ -94,6 +94,31 @@ impl Body {
         self.mass.value(x) >= 0.0 && least >= -ROUNDING * inertia.trace().abs()
     }
 
+    /// Moves `x` to a body that exists, near by and within the bounds: projections in turn on the bodies and on the bounds
+    /// meet where both hold. False where they do not meet.
+    pub fn make_physical(&self, x: &mut [f64], lower: &[f64], upper: &[f64]) -> bool {
+        const ROUNDS: usize = 1000;
+        for _ in 0..ROUNDS {
+            if self.cuts(x).is_empty() {
+                return true;
+            }
+            let inertia = self.matrix(x);
+            let trace = 0.5 * inertia.trace();
+            let mut eigen = SymmetricEigen::new(Matrix3::identity() * trace - inertia);
+            eigen.eigenvalues.apply(|value| *value = value.max(MARGIN * trace.abs()));
+            let second_moment = eigen.recompose();
+            let inertia = Matrix3::identity() * second_moment.trace() - second_moment;
+            let mass = self.mass.value(x).max(0.0);
+            let entries = PLACES.into_iter().zip(self.inertia).map(|(place, entry)| (entry, inertia[place]));
+            for (entry, value) in entries.chain([(self.mass, mass)]) {
+                if let Entry::Unknown(index) = entry {
+                    x[index] = value.clamp(lower[index], upper[index]);
+                }
+            }
+        }
+        false
+    }
+
     /// Half-spaces that all bodies lie in and that `x` breaks.
     pub fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {
         let mut cuts = Vec::new();
@@ -173,5 +198,17 @@ mod tests {
             assert!(at(&impossible) > cut.limit, "the cut leaves the impossible point out");
             assert!(at(&possible) <= cut.limit, "the cut keeps every body");
         }
+        let mut mended = impossible.clone();
+        let (lower, upper) = ([0.0, 0.0, -1.0, -1.0, 0.0, -1.0, 0.0], [2.0; 7]);
+        assert!(body().make_physical(&mut mended, &lower, &upper));
+        assert!(body().is_physical(&mended));
+        let distance = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        assert!(distance(&mended, &impossible) < distance(&possible, &impossible), "{mended:?}");
+        let mut held = impossible.clone();
+        let mut floor = lower;
+        floor[6] = impossible[6];
+        let mut ceiling = upper;
+        (ceiling[1], ceiling[4]) = (inertia[(0, 0)], inertia[(1, 1)]);
+        assert!(!body().make_physical(&mut held, &floor, &ceiling), "these bounds hold no body");
     }
 }

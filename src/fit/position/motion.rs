@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::{Evaluator, FitRun, Options, PositionFit, PositionFitError, PositionProblem, full};
+use super::{Evaluator, FitRun, Options, PositionFit, PositionFitError, PositionProblem, Search};
 
 /// One run's share in what is known and in what follows from it. Matrices are by the fit's parameters, in its order.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,6 +59,6 @@ pub(crate) fn motions(
     let mut x: Vec<f64> =
         problem.unknowns.iter().filter_map(|unknown| found(&unknown.name)).map(|estimate| estimate.value).collect();
     x.extend(fit.runs.iter().flat_map(|run| &run.initial));
-    let at = evaluator.at(full(options, evaluator.coarse_substeps(&x, options.substeps)));
+    let at = Search::Fine.at(&evaluator, &x, options);
     at.motions(&x).ok_or_else(|| at.why_not(&x))
 }

@@ -28,6 +28,8 @@ pub struct PositionFit {
     pub covariance: DMatrix<f64>,
     /// Combinations that the data do not determine.
     pub undetermined: Vec<Direction>,
+    /// Links whose start was an inertia that no body has, so that the fit started from one near by.
+    pub moved: Vec<usize>,
     /// The fitted runs.
     pub runs: Vec<RunError>,
     /// `1/2 sum((w e / sigma)^2)`, prior included, at the end.
@@ -180,6 +182,7 @@ pub(super) fn conclude(
         information,
         covariance,
         undetermined,
+        moved: Vec::new(),
         runs,
         cost: quadratic.cost,
         iterations,

@@ -44,12 +44,8 @@ impl Search {
     /// What this search, begun at `anchor`, makes small.
     pub(super) fn at<'e, 'a>(self, evaluator: &'e Evaluator<'a>, anchor: &[f64], options: &Options) -> At<'e, 'a> {
         let coarse = evaluator.coarse_substeps(anchor, options.substeps);
-        let rough = Resolution {
-            horizon_s: f64::INFINITY,
-            substeps: coarse,
-            jacobian_substeps: coarse,
-            tether: self.tether(),
-        };
+        let rough =
+            Resolution { horizon_s: f64::INFINITY, substeps: coarse, jacobian_substeps: coarse, tether: self.tether() };
         match self {
             Self::Tethered(_) | Self::Coarse => evaluator.at(rough),
             Self::Corrected => evaluator.corrected(rough, options.substeps, anchor),

@@ -18,6 +18,13 @@ fn the_readme_is_true() {
         readme.contains(String::from_utf8(plan.stdout).unwrap().trim_end()),
         "the README's plan is not the program's"
     );
+    let folder = tempfile::tempdir().unwrap();
+    let excite = ["excite", "freedom6s", "--input", "table-4.7-configuration-1", "--out", "run.csv"];
+    let excite = Command::cargo_bin("dynid").unwrap().current_dir(folder.path()).args(excite).output().unwrap();
+    assert!(
+        readme.contains(String::from_utf8(excite.stdout).unwrap().trim_end()),
+        "the README's excitation is not the program's"
+    );
     for picture in ["docs/wrist-believed.svg", "docs/wrist-fitted.svg"] {
         assert!(readme.contains(picture) && root.join(picture).is_file(), "{picture}");
     }

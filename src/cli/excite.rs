@@ -519,11 +519,13 @@ fn optimised(
     let regressor = BaseRegressor::new(model, system);
     let noise = if arguments.noise.is_empty() { hundredth(&needed, free.len()) } else { weights };
     let expected = regressor.expected(&path, &noise);
+    let elsewhere = regressor.rank_elsewhere(model)?;
     let title = format!(
         "optimised motion of {} harmonics of 1/{} Hz, seed {}",
         arguments.harmonics, arguments.period, arguments.seed
     );
-    let notes = beyond(&path, &needed, drive.as_ref(), free, limits);
+    let mut notes = beyond(&path, &needed, drive.as_ref(), free, limits);
+    notes.extend(special(regressor.rank(), elsewhere));
     Ok(Planned { title, excitation, start, path: Some(path), expected: Some(expected), notes })
 }
 
@@ -564,11 +566,20 @@ fn expected(
                 Some(noise) => checked_noise(noise)?,
                 None => hundredth(&needed, free.len()),
             };
-            Some(BaseRegressor::new(model, system).expected(path, &noise))
+            let regressor = BaseRegressor::new(model, system);
+            notes.extend(special(regressor.rank(), regressor.rank_elsewhere(model)?));
+            Some(regressor.expected(path, &noise))
         }
         None => None,
     };
     Ok(Planned { title, excitation, start, path, expected, notes })
+}
+
+/// What to say of a pose of the locked joints that hides something.
+fn special(rank: usize, elsewhere: usize) -> Option<String> {
+    (elsewhere > rank).then(|| {
+        format!("the locked joints stand where {rank} base parameters can be told; elsewhere it would be {elsewhere} (see --pose)")
+    })
 }
 
 fn checked_noise(noise: Vec<f64>) -> anyhow::Result<Vec<f64>> {

@@ -14,6 +14,15 @@ use super::{
 };
 use crate::{error::Error, model::Model, system::SystemError};
 
+/// A configuration that may come next.
+struct Next {
+    /// Number of new parameters, number of free joints, place in the device's list: the least comes first.
+    order: (usize, usize, usize),
+    /// What it and the earlier ones reveal together.
+    rows: DMatrix<f64>,
+    rank: usize,
+}
+
 /// Numbers of the configurations, from 1, in the order found.
 pub(super) fn sequence(model: &Model) -> Result<Vec<usize>, Error> {
     let device = model.device;
@@ -34,7 +43,7 @@ pub(super) fn sequence(model: &Model) -> Result<Vec<usize>, Error> {
     let mut rank = 0;
     let mut sequence = Vec::new();
     while !left.is_empty() {
-        let mut best: Option<((usize, usize, usize), DMatrix<f64>, usize)> = None;
+        let mut best: Option<Next> = None;
         // What reveals nothing new now never will.
         let mut useful = Vec::new();
         for &index in &left {
@@ -46,11 +55,11 @@ pub(super) fn sequence(model: &Model) -> Result<Vec<usize>, Error> {
             }
             useful.push(index);
             let order = (n_new, kernels[index].free.len(), index);
-            if best.as_ref().is_none_or(|(least, ..)| order < *least) {
-                best = Some((order, rows, reached));
+            if best.as_ref().is_none_or(|least| order < least.order) {
+                best = Some(Next { order, rows, rank: reached });
             }
         }
-        let Some(((.., index), rows, reached)) = best else { break };
+        let Some(Next { order: (.., index), rows, rank: reached }) = best else { break };
         span = rows.qr().r();
         rank = reached;
         seen.extend(parameters[index].iter().cloned());

@@ -191,9 +191,12 @@ impl<'a> Ready<'a> {
         let wanted = |name: &str| problem.unknowns.iter().any(|unknown| unknown.name == name);
         let columns = Columns::new(system, wanted, lumps);
         let n_free = system.n_free();
+        // What is cut says nothing of the noise either.
+        let first = run.time.partition_point(|t| *t < run.from_s);
         let weights = (0..n_free)
             .map(|slot| {
-                let measured: Vec<f64> = run.position.iter().skip(slot).step_by(n_free).copied().collect();
+                let measured: Vec<f64> =
+                    run.position.iter().skip(first * n_free + slot).step_by(n_free).copied().collect();
                 run.weights[slot] / noise_of(&measured)
             })
             .collect();

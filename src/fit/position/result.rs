@@ -98,7 +98,7 @@ impl RunError {
             let (measured, model) = (column(&run.position, slot), column(simulated, slot));
             let sum: f64 = measured.iter().zip(&model).skip(first).map(|(y, q)| (y - q) * (y - q)).sum();
             rmse.push((sum / samples.max(1) as f64).sqrt());
-            noise.push(noise_of(&measured));
+            noise.push(noise_of(&measured[first..]));
         }
         Self { name: run.name.clone(), initial, rmse, noise, samples, simulated: simulated.to_vec() }
     }

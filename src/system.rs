@@ -10,6 +10,7 @@
 
 mod along;
 mod assemble;
+mod block;
 mod effects;
 mod linear;
 mod solve;
@@ -17,14 +18,15 @@ mod switch;
 
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub(crate) use linear::Linear;
-pub(crate) use solve::{factorise, solve_columns};
 pub(crate) use switch::Switch;
 
 use std::fmt;
 
 pub(crate) use dynid_generated::N_SIGNALS;
-use dynid_generated::{EffectKernel, Kernel, Signal};
+use dynid_generated::{EffectKernel, Kernel, Scalar, Signal};
 use dynid_model::{Place, effect::Stage};
+
+use block::{Block, View};
 
 /// Stands for "no such index" in the flat arrays.
 pub(crate) const NONE: usize = usize::MAX;
@@ -50,10 +52,15 @@ pub struct System {
     /// Laws of the `friction` family: their sum at a joint is the signal `friction` of the others.
     frictions: Vec<Element>,
     loads: Vec<Element>,
+    /// The same again, as a simulation takes them: side by side where they are of one kind, and the others.
+    friction_blocks: (Vec<Block>, Vec<Element>),
+    load_blocks: (Vec<Block>, Vec<Element>),
     links: Vec<Element>,
     sensors: Vec<Element>,
     /// Constants added to D: row, column, value; one entry per element of `links`.
     added_inertia: Vec<(usize, usize, f64)>,
+    /// Some effect reads the sum of the frictions.
+    friction_is_read: bool,
     /// The drive depends on the commands alone, so it is constant over a held sample.
     steady_drive: bool,
 }
@@ -141,8 +148,8 @@ pub(crate) struct End {
 }
 
 impl End {
-    fn motion(&self, x: &[f64], n: usize) -> (f64, f64) {
-        if self.slot == NONE { (self.angle, 0.0) } else { (x[self.slot], x[n + self.slot]) }
+    fn motion<S: Scalar>(&self, x: &[S], n: usize) -> (S, S) {
+        if self.slot == NONE { (S::constant(self.angle), S::constant(0.0)) } else { (x[self.slot], x[n + self.slot]) }
     }
 }
 
@@ -193,9 +200,12 @@ impl System {
             transmissions: Vec::new(),
             frictions: Vec::new(),
             loads: Vec::new(),
+            friction_blocks: (Vec::new(), Vec::new()),
+            load_blocks: (Vec::new(), Vec::new()),
             links: Vec::new(),
             sensors: Vec::new(),
             added_inertia: Vec::new(),
+            friction_is_read: false,
             steady_drive: true,
         };
         system.arrange(effects)?;
@@ -315,13 +325,20 @@ impl System {
         let dq = &rest[..n];
         self.loads(scratch, t, x, dx);
         let Scratch { drive, load, inertia, bias, .. } = scratch;
+        let (dx_q, dx_rest) = dx.split_at_mut(n);
+        dx_q.copy_from_slice(dq);
+        let ddq = &mut dx_rest[..n];
+        if self.added_inertia.is_empty() {
+            // Elimination inside the kernel knows which entries of D are zero and overlaps with the rest.
+            for (torque, (drive, load)) in bias.iter_mut().zip(drive.iter().zip(&*load)) {
+                *torque = drive - load;
+            }
+            return (self.kernel.forward_dynamics)(&self.prepared, q, dq, bias, ddq);
+        }
         (self.kernel.inertia_and_bias)(&self.prepared, q, dq, inertia, bias);
         for &(row, column, value) in &self.added_inertia {
             inertia[row * n + column] += value;
         }
-        let (dx_q, dx_rest) = dx.split_at_mut(n);
-        dx_q.copy_from_slice(dq);
-        let ddq = &mut dx_rest[..n];
         for slot in 0..n {
             ddq[slot] = drive[slot] - load[slot] - bias[slot];
         }
@@ -330,9 +347,14 @@ impl System {
 
     /// Sums the joint effects into `scratch.load` and writes the rates of their states.
     fn loads(&self, scratch: &mut Scratch, t: f64, x: &[f64], dx: &mut [f64]) {
+        let Self { friction_blocks, load_blocks, effect_parameters, .. } = self;
         let mut outputs = [0.0; MAX_OUTPUTS];
         scratch.load.fill(0.0);
-        for element in &self.frictions {
+        for block in &friction_blocks.0 {
+            let view = View { t, x, drive: &scratch.drive, friction: &scratch.friction, effect_parameters };
+            block.evaluate(&view, &mut scratch.load, dx);
+        }
+        for element in &friction_blocks.1 {
             let mut signals = self.signals(element, t, x);
             signals[Signal::Load as usize] = scratch.drive.get(element.joint.slot).copied().unwrap_or(0.0);
             self.evaluate(element, &signals, x, &mut outputs, dx);
@@ -341,8 +363,14 @@ impl System {
         if self.loads.is_empty() {
             return;
         }
-        scratch.friction.copy_from_slice(&scratch.load);
-        for element in &self.loads {
+        if self.friction_is_read {
+            scratch.friction.copy_from_slice(&scratch.load);
+        }
+        for block in &load_blocks.0 {
+            let view = View { t, x, drive: &scratch.drive, friction: &scratch.friction, effect_parameters };
+            block.evaluate(&view, &mut scratch.load, dx);
+        }
+        for element in &load_blocks.1 {
             let slot = element.joint.slot;
             let mut signals = self.signals(element, t, x);
             signals[Signal::Load as usize] = scratch.drive.get(slot).copied().unwrap_or(0.0);
@@ -368,15 +396,21 @@ impl System {
         !self.sensors.is_empty()
     }
 
-    fn signals(&self, element: &Element, t: f64, x: &[f64]) -> [f64; N_SIGNALS] {
+    /// All effects.
+    fn elements(&self) -> impl Iterator<Item = &Element> {
+        let drive = self.actuators.iter().chain(&self.transmissions);
+        drive.chain(&self.frictions).chain(&self.loads).chain(&self.links).chain(&self.sensors)
+    }
+
+    fn signals<S: Scalar>(&self, element: &Element, t: S, x: &[S]) -> [S; N_SIGNALS] {
         let n = self.n_free();
-        let mut signals = [0.0; N_SIGNALS];
+        let mut signals = [S::constant(0.0); N_SIGNALS];
         let (q, dq) = element.joint.motion(x, n);
         signals[Signal::Q as usize] = q;
         signals[Signal::Dq as usize] = dq;
         signals[Signal::T as usize] = t;
         if element.qeq != NONE {
-            signals[Signal::Qeq as usize] = self.effect_parameters[element.qeq];
+            signals[Signal::Qeq as usize] = S::constant(self.effect_parameters[element.qeq]);
         }
         if element.from.joint != NONE {
             let (q, dq) = element.from.motion(x, n);
@@ -408,6 +442,10 @@ impl System {
     fn prepare(&mut self) {
         (self.kernel.prepare)(&self.link_parameters, &self.locked, &mut self.prepared);
         let mut outputs = [0.0; MAX_OUTPUTS];
+        let Self { friction_blocks, load_blocks, effect_parameters, .. } = self;
+        for block in friction_blocks.0.iter_mut().chain(&mut load_blocks.0) {
+            block.prepare(effect_parameters);
+        }
         self.added_inertia.clear();
         for element in &self.links {
             let signals = [0.0; N_SIGNALS];
@@ -517,6 +555,9 @@ impl System {
         }
         self.connect_springs();
         self.connect_columns();
+        self.friction_is_read = self.loads.iter().any(|element| element.uses.contains(Signal::Friction));
+        self.friction_blocks = Block::all(&self.frictions, n);
+        self.load_blocks = Block::all(&self.loads, n);
         Ok(())
     }
 

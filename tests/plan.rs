@@ -171,3 +171,19 @@ fn base_parameters_are_written_out() {
     let output = command.args(["plan", "planar2r", "--base"]).assert().success();
     insta::assert_snapshot!(String::from_utf8_lossy(&output.get_output().stdout));
 }
+
+/// One joint at a time never shows what only acts where joints move together.
+#[test]
+fn what_a_method_does_not_reach_is_told() {
+    let folder = TempDir::new().unwrap();
+    let why = |plan: &Value, name: &str| {
+        let missing = plan["unreachable"].as_array().unwrap().iter().find(|missing| missing["name"] == name);
+        missing.map(|missing| missing["why"].as_str().unwrap().to_owned())
+    };
+    let isolated = plan(folder.path(), &["staubli_tx40", "--method", "isolated"]);
+    let other = "another configuration of the device reveals it";
+    assert_eq!(why(&isolated, "link.2.Ixz").as_deref(), Some(other));
+    assert_eq!(why(&isolated, "link.1.Ixx").as_deref(), Some("it stands in no equation of motion"));
+    let found = plan(folder.path(), &["staubli_tx40", "--method", "found"]);
+    assert_eq!(why(&found, "link.2.Ixz"), None);
+}

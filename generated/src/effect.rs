@@ -1,5 +1,7 @@
 //! The table entry of one effect.
 
+use crate::Lanes;
+
 /// The kernels of one effect, for `f64`; generic ones are in the effect's module, e.g.
 /// `dynid_generated::effect_library::lugre::eval`.
 ///
@@ -26,6 +28,18 @@ pub struct EffectKernel {
         outputs: &mut [f64],
         rates: &mut [f64],
         jacobian: &mut [f64],
+    ),
+    /// As `eval`, of several joints or states at once.
+    pub eval_lanes:
+        fn(parameters: &[Lanes], signals: &[Lanes], states: &[Lanes], outputs: &mut [Lanes], rates: &mut [Lanes]),
+    /// As `eval_gradient`, of several joints or states at once.
+    pub eval_gradient_lanes: fn(
+        parameters: &[Lanes],
+        signals: &[Lanes],
+        states: &[Lanes],
+        outputs: &mut [Lanes],
+        rates: &mut [Lanes],
+        jacobian: &mut [Lanes],
     ),
 }
 

@@ -1,5 +1,7 @@
 //! The table entry of one configuration.
 
+use crate::Lanes;
+
 /// The kernels of one configuration of a device, for `f64`. With n = `free.len()`; the generic functions behind it
 /// are in the configuration's module, e.g. `dynid_generated::planar2r::c01::inertia`.
 ///
@@ -46,6 +48,20 @@ pub struct Kernel {
     /// tau and its partial derivatives by q and dq, n x n each; the one by ddq is D.
     pub inverse_dynamics_gradient:
         fn(prepared: &[f64], q: &[f64], dq: &[f64], ddq: &[f64], tau: &mut [f64], by_q: &mut [f64], by_dq: &mut [f64]),
+    /// As `inertia`, at several states at once.
+    pub inertia_lanes: fn(prepared: &[Lanes], q: &[Lanes], d: &mut [Lanes]),
+    /// As `regressor`, at several states at once.
+    pub regressor_lanes: fn(prepared: &[Lanes], q: &[Lanes], dq: &[Lanes], ddq: &[Lanes], y: &mut [Lanes]),
+    /// As `inverse_dynamics_gradient`, at several states at once.
+    pub inverse_dynamics_gradient_lanes: fn(
+        prepared: &[Lanes],
+        q: &[Lanes],
+        dq: &[Lanes],
+        ddq: &[Lanes],
+        tau: &mut [Lanes],
+        by_q: &mut [Lanes],
+        by_dq: &mut [Lanes],
+    ),
 }
 
 /// What one function of a kernel costs. Negations are free.
@@ -80,11 +96,11 @@ impl Operations {
     }
 }
 
-/// A function over slices from a generic one over arrays: it runs if every slice has the right length.
+/// A function over slices of a scalar type from a generic one over arrays: it runs if every slice has the right length.
 macro_rules! checked {
-    ($function:ident($($slice:ident),*)) => {
+    ($function:ident::<$scalar:ty>($($slice:ident),*)) => {
         |$($slice),*| match ($($slice.try_into()),*) {
-            ($(Ok($slice)),*) => $function::<f64>($($slice),*),
+            ($(Ok($slice)),*) => $function::<$scalar>($($slice),*),
             _ => $crate::wrong_length(),
         }
     };

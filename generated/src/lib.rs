@@ -9,6 +9,7 @@
 
 mod dual;
 mod effect;
+mod exponential;
 mod gradient;
 mod kernel;
 mod lanes;
@@ -21,7 +22,7 @@ use kernel::checked;
 pub use dual::Dual;
 pub use effect::{EffectKernel, N_SIGNALS, Signal};
 pub use kernel::{Kernel, Operations};
-pub use lanes::Lanes;
+pub use lanes::{LANES, Lanes};
 pub use scalar::Scalar;
 pub use structure::Structure;
 

@@ -2,7 +2,7 @@
 
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::trigonometry;
+use crate::{exponential, trigonometry};
 
 /// A number as kernels need it: `f64`, several at once ([`crate::Lanes`]) or with derivatives ([`crate::Dual`]).
 ///
@@ -45,7 +45,8 @@ impl Scalar for f64 {
     fn constant(value: f64) -> f64 {
         value
     }
-    #[inline]
+    // Part of the kernel: the angles stay in registers.
+    #[inline(always)]
     fn sines_cosines<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
         trigonometry::sin_cos(angles)
     }
@@ -55,8 +56,9 @@ impl Scalar for f64 {
     fn tanh(self) -> f64 {
         libm::tanh(self)
     }
+    #[inline]
     fn exp(self) -> f64 {
-        libm::exp(self)
+        exponential::exp(self)
     }
     fn ln(self) -> f64 {
         libm::log(self)

@@ -3,8 +3,10 @@
 //! `x = k pi/2 + r` with `|r| <= pi/4`: the reduction subtracts k times pi/2 in three parts (Cody & Waite 1980), of
 //! which the first two have 33 bits, so that their products with `k` are exact. Sine and cosine of `r` are minimax
 //! polynomials (own coefficients, by the Remez exchange in 200 bits; relative errors 3e-18 and 6e-20), corrected to
-//! first order for what the reduction rounded off. No branch depends on an angle, so that the compiler works on
-//! several angles side by side. Error: below 1 unit in the last place (tested against 200-bit values).
+//! first order for what the reduction rounded off. No branch depends on an angle, so that two are done side by
+//! side. Error: below 1 unit in the last place (tested against 200-bit values).
+
+use crate::{LANES, Lanes, Scalar, lanes::Bits};
 
 /// Angles beyond this are left to the general reduction. A numerical choice: `k` fits 20 bits. rad
 const LARGEST: f64 = 1.0e6;
@@ -32,56 +34,69 @@ const COSINE: [f64; 6] = [
 ];
 
 /// Sines and cosines of `angles` (rad).
-#[inline]
-pub fn sin_cos<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
-    let mut within = true;
-    for angle in &angles {
-        // False for NaN, too.
-        within &= angle.abs() <= LARGEST;
-    }
-    if within { reduced(angles) } else { general(angles) }
-}
-
 #[inline(always)]
-fn reduced<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
+pub fn sin_cos<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
     let (mut sines, mut cosines) = ([0.0; N], [0.0; N]);
-    for ((&angle, sine), cosine) in angles.iter().zip(&mut sines).zip(&mut cosines) {
-        let shifted = angle * TWO_OVER_PI + ROUND;
-        let k = shifted - ROUND;
-        let quadrant = shifted.to_bits();
-
-        let first = angle - k * HALF_PI[0];
-        let product = k * HALF_PI[1];
-        let second = first - product;
-        // What the second subtraction rounded off, and the third part.
-        let rest = ((first - second) - product) - k * HALF_PI[2];
-        let r = second + rest;
-        let low = (second - r) + rest;
-
-        let z = r * r;
-        let z2 = z * z;
-        let [s0, s1, s2, s3, s4, s5] = SINE;
-        let odd = (s0 + z * s1) + z2 * ((s2 + z * s3) + z2 * (s4 + z * s5));
-        // sin(r + low) = sin r + low cos r
-        let s = r + (z * r * odd + low * (1.0 - 0.5 * z));
-        let [c0, c1, c2, c3, c4, c5] = COSINE;
-        let even = (c0 + z * c1) + z2 * ((c2 + z * c3) + z2 * (c4 + z * c5));
-        let half = 0.5 * z;
-        let near = 1.0 - half;
-        // cos(r + low) = cos r - low sin r; `(1 - near) - half` is what `near` rounded off.
-        let c = near + (((1.0 - near) - half) + (z2 * even - r * low));
-
-        // Quadrant 1: (c, -s), 2: (-s, -c), 3: (-c, s), in bits so that nothing branches.
-        let swap = 0u64.wrapping_sub(quadrant & 1);
-        let (s, c) = (s.to_bits(), c.to_bits());
-        let difference = (s ^ c) & swap;
-        *sine = f64::from_bits((s ^ difference) ^ ((quadrant & 2) << 62));
-        *cosine = f64::from_bits((c ^ difference) ^ ((quadrant.wrapping_add(1) & 2) << 62));
+    // From the last on: an odd one out is the first, for the angle of a joint on the base is mostly not needed, and the
+    // others are loaded in the pairs in which an integrator has stored them.
+    let (odd, pairs) = angles.as_rchunks::<LANES>();
+    let (odd_sine, sine_pairs) = sines.as_rchunks_mut::<LANES>();
+    let (odd_cosine, cosine_pairs) = cosines.as_rchunks_mut::<LANES>();
+    for ((angle, sine), cosine) in odd.iter().zip(odd_sine).zip(odd_cosine) {
+        let (s, c) = of_lanes(Lanes::constant(*angle));
+        ([*sine, _], [*cosine, _]) = (s.to_array(), c.to_array());
+    }
+    for ((pair, sines), cosines) in pairs.iter().zip(sine_pairs).zip(cosine_pairs) {
+        let (s, c) = of_lanes(Lanes::new(*pair));
+        (*sines, *cosines) = (s.to_array(), c.to_array());
     }
     (sines, cosines)
 }
 
+/// Sine and cosine of each lane (rad).
+#[inline(always)]
+pub fn of_lanes(angle: Lanes) -> (Lanes, Lanes) {
+    if angle.all_within(LARGEST) { reduced(angle) } else { general(angle) }
+}
+
+#[inline(always)]
+fn reduced(angle: Lanes) -> (Lanes, Lanes) {
+    let c = Lanes::constant;
+    let shifted = angle * c(TWO_OVER_PI) + c(ROUND);
+    let k = shifted - c(ROUND);
+    let quadrant = shifted.bits();
+
+    let first = angle - k * c(HALF_PI[0]);
+    let product = k * c(HALF_PI[1]);
+    let second = first - product;
+    // What the second subtraction rounded off, and the third part.
+    let rest = ((first - second) - product) - k * c(HALF_PI[2]);
+    let r = second + rest;
+    let low = (second - r) + rest;
+
+    let z = r * r;
+    let z2 = z * z;
+    let [s0, s1, s2, s3, s4, s5] = SINE;
+    let odd = (c(s0) + z * c(s1)) + z2 * ((c(s2) + z * c(s3)) + z2 * (c(s4) + z * c(s5)));
+    let half = c(0.5) * z;
+    let near = c(1.0) - half;
+    // sin(r + low) = sin r + low cos r
+    let sine = r + (z * r * odd + low * near);
+    let [c0, c1, c2, c3, c4, c5] = COSINE;
+    let even = (c(c0) + z * c(c1)) + z2 * ((c(c2) + z * c(c3)) + z2 * (c(c4) + z * c(c5)));
+    // cos(r + low) = cos r - low sin r; `(1 - near) - half` is what `near` rounded off.
+    let cosine = near + (((c(1.0) - near) - half) + (z2 * even - r * low));
+
+    // Quadrant 1: (c, -s), 2: (-s, -c), 3: (-c, s), in bits so that nothing branches.
+    let swap = Bits::splat(0).minus(quadrant & Bits::splat(1));
+    let (sine, cosine) = (sine.bits(), cosine.bits());
+    let difference = (sine ^ cosine) & swap;
+    let sign_of_sine = (quadrant & Bits::splat(2)).left::<62>();
+    let sign_of_cosine = (quadrant.plus(Bits::splat(1)) & Bits::splat(2)).left::<62>();
+    (((sine ^ difference) ^ sign_of_sine).numbers(), ((cosine ^ difference) ^ sign_of_cosine).numbers())
+}
+
 #[cold]
-fn general<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
-    (angles.map(libm::sin), angles.map(libm::cos))
+fn general(angle: Lanes) -> (Lanes, Lanes) {
+    (Lanes::new(angle.to_array().map(libm::sin)), Lanes::new(angle.to_array().map(libm::cos)))
 }

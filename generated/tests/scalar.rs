@@ -1,6 +1,6 @@
 //! The numbers that kernels compute with.
 
-use dynid_generated::{Dual, Lanes, Scalar};
+use dynid_generated::{Dual, LANES, Lanes, Scalar};
 
 /// Angle, then sine and cosine, each as a double and what it leaves off (made by `sin_cos.py`).
 fn table() -> Vec<[f64; 5]> {
@@ -53,6 +53,51 @@ fn what_is_no_angle_has_no_sine() {
     assert!(s == 0.0);
 }
 
+#[test]
+fn exponentials_are_within_one_unit_in_the_last_place() {
+    let mut worst = 0.0f64;
+    for row in include_str!("exp.csv").lines().skip(1) {
+        let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let [x, high, rest]: [f64; 3] = cells.try_into().unwrap();
+        let computed = Scalar::exp(x);
+        let error = ((computed - high) - rest).abs() / ulp(high);
+        assert!(error <= 1.0, "{x:e}: {computed:e} is {error} units off {high:e}");
+        worst = worst.max(error);
+    }
+    assert!(worst > 0.4, "an error of {worst} units is too good to have been measured");
+}
+
+#[test]
+fn exponentials_agree_with_the_system_on_a_dense_grid() {
+    for step in -372_000..354_800 {
+        let x = f64::from(step) * 2e-3 + 1e-7;
+        let computed = Scalar::exp(x);
+        assert!((computed - x.exp()).abs() <= 1.5 * ulp(x.exp()), "{x}");
+    }
+}
+
+#[test]
+fn exponentials_end_as_they_should() {
+    assert_eq!(Scalar::exp(0.0), 1.0);
+    assert_eq!(Scalar::exp(-0.0), 1.0);
+    for (x, result) in [
+        (f64::INFINITY, f64::INFINITY),
+        (1e300, f64::INFINITY),
+        (709.783, f64::INFINITY),
+        (f64::NEG_INFINITY, 0.0),
+        (-1e300, 0.0),
+        (-746.0, 0.0),
+        (-745.2, 0.0),
+        (-745.13, f64::from_bits(1)),
+    ] {
+        assert_eq!(Scalar::exp(x), result, "{x:e}");
+    }
+    assert!(Scalar::exp(f64::NAN).is_nan());
+    // Each lane for itself.
+    let [a, b] = Scalar::exp(Lanes::new([f64::NAN, 1.0])).to_array();
+    assert!(a.is_nan() && b == Scalar::exp(1.0));
+}
+
 /// A function that uses every operation of `Scalar`, smooth around the points below.
 fn everything<S: Scalar>(x: S, y: S) -> S {
     let one = S::constant(1.0);
@@ -64,10 +109,11 @@ fn everything<S: Scalar>(x: S, y: S) -> S {
 
 #[test]
 fn lanes_compute_what_numbers_do() {
-    let (x, y) = ([0.3, -0.8, 1.2, -0.1], [-0.5, 0.4, 0.9, -1.1]);
-    let together = everything(Lanes(x), Lanes(y)).0;
-    for lane in 0..4 {
-        assert_eq!(together[lane], everything(x[lane], y[lane]));
+    for (x, y) in [([0.3, -0.8], [-0.5, 0.4]), ([1.2, -0.1], [0.9, -1.1]), ([1e7, -0.0], [-2e6, 0.0])] {
+        let together = everything(Lanes::new(x), Lanes::new(y)).to_array();
+        for lane in 0..LANES {
+            assert_eq!(together[lane].to_bits(), everything(x[lane], y[lane]).to_bits());
+        }
     }
 }
 

@@ -13,7 +13,7 @@ const KEYWORDS: [&str; 53] = [
 ];
 
 /// Crates of Rust, and what stands beside the devices' modules and folders in the crate of the kernels.
-const TAKEN: [&str; 17] = [
+const TAKEN: [&str; 18] = [
     "alloc",
     "build",
     "core",
@@ -31,6 +31,7 @@ const TAKEN: [&str; 17] = [
     "target",
     "tests",
     "trigonometry",
+    "exponential",
 ];
 
 /// Whether Rust keeps this word for itself, so that nothing can be called so.

@@ -358,7 +358,7 @@ fn per_joint<T: Copy>(name: &str, list: &[T], n_free: usize) -> anyhow::Result<O
 
 fn limits(arguments: &Arguments, device: &Device, free: &[usize]) -> anyhow::Result<Limits> {
     let own = |value: &dyn Fn(usize) -> f64| free.iter().map(|&joint| value(joint)).collect::<Vec<f64>>();
-    let at_least_zero = |name: &str, list: &[f64]| match list.iter().find(|value| !(**value > 0.0)) {
+    let at_least_zero = |name: &str, list: &[f64]| match list.iter().find(|value| value.is_nan() || **value <= 0.0) {
         Some(value) => bail!("--{name} {value}: expected a positive number"),
         None => per_joint(name, list, free.len()),
     };

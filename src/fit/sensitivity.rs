@@ -5,14 +5,28 @@
 //! the exact solution does. Columns are, in this order: the wanted effect parameters, the
 //! kernel's lumps (all unknown inertial parameters act through them: `ds/dp = ds/dlump dlump/dp`), and the initial
 //! positions of the free joints. A row of S holds all columns of one state, padded to whole blocks.
+//!
+//! A few steps at a time are taken in three passes, for there are many more unknowns than states:
+//! 1. the states alone, as in any simulation, keeping what every stage saw;
+//! 2. the equations linearised at these stages, several side by side in the lanes of vector registers;
+//! 3. backwards through the stages (the transpose of the scheme), `S_end = W S_begin + G`: W has a row per state, and an
+//!    unknown costs only its own few entries of `f_u`.
+
+use dynid_generated::{LANES, Lanes, Scalar};
 
 use crate::{
     simulate::{Grid, Hold, Input, Options, SimulationError, Tether, check, check_state, interpolate},
-    system::{Linear, NONE, Switch, System, solve_columns},
+    system::{Linear, NONE, Scratch, Switch, System},
 };
 
 /// Columns come in blocks of this many: what one cache line holds, and whole vector registers of any width.
 const BLOCK: usize = 8;
+
+/// Steps that are linearised together, at most: their equations should stay in the cache.
+const MOST_STEPS: usize = 12;
+
+/// Stages of a Runge-Kutta step.
+const STAGES: usize = 4;
 
 /// Which derivative stands in which column.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -95,45 +109,80 @@ pub fn simulate(
     mut observe: impl FnMut(usize, &[f64], &[f64]),
 ) -> Result<(), SimulationError> {
     check(system, input, q0)?;
-    let n = system.n_free();
     let n_joints = system.n_joints();
     let mut motion = Variation::new(system, columns, q0);
     let mut view = View::new(system, columns);
     check_state(system, 0.0, &motion.x, options)?;
-    view.show(system, columns, input.time.first().copied().unwrap_or(0.0), &mut motion, 0, &mut observe);
+    view.show(system, columns, input.time.first().copied().unwrap_or(0.0), &motion, 0, &mut observe);
     let grid = Grid::new(input.time, options.substeps);
-    let mut command = vec![0.0; n_joints];
     for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
         let (now, next) = rows.split_at(n_joints);
-        let (start, end) = (input.time[sample], input.time[sample + 1]);
-        let steps = grid.steps(start, end);
-        let step = (end - start) / steps as f64;
-        motion.linear.renew_drive();
-        for k in 0..steps {
-            let commanded = |t: f64, command: &mut [f64]| match input.hold {
-                Hold::Zero => command.copy_from_slice(now),
-                Hold::Linear => interpolate((t - start) / (end - start), now, next, command),
-            };
-            let pull = |t: f64, x: &[f64], dx: &mut [f64]| match tether {
-                Some(tether) => {
-                    for slot in 0..n {
-                        let (q, dq) = tether.target(slot, n, sample, (t - start) / (end - start), end - start);
-                        dx[n + slot] += tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n + slot]));
-                    }
-                    tether.rate
-                }
-                None => 0.0,
-            };
-            motion.step(system, columns, start + k as f64 * step, step, input.hold, &mut command, commanded, pull);
+        let span = Span {
+            sample,
+            start: input.time[sample],
+            end: input.time[sample + 1],
+            steps: grid.steps(input.time[sample], input.time[sample + 1]),
+            hold: input.hold,
+            now,
+            next,
+            tether,
+        };
+        // As even as they come.
+        let most = span.steps.div_ceil(span.steps.div_ceil(MOST_STEPS));
+        let mut done = 0;
+        while done < span.steps {
+            let passed = motion.states(system, &span, done..span.steps.min(done + most));
+            motion.linearise(system, columns, &span);
+            motion.sensitivities(system, columns, &span);
+            done += motion.steps;
+            if passed {
+                motion.jumps(system, columns, span.start + done as f64 * span.step(), span.step());
+            }
         }
-        check_state(system, end, &motion.x, options)?;
-        view.show(system, columns, end, &mut motion, sample + 1, &mut observe);
+        check_state(system, span.end, &motion.x, options)?;
+        view.show(system, columns, span.end, &motion, sample + 1, &mut observe);
     }
     Ok(())
 }
 
+/// What acts between two samples.
+struct Span<'a> {
+    sample: usize,
+    /// s
+    start: f64,
+    /// s
+    end: f64,
+    steps: usize,
+    hold: Hold,
+    now: &'a [f64],
+    next: &'a [f64],
+    tether: Option<&'a Tether<'a>>,
+}
+
+impl Span<'_> {
+    fn step(&self) -> f64 {
+        (self.end - self.start) / self.steps as f64
+    }
+
+    fn command(&self, t: f64, command: &mut [f64]) {
+        match self.hold {
+            Hold::Zero => command.copy_from_slice(self.now),
+            Hold::Linear => interpolate((t - self.start) / (self.end - self.start), self.now, self.next, command),
+        }
+    }
+
+    /// What the tether adds to the acceleration of a free joint.
+    fn pull(&self, t: f64, n_free: usize, slot: usize, x: &[f64]) -> f64 {
+        let Some(tether) = self.tether else { return 0.0 };
+        let span_s = self.end - self.start;
+        let (q, dq) = tether.target(slot, n_free, self.sample, (t - self.start) / span_s, span_s);
+        tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n_free + slot]))
+    }
+}
+
 /// What the log shows of a state and its derivatives.
 struct View {
+    linear: Linear,
     position: Vec<f64>,
     by_column: Vec<f64>,
 }
@@ -141,7 +190,7 @@ struct View {
 impl View {
     fn new(system: &System, columns: &Columns) -> Self {
         let room = if system.has_sensors() { system.n_free() * columns.width } else { 0 };
-        Self { position: vec![0.0; system.n_free()], by_column: vec![0.0; room] }
+        Self { linear: Linear::new(system), position: vec![0.0; system.n_free()], by_column: vec![0.0; room] }
     }
 
     fn show(
@@ -149,7 +198,7 @@ impl View {
         system: &System,
         columns: &Columns,
         t: f64,
-        motion: &mut Variation,
+        motion: &Variation,
         sample: usize,
         observe: &mut impl FnMut(usize, &[f64], &[f64]),
     ) {
@@ -158,7 +207,7 @@ impl View {
         if system.has_sensors() {
             self.by_column.copy_from_slice(rows);
             let (position, by_column) = (&mut self.position, &mut self.by_column);
-            motion.linear.measure(system, t, &motion.x, position, by_column, &columns.of_effect);
+            self.linear.measure(system, t, &motion.x, position, by_column, &columns.of_effect);
             observe(sample, &self.position, &self.by_column);
         } else {
             observe(sample, &motion.x[..n], rows);
@@ -166,214 +215,460 @@ impl View {
     }
 }
 
-/// State and sensitivities on their way, with the room that a step needs.
+/// State and sensitivities on their way, with the room that a chunk of steps needs.
 struct Variation {
-    linear: Linear,
+    linear: Linear<Lanes>,
+    scratch: Scratch,
+    command: Vec<f64>,
     x: Vec<f64>,
-    x_stage: Vec<f64>,
-    x_rate: Vec<f64>,
     x_sum: Vec<f64>,
     s: Vec<f64>,
-    s_stage: Vec<f64>,
-    s_rate: Vec<f64>,
-    s_sum: Vec<f64>,
+    s_next: Vec<f64>,
+    /// Number of steps in the chunk.
+    steps: usize,
+    /// Time (s), states and their rates at every stage of the chunk.
+    stage_t: Vec<f64>,
+    stage_x: Vec<f64>,
+    stage_rate: Vec<f64>,
+    /// What the linearised equations of a pair of stages hold, one after the other.
+    slopes: Vec<Lanes>,
+    places: Places,
     switches: Vec<Switch>,
-    /// Positions of the switching joints at the start of a step.
+    /// Tells the two sides of a switch apart.
+    sides: Linear,
+    /// Positions at the start of the last step.
     q_before: Vec<f64>,
     jump: Vec<f64>,
+    x_lanes: Vec<Lanes>,
+    ddq_lanes: Vec<Lanes>,
+    command_lanes: Vec<Lanes>,
+    rate_lanes: Vec<Lanes>,
+}
+
+/// Where the linearised equations of a stage stand in its slopes: first LDL^T of D, n_free x n_free, then `Q_x`,
+/// n_free x n_states, then Y, n_free x n_lumps, and then one entry each for what is listed here.
+#[derive(Default)]
+struct Places {
+    /// Number of slopes of a stage; 0 before the first.
+    count: usize,
+    /// Free joint and column: what a parameter does to the torque.
+    torque_by_parameter: Vec<(usize, usize, usize)>,
+    /// State and state.
+    rate_by_state: Vec<(usize, usize, usize)>,
+    /// State and column.
+    rate_by_parameter: Vec<(usize, usize, usize)>,
+    /// Column, free joint and place of those entries of Y that are not always zero, column by column.
+    regressor: Vec<(usize, usize, usize)>,
 }
 
 impl Variation {
     fn new(system: &System, columns: &Columns, q0: &[f64]) -> Self {
         let x = system.rest(q0);
-        let mut s = vec![0.0; x.len() * columns.width];
+        let n_states = x.len();
+        let mut s = vec![0.0; n_states * columns.width];
         for (slot, column) in columns.initial().enumerate() {
             s[slot * columns.width + column] = 1.0;
         }
+        let stages = MOST_STEPS * STAGES;
         Self {
             linear: Linear::new(system),
-            x_stage: x.clone(),
-            x_rate: x.clone(),
+            scratch: system.scratch(),
+            command: vec![0.0; system.n_joints()],
             x_sum: x.clone(),
-            x,
-            s_stage: s.clone(),
-            s_rate: s.clone(),
-            s_sum: s.clone(),
+            s_next: s.clone(),
             s,
+            steps: 0,
+            stage_t: vec![0.0; stages],
+            stage_x: vec![0.0; stages * n_states],
+            stage_rate: vec![0.0; stages * n_states],
+            slopes: Vec::new(),
+            places: Places::default(),
             switches: system.switches(),
+            sides: Linear::new(system),
             q_before: q0.to_vec(),
             jump: vec![0.0; system.n_free()],
+            x_lanes: vec![Lanes::constant(0.0); n_states],
+            ddq_lanes: vec![Lanes::constant(0.0); system.n_free()],
+            command_lanes: vec![Lanes::constant(0.0); system.n_joints()],
+            rate_lanes: vec![Lanes::constant(0.0); n_states],
+            x,
         }
     }
 
-    #[allow(clippy::too_many_arguments)]
-    fn step(
-        &mut self,
-        system: &System,
-        columns: &Columns,
-        t: f64,
-        step: f64,
-        hold: Hold,
-        command: &mut [f64],
-        commanded: impl Fn(f64, &mut [f64]),
-        pull: impl Fn(f64, &[f64], &mut [f64]) -> f64,
-    ) {
+    /// Integrates the states over these steps of the span, or up to the first in which a joint passes a rest position
+    /// where something switches; says whether one did.
+    fn states(&mut self, system: &System, span: &Span<'_>, steps: std::ops::Range<usize>) -> bool {
         /// Where a stage stands, what its slope weighs in the sum, and how far the next stage goes with it.
-        const STAGES: [(f64, f64, f64); 4] = [(0.0, 1.0, 0.5), (0.5, 2.0, 0.5), (0.5, 2.0, 1.0), (1.0, 1.0, 0.0)];
-        self.q_before.copy_from_slice(&self.x[..system.n_free()]);
-        self.x_stage.copy_from_slice(&self.x);
-        self.s_stage.copy_from_slice(&self.s);
-        for (stage, (share, weight, reach)) in STAGES.into_iter().enumerate() {
-            let now = t + share * step;
-            commanded(now, command);
-            if hold == Hold::Linear {
-                self.linear.renew_drive();
-            }
-            self.linear.update(system, now, &self.x_stage, command, &mut self.x_rate);
-            let tether_rate = pull(now, &self.x_stage, &mut self.x_rate);
-            rates(&self.linear, system, columns, &self.s_stage, &mut self.s_rate);
-            if tether_rate > 0.0 {
-                let n = system.n_free() * columns.width;
-                let (q, dq) = self.s_stage[..2 * n].split_at(n);
-                for ((rate, q), dq) in self.s_rate[n..2 * n].iter_mut().zip(q).zip(dq) {
-                    *rate -= tether_rate * (tether_rate * q + 2.0 * dq);
+        const SCHEME: [(f64, f64, f64); STAGES] = [(0.0, 1.0, 0.5), (0.5, 2.0, 0.5), (0.5, 2.0, 1.0), (1.0, 1.0, 0.0)];
+        let (n, n_states, step) = (system.n_free(), self.x.len(), span.step());
+        self.steps = 0;
+        let mut stage = 0;
+        for index in steps {
+            let begin = span.start + index as f64 * step;
+            self.q_before.copy_from_slice(&self.x[..n]);
+            self.stage_x[stage * n_states..(stage + 1) * n_states].copy_from_slice(&self.x);
+            for (number, (share, weight, reach)) in SCHEME.into_iter().enumerate() {
+                let t = begin + share * step;
+                let (before, after) = self.stage_x.split_at_mut((stage + 1) * n_states);
+                let x = &before[stage * n_states..];
+                let rate = &mut self.stage_rate[stage * n_states..(stage + 1) * n_states];
+                self.stage_t[stage] = t;
+                if stage == 0 || span.hold == Hold::Linear || !system.steady_drive() {
+                    span.command(t, &mut self.command);
+                    system.drive(&mut self.scratch, t, x, &self.command, rate);
                 }
+                system.motion(&mut self.scratch, t, x, rate);
+                if span.tether.is_some() {
+                    for slot in 0..n {
+                        rate[n + slot] += span.pull(t, n, slot, x);
+                    }
+                }
+                let ahead = reach * step;
+                let sum = &mut self.x_sum;
+                if number == 0 {
+                    sum.copy_from_slice(rate);
+                } else if number < 3 {
+                    sum.iter_mut().zip(&*rate).for_each(|(sum, rate)| *sum += weight * rate);
+                }
+                if number < 3 {
+                    let next = &mut after[..n_states];
+                    for ((next, x), rate) in next.iter_mut().zip(&self.x).zip(&*rate) {
+                        *next = x + ahead * rate;
+                    }
+                } else {
+                    for ((x, rate), sum) in self.x.iter_mut().zip(&*rate).zip(sum) {
+                        *x += step / 6.0 * (*sum + rate);
+                    }
+                }
+                stage += 1;
             }
-            let ahead = reach * step;
-            if stage == 0 {
-                begin(&self.x, &self.x_rate, &mut self.x_sum, ahead, &mut self.x_stage);
-                begin(&self.s, &self.s_rate, &mut self.s_sum, ahead, &mut self.s_stage);
-            } else if stage < 3 {
-                proceed(&self.x, &self.x_rate, weight, &mut self.x_sum, ahead, &mut self.x_stage);
-                proceed(&self.s, &self.s_rate, weight, &mut self.s_sum, ahead, &mut self.s_stage);
-            } else {
-                conclude(&mut self.x, &self.x_rate, &self.x_sum, step / 6.0);
-                conclude(&mut self.s, &self.s_rate, &self.s_sum, step / 6.0);
+            self.steps += 1;
+            if self.switches.iter().any(|switch| self.passed(system, *switch).is_some()) {
+                return true;
             }
         }
-        for index in 0..self.switches.len() {
-            self.switch(system, columns, self.switches[index], t + step, step);
-        }
+        false
     }
 
-    /// Where the last step passed a rest position at which an effect jumps, S jumps along.
-    fn switch(&mut self, system: &System, columns: &Columns, switch: Switch, t: f64, step: f64) {
+    /// Whether the last step passed this switch, and then whether upwards.
+    fn passed(&self, system: &System, switch: Switch) -> Option<bool> {
+        let rest = system.effect_parameters()[switch.qeq];
+        let (before, after) = (self.q_before[switch.slot], self.x[switch.slot]);
+        ((before < rest) != (after < rest)).then_some(after > before)
+    }
+
+    /// Where the last step, which ended at `t`, passed a rest position at which an effect jumps, S jumps along.
+    fn jumps(&mut self, system: &System, columns: &Columns, t: f64, step: f64) {
         let n = system.n_free();
         let width = columns.width;
-        let Switch { slot, qeq, .. } = switch;
-        let rest = system.effect_parameters()[qeq];
-        let (before, after) = (self.q_before[slot], self.x[slot]);
-        if (before < rest) == (after < rest) {
-            return;
-        }
-        if !self.linear.jump(system, switch, t, &self.x, after > before, &mut self.jump) {
-            return;
-        }
-        // A joint that merely grazes its rest position within the step has no derivative there; this bounds it.
-        let speed = (after - before) / step;
-        let within_step = self.jump[slot] * step;
-        let per_position = speed / (speed * speed + within_step * within_step);
-        let (positions, speeds) = self.s.split_at_mut(n * width);
-        let passing = &positions[slot * width..(slot + 1) * width];
-        for (row, jump) in self.jump.iter().enumerate() {
-            let factor = jump * per_position;
-            add_scaled(&mut speeds[row * width..(row + 1) * width], factor, passing);
-            let column = columns.of_effect[qeq];
-            if column != NONE {
-                speeds[row * width + column] -= factor;
-            }
-        }
-    }
-}
-
-fn begin(base: &[f64], rate: &[f64], sum: &mut [f64], ahead: f64, stage: &mut [f64]) {
-    for (((base, rate), sum), stage) in base.iter().zip(rate).zip(sum).zip(stage) {
-        *sum = *rate;
-        *stage = base + ahead * rate;
-    }
-}
-
-fn proceed(base: &[f64], rate: &[f64], weight: f64, sum: &mut [f64], ahead: f64, stage: &mut [f64]) {
-    for (((base, rate), sum), stage) in base.iter().zip(rate).zip(sum).zip(stage) {
-        *sum += weight * rate;
-        *stage = base + ahead * rate;
-    }
-}
-
-fn conclude(base: &mut [f64], rate: &[f64], sum: &[f64], share: f64) {
-    for ((base, rate), sum) in base.iter_mut().zip(rate).zip(sum) {
-        *base += share * (sum + rate);
-    }
-}
-
-/// `dS/dt` from the linearised equations.
-fn rates(linear: &Linear, system: &System, columns: &Columns, s: &[f64], s_rate: &mut [f64]) {
-    let n = system.n_free();
-    let n_states = system.n_states();
-    let width = columns.width;
-    let (position_rates, rest) = s_rate.split_at_mut(n * width);
-    let (speed_rates, effect_rates) = rest.split_at_mut(n * width);
-    position_rates.copy_from_slice(&s[n * width..2 * n * width]);
-
-    for (factors, row) in linear.torque_by_state.chunks_exact(n_states).zip(speed_rates.chunks_exact_mut(width)) {
-        combine(factors, s, row);
-    }
-    for &(slot, parameter, value) in &linear.torque_by_parameter {
-        let column = columns.of_effect[parameter];
-        if column != NONE {
-            speed_rates[slot * width + column] += value;
-        }
-    }
-    if columns.n_lumps > 0 {
-        for (regressor, row) in linear.regressor.chunks_exact(columns.n_lumps).zip(speed_rates.chunks_exact_mut(width))
-        {
-            for (value, by_lump) in row[columns.lumps()].iter_mut().zip(regressor) {
-                *value -= by_lump;
-            }
-        }
-    }
-    solve_columns(n, &linear.factor, speed_rates, width);
-
-    effect_rates.fill(0.0);
-    for &(state, variable, value) in &linear.rate_by_state {
-        let row = state - 2 * n;
-        let target = &mut effect_rates[row * width..(row + 1) * width];
-        add_scaled(target, value, &s[variable * width..(variable + 1) * width]);
-    }
-    for &(state, parameter, value) in &linear.rate_by_parameter {
-        let column = columns.of_effect[parameter];
-        if column != NONE {
-            effect_rates[(state - 2 * n) * width + column] += value;
-        }
-    }
-}
-
-/// `row = factors . s`, block by block, so that a block's sum stays in registers.
-fn combine(factors: &[f64], s: &[f64], row: &mut [f64]) {
-    let width = row.len();
-    let (blocks, _) = row.as_chunks_mut::<BLOCK>();
-    for (block, target) in blocks.iter_mut().enumerate() {
-        let mut sum = [0.0; BLOCK];
-        for (factor, source) in factors.iter().zip(s.chunks_exact(width)) {
-            if *factor == 0.0 {
+        for switch in self.switches.clone() {
+            let Switch { slot, qeq, .. } = switch;
+            let Some(rising) = self.passed(system, switch) else { continue };
+            if !self.sides.jump(system, switch, t, &self.x, &self.scratch, rising, &mut self.jump) {
                 continue;
             }
-            if let Some(source) = source.as_chunks::<BLOCK>().0.get(block) {
-                for (sum, source) in sum.iter_mut().zip(source) {
-                    *sum += factor * source;
+            // A joint that merely grazes its rest position within the step has no derivative there; this bounds it.
+            let speed = (self.x[slot] - self.q_before[slot]) / step;
+            let within_step = self.jump[slot] * step;
+            let per_position = speed / (speed * speed + within_step * within_step);
+            let (positions, speeds) = self.s.split_at_mut(n * width);
+            let passing = &positions[slot * width..(slot + 1) * width];
+            for (row, jump) in speeds.chunks_exact_mut(width).zip(&self.jump) {
+                let factor = jump * per_position;
+                row.iter_mut().zip(passing).for_each(|(row, passing)| *row += factor * passing);
+                let column = columns.of_effect[qeq];
+                if column != NONE {
+                    row[column] -= factor;
                 }
             }
         }
-        *target = sum;
+    }
+
+    /// Linearises the equations at all stages, [`LANES`] at a time.
+    fn linearise(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
+        let (n, n_states) = (system.n_free(), self.x.len());
+        self.slopes.clear();
+        let mut commands = [self.command.clone(), self.command.clone()];
+        for first in (0..self.steps * STAGES).step_by(LANES) {
+            let pair = |values: &[f64], width: usize, k: usize| {
+                Lanes::new([values[first * width + k], values[(first + 1) * width + k]])
+            };
+            for k in 0..n_states {
+                self.x_lanes[k] = pair(&self.stage_x, n_states, k);
+            }
+            for slot in 0..n {
+                self.ddq_lanes[slot] = pair(&self.stage_rate, n_states, n + slot);
+            }
+            if first == 0 || span.hold == Hold::Linear {
+                self.linear.renew_drive();
+                for (command, t) in commands.iter_mut().zip(&self.stage_t[first..]) {
+                    span.command(*t, command);
+                }
+                for (joint, lanes) in self.command_lanes.iter_mut().enumerate() {
+                    *lanes = Lanes::new([commands[0][joint], commands[1][joint]]);
+                }
+            }
+            if span.tether.is_some() {
+                // The equations hold without the pull.
+                let x = &self.stage_x[first * n_states..];
+                for slot in 0..n {
+                    let pull = |k: usize| span.pull(self.stage_t[first + k], n, slot, &x[k * n_states..]);
+                    self.ddq_lanes[slot] = self.ddq_lanes[slot] - Lanes::new([pull(0), pull(1)]);
+                }
+            }
+            let t = pair(&self.stage_t, 1, 0);
+            self.linear.at(system, t, &self.x_lanes, &self.ddq_lanes, &self.command_lanes, &mut self.rate_lanes);
+            if self.places.count == 0 {
+                self.places = Places::new(&self.linear, system, columns);
+            }
+            self.keep(columns);
+        }
+    }
+
+    /// Appends the slopes of the equations as they are linearised now.
+    fn keep(&mut self, columns: &Columns) {
+        let Self { linear, slopes, places, .. } = self;
+        let start = slopes.len();
+        slopes.extend_from_slice(&linear.factor);
+        slopes.extend_from_slice(&linear.torque_by_state);
+        if columns.n_lumps > 0 {
+            slopes.extend_from_slice(&linear.regressor);
+        }
+        let wanted = |parameter: usize| columns.of_effect[parameter] != NONE;
+        slopes.extend(linear.torque_by_parameter.iter().filter(|entry| wanted(entry.1)).map(|entry| entry.2));
+        slopes.extend(linear.rate_by_state.iter().map(|entry| entry.2));
+        slopes.extend(linear.rate_by_parameter.iter().filter(|entry| wanted(entry.1)).map(|entry| entry.2));
+        assert_eq!(slopes.len() - start, places.count, "the places of the slopes are the same at every state");
+    }
+
+    /// Takes the sensitivities over the steps of the chunk.
+    fn sensitivities(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
+        let n_states = self.x.len();
+        // The vectors per block that leave the fewest rows empty; of those the most.
+        let padded = |vectors: usize| n_states.next_multiple_of(vectors * LANES);
+        match [4, 3, 2].into_iter().min_by_key(|vectors| padded(*vectors)) {
+            Some(4) => self.sweep::<4>(system, columns, span),
+            Some(3) => self.sweep::<3>(system, columns, span),
+            _ => self.sweep::<2>(system, columns, span),
+        }
+        std::mem::swap(&mut self.s, &mut self.s_next);
+    }
+
+    /// `S_next = W S + G`, `B` vectors of rows at a time. With `k_i = A_i X_i + B_i` the slopes of the scheme, and
+    /// `X_2 = S + h/2 k_1`, `X_3 = S + h/2 k_2`, `X_4 = S + h k_3`, a row w of the result needs `w k_i` with the weights
+    /// below, from the last slope to the first.
+    fn sweep<const B: usize>(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
+        let (n, n_states, width) = (system.n_free(), self.x.len(), columns.width);
+        let step = span.step();
+        let [sixth, third, half] = [step / 6.0, step / 3.0, step / 2.0];
+        let mut rows = Rows::<B>::new(n, n_states, width, span.tether.map_or(0.0, |tether| tether.rate));
+        let slopes_of = |stage: usize| {
+            let first = stage / LANES * self.places.count;
+            &self.slopes[first..first + self.places.count]
+        };
+        for first_row in (0..n_states).step_by(B * LANES) {
+            rows.begin(first_row);
+            for index in (0..self.steps).rev() {
+                let (late, early) = (slopes_of(index * STAGES + 2), slopes_of(index * STAGES));
+                rows.stage::<1>(late, &self.places, [sixth, 0.0]);
+                rows.stage::<0>(late, &self.places, [third, step]);
+                rows.stage::<1>(early, &self.places, [third, half]);
+                rows.stage::<0>(early, &self.places, [sixth, half]);
+                rows.end_step();
+            }
+            for (row, next) in self.s_next.chunks_exact_mut(width).enumerate().skip(first_row).take(B * LANES) {
+                let (vector, lane) = ((row - first_row) / LANES, (row - first_row) % LANES);
+                for (next, by_column) in next.iter_mut().zip(&rows.by_column) {
+                    *next = by_column[vector].to_array()[lane];
+                }
+                for (w, source) in rows.w.iter().zip(self.s.chunks_exact(width)) {
+                    let factor = w[vector].to_array()[lane];
+                    next.iter_mut().zip(source).for_each(|(next, source)| *next += factor * source);
+                }
+            }
+        }
     }
 }
 
-fn add_scaled(target: &mut [f64], factor: f64, source: &[f64]) {
-    let (targets, sources) = (target.as_chunks_mut::<BLOCK>().0, source.as_chunks::<BLOCK>().0);
-    for (target, source) in targets.iter_mut().zip(sources) {
-        for (target, source) in target.iter_mut().zip(source) {
-            *target += factor * source;
+impl Places {
+    fn new(linear: &Linear<Lanes>, system: &System, columns: &Columns) -> Self {
+        let n = system.n_free();
+        let first_regressor = n * n + linear.torque_by_state.len();
+        let mut count = first_regressor + if columns.n_lumps > 0 { linear.regressor.len() } else { 0 };
+        let mut place = |(row, other): (usize, usize)| {
+            count += 1;
+            (row, other, count - 1)
+        };
+        let column = |(row, parameter, _): &(usize, usize, Lanes)| {
+            let column = columns.of_effect[*parameter];
+            (column != NONE).then_some((*row, column))
+        };
+        let torque_by_parameter = linear.torque_by_parameter.iter().filter_map(column).map(&mut place).collect();
+        let states = linear.rate_by_state.iter().map(|(row, state, _)| (*row, *state));
+        let rate_by_state = states.map(&mut place).collect();
+        let rate_by_parameter = linear.rate_by_parameter.iter().filter_map(column).map(&mut place).collect();
+        let regressor = if columns.n_lumps > 0 { occurring(system) } else { Vec::new() };
+        let regressor = regressor
+            .into_iter()
+            .map(|(lump, slot)| (columns.first_lump + lump, slot, first_regressor + slot * columns.n_lumps + lump))
+            .collect();
+        Self { count, torque_by_parameter, rate_by_state, rate_by_parameter, regressor }
+    }
+}
+
+/// Lump and free joint of the entries of the regressor that are not zero in every motion: those that are not at states
+/// without any symmetry.
+fn occurring(system: &System) -> Vec<(usize, usize)> {
+    let (n, n_lumps) = (system.n_free(), system.kernel().n_lumps);
+    let mut seen = vec![false; n * n_lumps];
+    let mut regressor = vec![0.0; n * n_lumps];
+    for state in 1..=3 {
+        // Multiples of the golden ratio, modulo 1.
+        let mut number = f64::from(state);
+        let mut vector = || -> Vec<f64> {
+            let next = |_| {
+                number = (number + 0.618_033_988_749_895).fract();
+                number + 0.3
+            };
+            (0..n).map(next).collect()
+        };
+        let (q, dq, ddq) = (vector(), vector(), vector());
+        (system.kernel().regressor)(system.prepared(), &q, &dq, &ddq, &mut regressor);
+        seen.iter_mut().zip(&regressor).for_each(|(seen, value)| *seen |= *value != 0.0);
+    }
+    let all = (0..n_lumps).flat_map(|lump| (0..n).map(move |slot| (lump, slot)));
+    all.filter(|(lump, slot)| seen[slot * n_lumps + lump]).collect()
+}
+
+/// A block of rows on their way back through the steps: what each depends on at the stage that was reached.
+struct Rows<const B: usize> {
+    n: usize,
+    tether_rate: f64,
+    /// By the states at the end of the current step.
+    w: Vec<[Lanes; B]>,
+    /// By the states at its beginning, as far as known.
+    w_next: Vec<[Lanes; B]>,
+    /// By the slope of the stage.
+    by_slope: Vec<[Lanes; B]>,
+    /// By the states at the stage.
+    by_state: Vec<[Lanes; B]>,
+    /// By the torques at the stage.
+    by_torque: Vec<[Lanes; B]>,
+    /// By the unknowns.
+    by_column: Vec<[Lanes; B]>,
+}
+
+impl<const B: usize> Rows<B> {
+    fn new(n: usize, n_states: usize, width: usize, tether_rate: f64) -> Self {
+        let room = |length: usize| vec![[Lanes::constant(0.0); B]; length];
+        Self {
+            n,
+            tether_rate,
+            w: room(n_states),
+            w_next: room(n_states),
+            by_slope: room(n_states),
+            by_state: room(n_states),
+            by_torque: room(n),
+            by_column: room(width),
         }
+    }
+
+    /// Rows of the unit matrix from `first_row` on.
+    fn begin(&mut self, first_row: usize) {
+        for (state, w) in self.w.iter_mut().enumerate() {
+            let entry = |row: usize| f64::from(u8::from(first_row + row == state));
+            *w = std::array::from_fn(|vector| Lanes::new([entry(LANES * vector), entry(LANES * vector + 1)]));
+        }
+        self.w_next.copy_from_slice(&self.w);
+        self.by_column.fill([Lanes::constant(0.0); B]);
+    }
+
+    /// Through one stage, whose slopes are in lane `LANE`. Its own slope counts `weights[0]` in the rows and
+    /// `weights[1]` in the states of the stage after it.
+    #[inline]
+    fn stage<const LANE: usize>(&mut self, slopes: &[Lanes], places: &Places, weights: [f64; 2]) {
+        let (n, n_states) = (self.n, self.w.len());
+        let (own, later) = (Lanes::constant(weights[0]), Lanes::constant(weights[1]));
+        for ((by_slope, w), by_state) in self.by_slope.iter_mut().zip(&self.w).zip(&self.by_state) {
+            for k in 0..B {
+                by_slope[k] =
+                    if LANE == 1 && weights[1] == 0.0 { own * w[k] } else { own * w[k] + later * by_state[k] };
+            }
+        }
+        let slope = |place: usize| Lanes::constant(slopes[place].to_array()[LANE]);
+
+        self.by_torque.copy_from_slice(&self.by_slope[n..2 * n]);
+        for row in 1..n {
+            let (above, below) = self.by_torque.split_at_mut(row);
+            for (k, solved) in above.iter().enumerate() {
+                subtract_scaled(&mut below[0], slope(row * n + k), solved);
+            }
+        }
+        for row in (0..n).rev() {
+            let (above, below) = self.by_torque.split_at_mut(row + 1);
+            let reciprocal = slope(row * n + row);
+            above[row].iter_mut().for_each(|value| *value = *value * reciprocal);
+            for (k, solved) in below.iter().enumerate() {
+                subtract_scaled(&mut above[row], slope((row + 1 + k) * n + row), solved);
+            }
+        }
+
+        self.by_state[..n].fill([Lanes::constant(0.0); B]);
+        self.by_state[n..2 * n].copy_from_slice(&self.by_slope[..n]);
+        self.by_state[2 * n..].fill([Lanes::constant(0.0); B]);
+        for (row, torque) in self.by_torque.iter().enumerate() {
+            let factors = &slopes[n * n + row * n_states..n * n + (row + 1) * n_states];
+            for (by_state, factor) in self.by_state.iter_mut().zip(factors) {
+                let factor = factor.to_array()[LANE];
+                if factor != 0.0 {
+                    add_scaled(by_state, Lanes::constant(factor), torque);
+                }
+            }
+        }
+        for &(row, state, place) in &places.rate_by_state {
+            add_scaled(&mut self.by_state[state], slope(place), &self.by_slope[row]);
+        }
+        if self.tether_rate > 0.0 {
+            let rate = Lanes::constant(self.tether_rate);
+            let (by_position, by_speed) = self.by_state.split_at_mut(n);
+            for ((by_position, by_speed), slope) in by_position.iter_mut().zip(by_speed).zip(&self.by_slope[n..2 * n]) {
+                subtract_scaled(by_position, rate * rate, slope);
+                subtract_scaled(by_speed, rate + rate, slope);
+            }
+        }
+
+        for &(slot, column, place) in &places.torque_by_parameter {
+            add_scaled(&mut self.by_column[column], slope(place), &self.by_torque[slot]);
+        }
+        for &(row, column, place) in &places.rate_by_parameter {
+            add_scaled(&mut self.by_column[column], slope(place), &self.by_slope[row]);
+        }
+        for &(column, slot, place) in &places.regressor {
+            subtract_scaled(&mut self.by_column[column], slope(place), &self.by_torque[slot]);
+        }
+        for (w_next, by_state) in self.w_next.iter_mut().zip(&self.by_state) {
+            for k in 0..B {
+                w_next[k] = w_next[k] + by_state[k];
+            }
+        }
+    }
+
+    fn end_step(&mut self) {
+        self.w.copy_from_slice(&self.w_next);
+    }
+}
+
+#[inline(always)]
+fn add_scaled<const B: usize>(target: &mut [Lanes; B], factor: Lanes, source: &[Lanes; B]) {
+    for k in 0..B {
+        target[k] = target[k] + factor * source[k];
+    }
+}
+
+#[inline(always)]
+fn subtract_scaled<const B: usize>(target: &mut [Lanes; B], factor: Lanes, source: &[Lanes; B]) {
+    for k in 0..B {
+        target[k] = target[k] - factor * source[k];
     }
 }
 

@@ -176,6 +176,7 @@ fn sensitivity(
     let n_moments = (2 * n_columns).div_ceil(n);
     let mut rows = DMatrix::zeros(n_moments * (n + n_z), n_columns);
     let mut linear = Linear::new(system);
+    let mut scratch = system.scratch();
     let mut dx = vec![0.0; n_states];
     let mut gradient = vec![0.0; kernel.prepared.len() * kernel.parameters.len()];
     for moment in 0..n_moments {
@@ -189,8 +190,10 @@ fn sensitivity(
             *speed = speed.signum() * 10.0_f64.powf(random.between(-3.0, 1.0));
         }
         let command = random.vector(system.n_joints(), -1.0, 1.0);
-        linear.renew_drive();
-        linear.update(&moved, random.between(0.0, 100.0), &x, &command, &mut dx);
+        let t = random.between(0.0, 100.0);
+        moved.derivative(&mut scratch, t, &x, &command, &mut dx);
+        let ddq = dx[n..2 * n].to_vec();
+        linear.along(&moved, t, &x, Some(&ddq), &command, &mut dx);
         let first = moment * (n + n_z);
         for row in 0..n {
             for &(parameter, column) in &link_columns {

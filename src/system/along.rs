@@ -43,13 +43,13 @@ impl Linear {
 
     /// Torque that the drive path delivers to each free joint, at the last [`Linear::along`].
     pub(crate) fn drive(&self) -> &[f64] {
-        &self.scratch.drive
+        &self.drive
     }
 
     /// Torque of the joint effects on each free joint, positive along `dq` when it resists, at the last
     /// [`Linear::along`].
     pub(crate) fn load(&self) -> &[f64] {
-        &self.scratch.load
+        &self.load
     }
 }
 

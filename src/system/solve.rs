@@ -1,16 +1,26 @@
 //! `D x = b` for a symmetric positive definite D by `L diag(d) L^T`, without square roots.
 
-/// Factorises `matrix` (row-major, n x n; only its lower triangle is read) in place: below the diagonal L, on it the
+use dynid_generated::{Lanes, Scalar};
+
+/// Factorises matrices (row-major, n x n; only the lower triangles are read) in place: below the diagonal L, on it the
 /// *reciprocal* of d.
-pub(crate) fn factorise(n: usize, matrix: &mut [f64]) {
-    match n {
-        1 => matrix[0] = 1.0 / matrix[0],
-        2 => factorise_sized::<2>(matrix),
-        3 => factorise_sized::<3>(matrix),
-        4 => factorise_sized::<4>(matrix),
-        5 => factorise_sized::<5>(matrix),
-        6 => factorise_sized::<6>(matrix),
-        _ => factorise_any(n, matrix),
+pub(crate) fn factorise_lanes(n: usize, matrix: &mut [Lanes]) {
+    for row in 0..n {
+        for column in 0..row {
+            let mut sum = matrix[row * n + column];
+            for k in 0..column {
+                sum = sum - matrix[row * n + k] * matrix[column * n + k];
+            }
+            matrix[row * n + column] = sum;
+        }
+        let mut pivot = matrix[row * n + row];
+        for column in 0..row {
+            let scaled = matrix[row * n + column];
+            let lower = scaled * matrix[column * n + column];
+            pivot = pivot - scaled * lower;
+            matrix[row * n + column] = lower;
+        }
+        matrix[row * n + row] = Lanes::constant(1.0) / pivot;
     }
 }
 
@@ -27,34 +37,6 @@ pub(crate) fn solve(n: usize, matrix: &mut [f64], b: &mut [f64]) {
             factorise_any(n, matrix);
             substitute(n, matrix, b);
         }
-    }
-}
-
-/// Solves for many right-hand sides: `columns` is n x width, row-major; `factor` comes from [`factorise`].
-pub(crate) fn solve_columns(n: usize, factor: &[f64], columns: &mut [f64], width: usize) {
-    if n == 1 {
-        columns.iter_mut().for_each(|value| *value *= factor[0]);
-        return;
-    }
-    for row in 1..n {
-        let (above, below) = columns.split_at_mut(row * width);
-        for (k, solved) in above.chunks_exact(width).enumerate() {
-            subtract_scaled(&mut below[..width], factor[row * n + k], solved);
-        }
-    }
-    for row in (0..n).rev() {
-        let (above, below) = columns.split_at_mut((row + 1) * width);
-        let current = &mut above[row * width..];
-        current.iter_mut().for_each(|value| *value *= factor[row * n + row]);
-        for (k, solved) in below.chunks_exact(width).enumerate() {
-            subtract_scaled(current, factor[(row + 1 + k) * n + row], solved);
-        }
-    }
-}
-
-fn subtract_scaled(target: &mut [f64], factor: f64, source: &[f64]) {
-    for (target, source) in target.iter_mut().zip(source) {
-        *target -= factor * source;
     }
 }
 
@@ -155,15 +137,15 @@ mod tests {
             let b: Vec<f64> = (0..n).map(|k| 1.0 + k as f64).collect();
             let mut single = b.clone();
             solve(n, &mut d.clone(), &mut single);
-            let mut factor = d.clone();
-            factorise(n, &mut factor);
-            let mut columns: Vec<f64> = b.iter().flat_map(|value| [*value, -2.0 * value]).collect();
-            solve_columns(n, &factor, &mut columns, 2);
+            let mut lanes: Vec<Lanes> = d.iter().map(|entry| Lanes::new([*entry, 2.0 * entry])).collect();
+            factorise_lanes(n, &mut lanes);
+            let twice: Vec<f64> = lanes.iter().map(|entry| entry.to_array()[1]).collect();
+            let mut columns = b.clone();
+            substitute(n, &twice, &mut columns);
             for row in 0..n {
                 let product: f64 = (0..n).map(|k| d[row * n + k] * single[k]).sum();
                 assert!((product - b[row]).abs() < 1e-12, "row {row} of {n}: {product}");
-                assert!((columns[2 * row] - single[row]).abs() < 1e-12);
-                assert!((columns[2 * row + 1] + 2.0 * single[row]).abs() < 1e-12);
+                assert!((2.0 * columns[row] - single[row]).abs() < 1e-12);
             }
         }
     }

@@ -6,7 +6,7 @@
 
 use dynid_generated::{N_SIGNALS, Signal};
 
-use super::{Element, Linear, NONE, System, solve_columns};
+use super::{Element, Linear, NONE, Scratch, System, solve};
 
 /// A joint effect that may switch at its joint's rest position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,13 +43,15 @@ impl System {
 
 impl Linear {
     /// By how much the accelerations (into `jump`, one per free joint) change at `x` where the joint of `switch` goes on
-    /// to larger positions (`rising`) or smaller ones. False where they do not.
+    /// to larger positions (`rising`) or smaller ones, under the drive and friction in `scratch`. False where they do not.
+    #[allow(clippy::too_many_arguments)]
     pub(crate) fn jump(
         &mut self,
         system: &System,
         switch: Switch,
         t: f64,
         x: &[f64],
+        scratch: &Scratch,
         rising: bool,
         jump: &mut [f64],
     ) -> bool {
@@ -59,8 +61,8 @@ impl Linear {
         let qeq = system.effect_parameters[switch.qeq];
         let side = SIDE * qeq.abs().max(1.0);
         let mut signals = system.signals(element, t, x);
-        signals[Signal::Load as usize] = self.scratch.drive[switch.slot];
-        signals[Signal::Friction as usize] = self.scratch.friction[switch.slot];
+        signals[Signal::Load as usize] = scratch.drive[switch.slot];
+        signals[Signal::Friction as usize] = scratch.friction[switch.slot];
         let mut rates = vec![0.0; x.len()];
         let mut load = |signals: &mut [f64; N_SIGNALS], q: f64| {
             signals[Signal::Q as usize] = q;
@@ -75,7 +77,13 @@ impl Linear {
         }
         jump.fill(0.0);
         jump[switch.slot] = -change;
-        solve_columns(system.n_free(), &self.factor, jump, 1);
+        let n = system.n_free();
+        let mut inertia = vec![0.0; n * n];
+        (system.kernel.inertia)(&system.prepared, &x[..n], &mut inertia);
+        for &(row, column, value) in &system.added_inertia {
+            inertia[row * n + column] += value;
+        }
+        solve::solve(n, &mut inertia, jump);
         true
     }
 }

@@ -1,12 +1,32 @@
 //! Hand-written kernels to test against: a pendulum, a planar two-link arm, and a few effects.
 
-use dynid_generated::{EffectKernel, Kernel, Signal};
+use dynid_generated::{EffectKernel, Kernel, LANES, Lanes, Signal};
 use dynid_model::{Place, effect::Stage};
 
 use super::*;
 
 /// Gravity of the test devices [m/s^2].
 pub(crate) const GRAVITY: f64 = 9.81;
+
+/// A function of numbers, lane by lane.
+fn each_lane<const I: usize, const O: usize>(
+    inputs: [&[Lanes]; I],
+    outputs: [&mut [Lanes]; O],
+    of: impl Fn([&[f64]; I], [&mut [f64]; O]),
+) {
+    let mut results = outputs.each_ref().map(|output| vec![[0.0; LANES]; output.len()]);
+    for lane in 0..LANES {
+        let inputs = inputs.map(|input| input.iter().map(|value| value.to_array()[lane]).collect::<Vec<f64>>());
+        let mut own = results.each_ref().map(|result| vec![0.0; result.len()]);
+        of(inputs.each_ref().map(Vec::as_slice), own.each_mut().map(Vec::as_mut_slice));
+        for (result, own) in results.iter_mut().zip(&own) {
+            result.iter_mut().zip(own).for_each(|(result, own)| result[lane] = *own);
+        }
+    }
+    for (output, result) in outputs.into_iter().zip(results) {
+        output.iter_mut().zip(result).for_each(|(output, result)| *output = Lanes::new(result));
+    }
+}
 
 /// A pendulum: `tau = (I + m x^2) ddq + g m x sin q`; lumps `I + m x^2` and `m x`.
 pub(crate) static PENDULUM: Kernel = Kernel {
@@ -40,6 +60,15 @@ pub(crate) static PENDULUM: Kernel = Kernel {
         tau[0] = l[0] * ddq[0] + GRAVITY * l[1] * q[0].sin();
         by_q[0] = GRAVITY * l[1] * q[0].cos();
         by_dq[0] = 0.0;
+    },
+    inertia_lanes: |l, q, d| each_lane([l, q], [d], |[l, q], [d]| (PENDULUM.inertia)(l, q, d)),
+    regressor_lanes: |l, q, dq, ddq, y| {
+        each_lane([l, q, dq, ddq], [y], |[l, q, dq, ddq], [y]| (PENDULUM.regressor)(l, q, dq, ddq, y));
+    },
+    inverse_dynamics_gradient_lanes: |l, q, dq, ddq, tau, by_q, by_dq| {
+        each_lane([l, q, dq, ddq], [tau, by_q, by_dq], |[l, q, dq, ddq], [tau, by_q, by_dq]| {
+            (PENDULUM.inverse_dynamics_gradient)(l, q, dq, ddq, tau, by_q, by_dq);
+        });
     },
 };
 
@@ -140,6 +169,15 @@ pub(crate) static ARM: Kernel = Kernel {
             0.0,
         ]);
     },
+    inertia_lanes: |l, q, d| each_lane([l, q], [d], |[l, q], [d]| (ARM.inertia)(l, q, d)),
+    regressor_lanes: |l, q, dq, ddq, y| {
+        each_lane([l, q, dq, ddq], [y], |[l, q, dq, ddq], [y]| (ARM.regressor)(l, q, dq, ddq, y));
+    },
+    inverse_dynamics_gradient_lanes: |l, q, dq, ddq, tau, by_q, by_dq| {
+        each_lane([l, q, dq, ddq], [tau, by_q, by_dq], |[l, q, dq, ddq], [tau, by_q, by_dq]| {
+            (ARM.inverse_dynamics_gradient)(l, q, dq, ddq, tau, by_q, by_dq);
+        });
+    },
 };
 
 const Q: usize = Signal::Q as usize;
@@ -158,6 +196,14 @@ pub(crate) static GAIN: EffectKernel = EffectKernel {
         j[0] = s[Signal::Command as usize];
         j[1 + Signal::Command as usize] = p[0];
     },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (GAIN.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (GAIN.eval_gradient)(p, s, z, out, rates, j);
+        });
+    },
 };
 
 /// `command + gain * command_from`
@@ -173,6 +219,14 @@ pub(crate) static INPUT_COUPLING: EffectKernel = EffectKernel {
         j[0] = s[Signal::CommandFrom as usize];
         j[1 + Signal::Command as usize] = 1.0;
         j[1 + Signal::CommandFrom as usize] = p[0];
+    },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (INPUT_COUPLING.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (INPUT_COUPLING.eval_gradient)(p, s, z, out, rates, j);
+        });
     },
 };
 
@@ -196,6 +250,14 @@ pub(crate) static INPUT_LAG: EffectKernel = EffectKernel {
         j[width + 1 + Signal::Command as usize] = 1.0 / p[0];
         j[2 * width - 1] = -1.0 / p[0];
     },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (INPUT_LAG.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (INPUT_LAG.eval_gradient)(p, s, z, out, rates, j);
+        });
+    },
 };
 
 /// `Ks * (q - qeq)`
@@ -212,6 +274,14 @@ pub(crate) static SPRING: EffectKernel = EffectKernel {
         j[1] = -p[0];
         j[2 + Q] = p[0];
     },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (SPRING.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (SPRING.eval_gradient)(p, s, z, out, rates, j);
+        });
+    },
 };
 
 /// `Fv * dq`
@@ -226,6 +296,14 @@ pub(crate) static VISCOUS: EffectKernel = EffectKernel {
         j.fill(0.0);
         j[0] = s[DQ];
         j[1 + DQ] = p[0];
+    },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (VISCOUS.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (VISCOUS.eval_gradient)(p, s, z, out, rates, j);
+        });
     },
 };
 
@@ -246,6 +324,14 @@ pub(crate) static FRICTION_BIAS: EffectKernel = EffectKernel {
         j[0] = below * s[Signal::Friction as usize];
         j[1 + Signal::Friction as usize] = below * (p[0] - 1.0);
     },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (FRICTION_BIAS.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (FRICTION_BIAS.eval_gradient)(p, s, z, out, rates, j);
+        });
+    },
 };
 
 /// Rotor inertia `Ia`, added to the diagonal of D.
@@ -259,6 +345,14 @@ pub(crate) static ROTOR_INERTIA: EffectKernel = EffectKernel {
         out[0] = p[0];
         j.fill(0.0);
         j[0] = 1.0;
+    },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (ROTOR_INERTIA.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (ROTOR_INERTIA.eval_gradient)(p, s, z, out, rates, j);
+        });
     },
 };
 
@@ -299,6 +393,14 @@ pub(crate) static LUGRE: EffectKernel = EffectKernel {
         output[2] += v;
         output[6 + DQ] += p[2];
         output[6 + N_SIGNALS] += p[0];
+    },
+    eval_lanes: |p, s, z, out, rates| {
+        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (LUGRE.eval)(p, s, z, out, rates));
+    },
+    eval_gradient_lanes: |p, s, z, out, rates, j| {
+        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+            (LUGRE.eval_gradient)(p, s, z, out, rates, j);
+        });
     },
 };
 

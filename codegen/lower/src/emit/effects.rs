@@ -1,7 +1,7 @@
 //! The module of the effects: one module each, and the table.
 
 use proc_macro2::TokenStream;
-use quote::quote;
+use quote::{format_ident, quote};
 
 use super::{EmitError, describe, format, function::function, identifier, size, slices};
 use crate::effect::EffectKernels;
@@ -29,12 +29,16 @@ fn module(effect: &EffectKernels) -> TokenStream {
     let functions = [&effect.eval, &effect.eval_gradient].map(|one| function(one, &documentation(one)));
     let entries = [&effect.eval, &effect.eval_gradient].map(|one| {
         let (name, slices) = (identifier(one.name), slices(one));
-        quote!(#name: checked!(#name(#(#slices),*)))
+        let in_lanes = format_ident!("{}_lanes", one.name);
+        quote! {
+            #name: checked!(#name::<f64>(#(#slices),*)),
+            #in_lanes: checked!(#name::<Lanes>(#(#slices),*))
+        }
     });
     quote! {
         #[doc = #title]
         pub mod #name {
-            use crate::{EffectKernel, Scalar, checked};
+            use crate::{EffectKernel, Lanes, Scalar, checked};
             /// The table entry: this effect's `f64` kernels.
             pub static EFFECT: EffectKernel = EffectKernel {
                 id: #id,

@@ -1,7 +1,7 @@
 //! The module of one configuration: its functions and its entry in the table of kernels.
 
 use proc_macro2::TokenStream;
-use quote::quote;
+use quote::{format_ident, quote};
 
 use super::{EmitError, describe, format, function::function, identifier, list, size, slices};
 use crate::kernel::{Configuration, Function};
@@ -9,6 +9,9 @@ use crate::kernel::{Configuration, Function};
 /// How many partial derivatives `prepare_gradient` carries along at once. More would run faster, once per parameter
 /// set, but four take rustc 21 s for a `prepare` of 1,300 operations where one takes 5 s.
 const PARTIALS: usize = 1;
+
+/// What a fit evaluates at several states at once: the table has these in lanes, too.
+const IN_LANES: [&str; 3] = ["inertia", "regressor", "inverse_dynamics_gradient"];
 
 /// The text of a configuration's module. It expects to be a module of `dynid_generated`.
 pub fn configuration_module(configuration: &Configuration) -> Result<String, EmitError> {
@@ -32,7 +35,7 @@ pub fn configuration_module(configuration: &Configuration) -> Result<String, Emi
         #![doc = #head]
         #![doc = ""]
         #![doc = #about]
-        use crate::{Kernel, Operations, Scalar, checked, gradient::jacobian_of};
+        use crate::{Kernel, Lanes, Operations, Scalar, checked, gradient::jacobian_of};
         #kernel
         #(#functions)*
     };
@@ -82,8 +85,14 @@ fn table_entry(configuration: &Configuration) -> TokenStream {
     }));
     let entries = configuration.functions.iter().map(|function| {
         let (name, slices) = (identifier(function.name), slices(function));
-        quote!(#name: checked!(#name(#(#slices),*)))
+        quote!(#name: checked!(#name::<f64>(#(#slices),*)))
     });
+    let in_lanes =
+        configuration.functions.iter().filter(|function| IN_LANES.contains(&function.name)).map(|function| {
+            let (name, slices) = (identifier(function.name), slices(function));
+            let entry = format_ident!("{}_lanes", function.name);
+            quote!(#entry: checked!(#name::<Lanes>(#(#slices),*)))
+        });
     let [partials, n_parameters, n_locked, n_prepared] =
         [PARTIALS, configuration.parameters.len(), configuration.locked.len(), configuration.prepared.len()].map(size);
     quote! {
@@ -100,7 +109,8 @@ fn table_entry(configuration: &Configuration) -> TokenStream {
             prepare_gradient: |parameters, locked, jacobian| {
                 jacobian_of::<#partials, #n_parameters, #n_locked, #n_prepared>(prepare, parameters, locked, jacobian)
             },
-            #(#entries),*
+            #(#entries,)*
+            #(#in_lanes),*
         };
     }
 }

@@ -195,7 +195,8 @@ pub fn closed_loop(system: &System, run: &Run, options: &simulate::Options) -> R
 /// Positions of the free joints that `model` shows under the run's commands, or under its controller where it has one: one
 /// vector a joint, or why there are none.
 fn simulated(model: &Model, run: &Run, notes: &mut Vec<String>) -> Result<Result<Vec<Vec<f64>>, String>, Error> {
-    let fit_run = FitRun::of_run(model, run)?;
+    // What a fit leaves out or weighs less is judged all the same.
+    let fit_run = FitRun { from_s: f64::NEG_INFINITY, first_half: 1.0, ..FitRun::of_run(model, run)? };
     let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
     let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
     let options = simulate::Options { substeps, ..simulate::Options::default() };

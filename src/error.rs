@@ -59,21 +59,12 @@ pub enum Error {
         help: String,
     },
     /// A run to fit to of which the method has no step.
-    #[error(
-        "{run}: its free joints {free:?} are configuration {configuration}, which method `{method}` has no step for (it \
-         frees {known}); {remedy}"
-    )]
+    #[error("{run}: {what}; {remedy}")]
     OtherConfiguration {
         /// The run.
         run: String,
-        /// Its free joints.
-        free: Vec<usize>,
-        /// Its number.
-        configuration: usize,
-        /// The method.
-        method: String,
-        /// What the method frees.
-        known: String,
+        /// Its configuration, and those that the method has.
+        what: String,
         /// What to do.
         remedy: String,
     },

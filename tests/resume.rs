@@ -31,9 +31,9 @@ fn position() -> How {
     How::plain(ErrorKind::Position, Options { substeps: 20, ..Options::default() })
 }
 
-/// Fits, stops after so many iterations in all, writes and reads the checkpoint, goes on, and so on to the end. Returns
-/// the model's file and how often it was stopped.
-fn fitted(folder: &Path, how: &How, every: usize) -> (String, usize) {
+/// Fits, stops after so many iterations, writes and reads the checkpoint, goes on, and so on to the end. Returns the
+/// model's file, how often it was stopped, and how many iterations the last stretch had.
+fn fitted(folder: &Path, how: &How, every: usize) -> (String, usize, usize) {
     let experiment = experiment(folder);
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     let model = Model::load(&folder.join("believed.toml")).unwrap();
@@ -49,7 +49,7 @@ fn fitted(folder: &Path, how: &How, every: usize) -> (String, usize) {
             if seen == every { Watch::Stop } else { Watch::Continue }
         });
         match found {
-            Ok(found) => return (found.model.to_toml(), stops),
+            Ok(found) => return (found.model.to_toml(), stops, seen),
             Err(Error::PositionFit(PositionFitError::Interrupted { .. })) => stops += 1,
             Err(other) => panic!("{other}"),
         }
@@ -60,10 +60,11 @@ fn fitted(folder: &Path, how: &How, every: usize) -> (String, usize) {
 #[test]
 fn however_often_it_is_stopped_the_model_is_the_same() {
     let folder = folder();
-    let (whole, stops) = fitted(folder.path(), &position(), usize::MAX);
+    let (whole, stops, iterations) = fitted(folder.path(), &position(), usize::MAX);
     assert_eq!(stops, 0);
-    for every in [1, 4, 9] {
-        let (again, stops) = fitted(folder.path(), &position(), every);
+    assert!(iterations > 4, "{iterations} iterations");
+    for every in [1, iterations / 2, iterations - 1] {
+        let (again, stops, _) = fitted(folder.path(), &position(), every);
         assert!(stops >= 1, "stopped every {every} iterations");
         assert!(again == whole, "stopped {stops} times, every {every} iterations:\n{again}\n{whole}");
     }
@@ -73,8 +74,9 @@ fn however_often_it_is_stopped_the_model_is_the_same() {
 fn so_it_is_along_a_method_and_from_several_starts() {
     let folder = folder();
     let how = How { method: Some("isolated".to_owned()), starts: Starts { count: 2, seed: 1 }, ..position() };
-    let (whole, _) = fitted(folder.path(), &how, usize::MAX);
-    let (again, stops) = fitted(folder.path(), &how, 5);
+    let (whole, _, iterations) = fitted(folder.path(), &how, usize::MAX);
+    let every = iterations / 6;
+    let (again, stops, _) = fitted(folder.path(), &how, every.max(1));
     assert!(stops >= 4, "stopped {stops} times, in steps and starts");
     assert!(again == whole, "{again}\n{whole}");
 }

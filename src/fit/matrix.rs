@@ -16,7 +16,7 @@ pub(crate) fn serialize<S: Serializer>(matrix: &DMatrix<f64>, serializer: S) -> 
 
 pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<DMatrix<f64>, D::Error> {
     let Rows { columns, entries } = Rows::deserialize(deserializer)?;
-    let rows = if columns == 0 { 0 } else { entries.len() / columns };
+    let rows = entries.len().checked_div(columns).unwrap_or(0);
     if rows * columns != entries.len() {
         return Err(D::Error::custom(format!("{} entries are no rows of {columns}", entries.len())));
     }

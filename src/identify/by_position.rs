@@ -117,14 +117,13 @@ fn check_configurations(
         [] => "give the run the role \"validate\", or leave it out".to_owned(),
         [other, ..] => format!("use --method {other} for it, give it the role \"validate\", or leave it out"),
     };
-    Err(Error::OtherConfiguration {
-        run: run.file.clone(),
-        free: run.free.clone(),
-        configuration: run.configuration,
-        method: method.to_owned(),
-        known: own.join(", "),
-        remedy,
-    })
+    let what = format!(
+        "its free joints {:?} are configuration {}, which method `{method}` has no step for (it frees {})",
+        run.free,
+        run.configuration,
+        own.join(", ")
+    );
+    Err(Error::OtherConfiguration { run: run.file.clone(), what, remedy })
 }
 
 /// Steps of the method without a run to fit to.

@@ -32,6 +32,8 @@ struct Ready<'a> {
     first_initial: usize,
     /// Factor on each free joint's error: weight over noise.
     weights: Vec<f64>,
+    /// Where each free joint started and the weight of that, if the log's transient is cut; else none.
+    starts: Vec<(f64, f64)>,
 }
 
 /// All runs at any unknowns: parameters first, then every run's initial positions.
@@ -101,21 +103,14 @@ impl<'a> Evaluator<'a> {
     /// Starts of the parameters; the median of a run's first samples for its initial positions. Of a run that begins in
     /// motion, the line through its first samples.
     pub(super) fn start(&self, problem: &PositionProblem) -> Vec<f64> {
-        /// At rest the first samples differ by noise only; later ones show motion.
-        const SAMPLES: usize = 3;
         let mut x: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
         for run in &problem.runs {
-            let n_free = run.system.n_free();
+            let slots = 0..run.system.n_free();
             if run.moving {
-                let lines: Vec<[f64; 2]> = (0..n_free).map(|slot| first_line(run, slot)).collect();
+                let lines: Vec<[f64; 2]> = slots.map(|slot| first_line(run, slot)).collect();
                 x.extend(lines.iter().map(|line| line[0]).chain(lines.iter().map(|line| line[1])));
-                continue;
-            }
-            for slot in 0..n_free {
-                let mut first: Vec<f64> =
-                    run.position.iter().skip(slot).step_by(n_free).take(SAMPLES).copied().collect();
-                first.sort_by(f64::total_cmp);
-                x.push(first[first.len() / 2]);
+            } else {
+                x.extend(slots.map(|slot| first_position(run, slot)));
             }
         }
         x
@@ -172,6 +167,20 @@ impl<'a> Evaluator<'a> {
     }
 }
 
+/// Median of a joint's first samples.
+fn first_position(run: &FitRun, slot: usize) -> f64 {
+    /// At rest the first samples differ by noise only; later ones show motion.
+    const SAMPLES: usize = 3;
+    let n_free = run.system.n_free();
+    let mut first: Vec<f64> = run.position.iter().skip(slot).step_by(n_free).take(SAMPLES).copied().collect();
+    first.sort_by(f64::total_cmp);
+    first.get(first.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// How well a log whose transient is cut still shows where it started, as a share of its motion's range. What is cut is
+/// not trusted to the noise, but without it nothing may be left that says where the start was.
+const START_OF_CUT_LOG: f64 = 0.02;
+
 impl<'a> Ready<'a> {
     fn new(problem: &PositionProblem, run: &'a FitRun, first_initial: usize) -> Self {
         let system = &run.system;
@@ -190,13 +199,23 @@ impl<'a> Ready<'a> {
         let columns = Columns::new(system, wanted, lumps);
         let columns = if run.moving { columns.moving(system.n_free()) } else { columns };
         let n_free = system.n_free();
+        // What is cut says nothing of the noise either.
+        let first = run.time.partition_point(|t| *t < run.from_s);
         let weights = (0..n_free)
             .map(|slot| {
-                let measured: Vec<f64> = run.position.iter().skip(slot).step_by(n_free).copied().collect();
+                let measured: Vec<f64> =
+                    run.position.iter().skip(first * n_free + slot).step_by(n_free).copied().collect();
                 run.weights[slot] / noise_of(&measured)
             })
             .collect();
-        Self { run, columns, roles, first_initial, weights }
+        let start = |slot: usize| {
+            let measured: Vec<f64> = run.position.iter().skip(slot).step_by(n_free).copied().collect();
+            let (low, high) = range(&measured);
+            (first_position(run, slot), (START_OF_CUT_LOG * (high - low)).max(noise_of(&measured)).recip())
+        };
+        let is_cut = run.time.first().is_some_and(|first| *first < run.from_s);
+        let starts = if is_cut { (0..n_free).map(start).collect() } else { Vec::new() };
+        Self { run, columns, roles, first_initial, weights, starts }
     }
 
     /// The run's system with the values of `x`.
@@ -256,7 +275,9 @@ impl<'a> Ready<'a> {
         let skip = self.first_sample() * n_free;
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
         let weight = |index: usize| self.weight(index / n_free, index % n_free);
-        Ok(0.5 * errors.map(|(index, (y, q))| ((y - q) * weight(index)).powi(2)).sum::<f64>())
+        let of_start: f64 =
+            self.starts.iter().zip(self.initial(x)).map(|((q0, weight), q)| ((q - q0) * weight).powi(2)).sum();
+        Ok(0.5 * (errors.map(|(index, (y, q))| ((y - q) * weight(index)).powi(2)).sum::<f64>() + of_start))
     }
 
     /// Cost, gradient and Hessian by this run's own unknowns.
@@ -304,11 +325,15 @@ impl<'a> Ready<'a> {
         let by_unknown = self.chain(&system);
         let gradient = DVector::from_fn(count, |k, _| gradient[k]);
         let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
-        Some(Quadratic {
-            cost,
-            gradient: by_unknown.transpose() * gradient,
-            hessian: by_unknown.transpose() * hessian * &by_unknown,
-        })
+        let mut gradient = by_unknown.transpose() * gradient;
+        let mut hessian = by_unknown.transpose() * hessian * &by_unknown;
+        for (slot, ((q0, weight), q)) in self.starts.iter().zip(initial).enumerate() {
+            let place = self.roles.len() + slot;
+            cost += 0.5 * ((q - q0) * weight).powi(2);
+            gradient[place] += (q - q0) * weight * weight;
+            hessian[(place, place)] += weight * weight;
+        }
+        Some(Quadratic { cost, gradient, hessian })
     }
 
     /// `sum(j' j)` over all samples for each free joint, `j` being the derivative of its simulated position by this run's
@@ -503,9 +528,12 @@ fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
 
 /// Noise of a log; a log without noise counts as one of a millionth of its range.
 pub(super) fn noise_of(measured: &[f64]) -> f64 {
-    let (low, high) =
-        measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+    let (low, high) = range(measured);
     noise_floor(measured).max(1e-6 * (high - low)).max(1e-12)
+}
+
+fn range(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)))
 }
 
 /// Mean and information of what is known before the data: ranges, and earlier fits.

@@ -74,11 +74,11 @@ pub struct RunError {
     pub name: String,
     /// Estimated initial positions of the free joints.
     pub initial: Vec<f64>,
-    /// Root mean square of measured minus simulated, per free joint [rad or m], all samples.
+    /// Root mean square of measured minus simulated, per free joint [rad or m], over the samples that count.
     pub rmse: Vec<f64>,
     /// Noise of the log, per free joint.
     pub noise: Vec<f64>,
-    /// Samples of the log.
+    /// Samples of the log that count.
     pub samples: usize,
     /// Simulated positions, one row a sample; files do not keep them.
     #[serde(skip)]
@@ -90,15 +90,16 @@ impl RunError {
         let n_free = run.system.n_free();
         let column =
             |values: &[f64], slot: usize| -> Vec<f64> { values.iter().skip(slot).step_by(n_free).copied().collect() };
+        let first = run.time.partition_point(|t| *t < run.from_s);
+        let samples = run.time.len() - first;
         let mut rmse = Vec::with_capacity(n_free);
         let mut noise = Vec::with_capacity(n_free);
         for slot in 0..n_free {
             let (measured, model) = (column(&run.position, slot), column(simulated, slot));
-            let sum: f64 = measured.iter().zip(&model).map(|(y, q)| (y - q) * (y - q)).sum();
-            rmse.push((sum / measured.len() as f64).sqrt());
-            noise.push(noise_of(&measured));
+            let sum: f64 = measured.iter().zip(&model).skip(first).map(|(y, q)| (y - q) * (y - q)).sum();
+            rmse.push((sum / samples.max(1) as f64).sqrt());
+            noise.push(noise_of(&measured[first..]));
         }
-        let samples = run.time.len();
         Self { name: run.name.clone(), initial, rmse, noise, samples, simulated: simulated.to_vec() }
     }
 }

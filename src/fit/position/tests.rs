@@ -239,3 +239,25 @@ fn standard_errors_do_not_believe_in_weights() {
     }
     assert!(worse > one.parameters.len() / 2, "{worse} of {} know less", one.parameters.len());
 }
+
+/// The first seconds of a log may be spoiled: cut, they change nothing (thesis Eq. 4.3).
+#[test]
+fn a_spoiled_beginning_can_be_cut() {
+    let mut problem = problem(3, 15.0, 0.1);
+    for unknown in problem.unknowns.iter_mut().filter(|unknown| unknown.name.ends_with("Fs")) {
+        unknown.value = unknown.value.max(0.025);
+    }
+    for run in &mut problem.runs {
+        for (k, q) in run.position.iter_mut().enumerate().take(200).skip(5) {
+            *q += 0.01 * (k as f64).sin();
+        }
+        run.from_s = 3.0;
+    }
+    let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+    assert!(fit.status.may_update_model() && (fit.variance_ratio - 1.0).abs() < 0.15, "{:?}", fit.status);
+    for parameter in &fit.parameters {
+        let error = (parameter.value - truth(&parameter.name)).abs();
+        let reach = 4.0 * parameter.std_error.expect("is determined");
+        assert!(error < reach, "{}: off by {error}, {parameter:?}", parameter.name);
+    }
+}

@@ -785,7 +785,8 @@ mod tests {
         let (rest, bias) = (named("joint.0.spring.qeq"), named("joint.0.friction_bias.bias"));
         effects[rest] = REST;
         effects[bias] = 3.0;
-        system.set_parameters(&system.link_parameters().to_vec(), &effects);
+        let links = system.link_parameters().to_vec();
+        system.set_parameters(&links, &effects);
         let time: Vec<f64> = (0..=400).map(|k| f64::from(k) * 0.01).collect();
         let command: Vec<f64> = time.iter().flat_map(|t| [3.0 * (4.0 * t).sin(), 0.5 * (5.0 * t).cos()]).collect();
         let input = Input { time: &time, command: &command, hold: Hold::Zero };
@@ -795,7 +796,7 @@ mod tests {
             let mut effects = effects.clone();
             effects[rest] += change;
             let mut system = system.clone();
-            system.set_parameters(&system.link_parameters().to_vec(), &effects);
+            system.set_parameters(&links, &effects);
             crate::simulate::simulate(&system, &input, &q0, &fine).unwrap().q
         };
         let (plus, minus) = (positions(1e-3), positions(-1e-3));

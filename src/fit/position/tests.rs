@@ -261,3 +261,27 @@ fn a_spoiled_beginning_can_be_cut() {
         assert!(error < reach, "{}: off by {error}, {parameter:?}", parameter.name);
     }
 }
+
+/// The first seconds of a log are taken away: what is left begins in motion, and only a fit that knows so explains it.
+#[test]
+fn a_log_that_begins_in_motion_has_an_initial_speed() {
+    const AWAY: usize = 140;
+    let fitted = |moving: bool| {
+        let mut problem = problem(5, 12.0, 0.0);
+        for run in &mut problem.runs {
+            run.time.drain(..AWAY);
+            run.command.drain(..AWAY);
+            run.position.drain(..AWAY);
+            run.moving = moving;
+        }
+        fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap()
+    };
+    let moving = fitted(true);
+    for run in &moving.runs {
+        assert_eq!(run.initial.len(), 2, "position and speed");
+        assert!(run.initial[1].abs() > 0.02, "{}: {} rad/s", run.name, run.initial[1]);
+        // What the bristles remember of the time before is not known, so that a little is left.
+        assert!(run.rmse[0] < 1.2 * 2e-4, "{}: {} rad", run.name, run.rmse[0]);
+    }
+    assert!(fitted(false).cost > 2.0 * moving.cost, "taken for at rest it cannot be explained");
+}

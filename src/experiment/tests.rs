@@ -142,7 +142,7 @@ fn bad_experiments_are_refused_with_place_and_remedy() {
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: expected joints of `arm` (0 to 1); name each free joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
     assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);
-    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, start");
+    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, start");
     assert_snapshot!(refused(&format!("{GOOD}cutoff_hz = -3.0\n")), @"experiment.toml:6:13: cutoff_hz: expected a positive frequency [Hz], found `-3.0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}decimate = 0\n")), @"experiment.toml:6:12: decimate: expected a whole number from 1, found `0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}min_speed = [0.1, 0.1, 0.1]\n")), @"experiment.toml:6:13: min_speed: found 3 speeds for 2 free joints; give one a free joint of the run, or one for each of the device's 2 joints");

@@ -13,13 +13,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     experiment::{Experiment, Run},
+    fit::{position::Options, sequence::Weighting},
     identify::{How, State},
     model::Model,
     output::{Overwrite, write_new},
 };
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]
@@ -78,7 +79,7 @@ pub struct Identity {
     data: String,
     /// Digest of the start, its bounds included.
     model: String,
-    /// In words.
+    /// As one would ask for it.
     options: String,
 }
 
@@ -87,26 +88,39 @@ impl Identity {
     pub fn new(model: &Model, experiment: &Experiment, runs: &[&Run], how: &How) -> Self {
         let mut data = experiment.digest.clone();
         for run in runs {
-            let settings = &run.settings;
-            data.push_str(&format!(
-                "\n{} {} {:?} {:?} {:?} {:?} {:?}",
-                run.file, run.role, run.free, settings.hold, settings.from_s, settings.first_half, settings.moving
-            ));
+            data.push_str(&format!("\n{} {} {:?} {:?}", run.file, run.role, run.free, run.settings));
         }
-        let How { error, method, weighting, only, starts, options } = how;
         Self {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             data: sha256_hex(data.as_bytes()),
             model: model.digest(),
-            options: format!(
-                "{error} error, method {}, weights {weighting:?}, only {only:?}, {} starts of seed {}, {options:?}",
-                method.as_deref().unwrap_or("none"),
-                starts.count,
-                starts.seed
-            ),
+            options: request(how),
         }
     }
+}
+
+/// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
+fn request(how: &How) -> String {
+    let How { error, method, weighting, only, starts, options } = how;
+    let Options { substeps, iterations, tolerance, start } = *options;
+    let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
+    if let Some(method) = method {
+        text.push_str(&format!(" --method {method}"));
+    }
+    if *weighting == Weighting::OfMethod {
+        text.push_str(" --weights method");
+    }
+    if !only.is_empty() {
+        text.push_str(&format!(" --only '{}'", only.join(",")));
+    }
+    if starts.count > 1 {
+        text.push_str(&format!(" --starts {} --seed {}", starts.count, starts.seed));
+    }
+    if (tolerance, start) != (Options::default().tolerance, Options::default().start) {
+        text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?})"));
+    }
+    text
 }
 
 #[derive(Serialize)]

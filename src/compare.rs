@@ -1,9 +1,10 @@
 //! How far a model is from the logs: position error and torque error of every free joint of every run.
 //!
 //! The *position error* is the measured position minus the one simulated from the commanded torque, or through the
-//! controller where the run has one and its references are logged. The simulation starts from rest at positions that are estimated from the log, for the log shows them only through its noise. A
-//! mechanism that nothing holds drifts away from its log in such a simulation; then the numbers say so, or, where the
-//! motion leaves all bounds, a note takes their place. The *torque error* needs no simulation (see [`crate::torque`]).
+//! controller where the run has one and its references are logged. The simulation starts from rest, or in motion where the
+//! run says so, at positions that are estimated from the log, for the log shows them only through its noise. A mechanism
+//! that nothing holds drifts away from its log in such a simulation; then the numbers say so, or, where the motion leaves
+//! all bounds, a note takes their place. The *torque error* needs no simulation (see [`crate::torque`]).
 
 use rayon::prelude::*;
 use serde::Serialize;

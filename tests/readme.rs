@@ -25,6 +25,15 @@ fn the_readme_is_true() {
         readme.contains(String::from_utf8(excite.stdout).unwrap().trim_end()),
         "the README's excitation is not the program's"
     );
+    let tour = Command::cargo_bin("dynid").unwrap().current_dir(folder.path()).arg("tour").output().unwrap();
+    let tour = String::from_utf8(tour.stdout).unwrap();
+    // How long it took and where the binary lies differ.
+    let told = tour.lines().map(|line| line.split(" iterations and ").next().unwrap_or(line));
+    let told: Vec<&str> = told.filter(|line| !line.contains(" dynid-tour/experiment.toml ")).collect();
+    assert!(told.len() > 30, "{tour}");
+    for line in told {
+        assert!(readme.contains(line), "the README's tour is not the program's: {line}");
+    }
     for picture in ["docs/wrist-believed.svg", "docs/wrist-fitted.svg"] {
         assert!(readme.contains(picture) && root.join(picture).is_file(), "{picture}");
     }

@@ -687,6 +687,7 @@ fn told(device: &Device, planned: &Planned, file: &str) -> String {
         ("to", Align::Right),
         ("fastest", Align::Right),
     ]);
+    let known = |value: f64| if value.is_finite() { format!("{value:.4}") } else { "-".to_owned() };
     for (slot, (&joint, peak)) in excitation.free.iter().zip(excitation.peaks()).enumerate() {
         let column = |rows: &[Vec<f64>], fold: fn(f64, f64) -> f64, start: f64| {
             rows.iter().map(|row| row[slot]).fold(start, fold)
@@ -702,14 +703,25 @@ fn told(device: &Device, planned: &Planned, file: &str) -> String {
             joint.to_string(),
             format!("{peak:.4}"),
             unit(device, joint, excitation.quantity),
-            format!("{low:.4}"),
-            format!("{high:.4}"),
-            format!("{fastest:.4}"),
+            known(low),
+            known(high),
+            known(fastest),
         ]);
     }
     text.push_str(&table.text());
     if let Some(expected) = &planned.expected {
-        let noise: Vec<String> = expected.noise.iter().map(|noise| format!("{noise:.3e}")).collect();
+        let noise: Vec<String> = expected
+            .noise
+            .iter()
+            .zip(&excitation.free)
+            .map(|(noise, &joint)| {
+                let unit = match device.joints[joint].kind {
+                    JointKind::Revolute => "N*m",
+                    JointKind::Prismatic => "N",
+                };
+                format!("{noise:.3e} {unit}")
+            })
+            .collect();
         let _ = write!(
             text,
             "\nErrors to be expected, one standard deviation, if the torques at the joints are known up to noise of {}:\n\n",

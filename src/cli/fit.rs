@@ -34,6 +34,8 @@ Examples:
   dynid fit experiment.toml --free 4 --out wrist.toml                only runs with just joint 4 free
   dynid fit experiment.toml --error torque --out fitted.toml
   dynid fit experiment.toml --method isolated --out fitted.toml      configuration after configuration, then all
+  dynid fit experiment.toml --method isolated --out fitted.toml --resume      go on where Ctrl-C stopped it
+  dynid fit experiment.toml --free 4 --starts 10 --out wrist.toml    do other starts end at the same cost?
 
 Fitted is whatever the model does not fix and the runs depend on, within its bounds; links stay bodies that can be.
 
@@ -42,7 +44,10 @@ Which error is made small:
   torque     commanded torque minus the one that the measured, filtered motion needs
   both       torque first, then position from there
 Without --error it is position where the model has a rest position (a spring) at every free joint of every run and no
-run is in closed loop, for then the simulation stays near the log; torque otherwise. The result says which it was.")]
+run is in closed loop, for then the simulation stays near the log; torque otherwise. The result says which it was.
+
+A log is taken to begin at rest. One that does not, e.g. a part of a longer one, says moving = true in the experiment,
+beside its file; then its initial speeds are estimated with its initial positions.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
     experiment: PathBuf,

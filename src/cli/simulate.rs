@@ -23,9 +23,10 @@ Examples:
   dynid simulate experiment.toml --model fitted.toml --out-dir simulated
 
 Writes one CSV per run, in the format of the logs: t, tau0.., q0..; locked joints stay where the log has them.
-Every run starts at rest, at the position that explains the log best. A planned run, whose log holds what `dynid excite`
-wrote, has no positions yet: it says where all joints start, e.g. start = [0, 0.1]. A run with a controller starts at the log's first
-position, and what its controller commands takes the place of the logged torques.")]
+Every run starts at the position that explains the log best, at rest unless it says moving = true. A planned run, whose
+log holds what `dynid excite` wrote, has no positions yet: it says where all joints start, e.g. start = [0, 0.1]. A run
+with a controller starts at the log's first position, and what its controller commands takes the place of the logged
+torques.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
     experiment: PathBuf,

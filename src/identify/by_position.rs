@@ -45,10 +45,21 @@ pub(super) fn by_position(
             }
         }
     }
+    let used: Vec<&Run> = runs
+        .iter()
+        .copied()
+        .filter(|run| configurations.is_empty() || configurations.contains(&run.configuration))
+        .collect();
+    let systems = if how.starts.count > 1 {
+        fitted(&used).map(|run| FitRun::of_run(model, run)).collect::<Result<Vec<FitRun>, _>>()?
+    } else {
+        Vec::new()
+    };
+    let occurs = |name: &str| systems.iter().any(|run| run.occurs(name));
     let mut state = from;
     let mut failure = None;
     for number in state.tried.len()..how.starts.count.max(1) {
-        let start = starts::draw(model, how.starts.seed, number);
+        let start = starts::draw(model, &occurs, how.starts.seed, number);
         let sequence = Sequence { believed: model, start: &start, runs, configurations, weights };
         let resumed = std::mem::take(&mut state.sequence);
         let fit = sequence::fit(&sequence, &how.options, resumed, &mut |told, carried| {
@@ -78,11 +89,7 @@ pub(super) fn by_position(
         return Err(failure.unwrap_or(PositionFitError::NoRun).into());
     };
     joint.iterations = state.tried.iter().map(|tried| tried.iterations).sum();
-    let used: Vec<&Run> = runs
-        .iter()
-        .copied()
-        .filter(|run| configurations.is_empty() || configurations.contains(&run.configuration))
-        .collect();
+    notes.extend(made_bodies(&steps, &joint));
     let budget = if configurations.is_empty() {
         Vec::new()
     } else {
@@ -137,6 +144,18 @@ fn passed_over(device: &Device, (method, configurations): (&str, &[usize]), runs
     (!missing.is_empty()).then(|| {
         format!("{plural} of method {method} without a run to fit to, passed over: free {}", missing.join(", "))
     })
+}
+
+/// Links whose start no body has.
+fn made_bodies(steps: &[Step], joint: &PositionFit) -> Vec<String> {
+    let mut links: Vec<usize> =
+        steps.iter().map(|step| &step.fit).chain([joint]).flat_map(|fit| fit.moved.iter().copied()).collect();
+    links.sort_unstable();
+    links.dedup();
+    let told = |link: usize| {
+        format!("no body has the inertia that link {link} starts with; the fit started from that of a body near by")
+    };
+    links.into_iter().map(told).collect()
 }
 
 fn keep(state: &mut State, start: usize, fit: SequenceFit) {
@@ -247,4 +266,41 @@ fn cost(runs: &[RunError]) -> f64 {
         run.rmse.iter().zip(&run.noise).map(|(rmse, noise)| (rmse / noise).powi(2)).sum::<f64>() * run.samples as f64
     };
     0.5 * runs.iter().map(of_run).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        experiment::Experiment,
+        identify::{Identified, identify},
+        tour::FILES,
+    };
+    use dynid_model::inertia::check_body;
+
+    /// The tour's logs fitted from a handle that turns too heavily for its own shape.
+    fn fitted_from(izz: f64) -> Identified {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (name, text) in FILES {
+            std::fs::write(folder.path().join(name), text).expect("a file");
+        }
+        let experiment = Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices());
+        let experiment = experiment.expect("the tour's");
+        let runs: Vec<&Run> = experiment.runs.iter().take(1).collect();
+        let mut model = Model::load(&folder.path().join("believed.toml")).expect("the tour's");
+        model
+            .set("link.7.Izz", dynid_model::Parameter { value: izz, lower: 0.0, upper: 1e-3, fixed: false })
+            .expect("it");
+        let options = Options { substeps: 10, ..Options::default() };
+        identify(&model, &experiment, &runs, ErrorKind::Position, &options, &mut |_| ()).expect("a fit")
+    }
+
+    #[test]
+    fn a_start_that_no_body_has_is_told() {
+        let told = fitted_from(4e-4);
+        assert_eq!(told.notes.len(), 1, "{:?}", told.notes);
+        assert!(told.notes[0].contains("link 7 starts with"), "{}", told.notes[0]);
+        assert_eq!(check_body(&told.model.links[6].map(|parameter| parameter.value)), Ok(()));
+        assert!(fitted_from(2e-5).notes.is_empty(), "a body's inertia is nothing to tell");
+    }
 }

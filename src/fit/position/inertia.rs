@@ -44,6 +44,8 @@ const SYMBOLS: [&str; 6] = ["Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"];
 const ROUNDING: f64 = 1e-9;
 /// Cuts keep S above zero by this share of its trace, so that rounding cannot undo it.
 const MARGIN: f64 = 1e-7;
+/// Projections until a start that no body has counts as beyond mending.
+const ROUNDS: usize = 1000;
 
 impl Body {
     /// The links that have an unknown moment of inertia or mass. Links of which not all values are given are left out.
@@ -97,7 +99,17 @@ impl Body {
     /// Moves `x` to a body that exists, near by and within the bounds: projections in turn on the bodies and on the bounds
     /// meet where both hold. False where they do not meet.
     pub fn make_physical(&self, x: &mut [f64], lower: &[f64], upper: &[f64]) -> bool {
-        const ROUNDS: usize = 1000;
+        let start = x.to_vec();
+        if self.lift(x, lower, upper) {
+            return true;
+        }
+        // Lifting S needs all three moments free to grow; what is known stands in its way.
+        x.copy_from_slice(&start);
+        self.cut_back(x, lower, upper)
+    }
+
+    /// Lifts the negative eigenvalues of S to zero, again and again.
+    fn lift(&self, x: &mut [f64], lower: &[f64], upper: &[f64]) -> bool {
         for _ in 0..ROUNDS {
             if self.cuts(x).is_empty() {
                 return true;
@@ -113,6 +125,26 @@ impl Body {
             for (entry, value) in entries.chain([(self.mass, mass)]) {
                 if let Entry::Unknown(index) = entry {
                     x[index] = value.clamp(lower[index], upper[index]);
+                }
+            }
+        }
+        false
+    }
+
+    /// Projects on every half-space that `x` breaks, again and again.
+    fn cut_back(&self, x: &mut [f64], lower: &[f64], upper: &[f64]) -> bool {
+        for _ in 0..ROUNDS {
+            let cuts = self.cuts(x);
+            if cuts.is_empty() {
+                return self.is_physical(x);
+            }
+            for HalfSpace { terms, limit } in cuts {
+                let beyond = terms.iter().map(|(index, factor)| factor * x[*index]).sum::<f64>() - limit;
+                let square: f64 = terms.iter().map(|(_, factor)| factor * factor).sum();
+                if beyond > 0.0 && square > 0.0 {
+                    for (index, factor) in terms {
+                        x[index] = (x[index] - beyond / square * factor).clamp(lower[index], upper[index]);
+                    }
                 }
             }
         }
@@ -210,5 +242,15 @@ mod tests {
         let mut ceiling = upper;
         (ceiling[1], ceiling[4]) = (inertia[(0, 0)], inertia[(1, 1)]);
         assert!(!body().make_physical(&mut held, &floor, &ceiling), "these bounds hold no body");
+    }
+    /// A flat plate turns about its normal with the sum of its other two moments; none turns more heavily.
+    #[test]
+    fn one_unknown_moment_is_cut_back_to_what_the_known_ones_allow() {
+        let known = [("m", 1.0), ("Ixx", 0.3), ("Ixy", 0.0), ("Ixz", 0.0), ("Iyy", 0.2), ("Iyz", 0.0)];
+        let known = known.map(|(symbol, value)| (format!("link.2.{symbol}"), value)).into_iter().collect();
+        let bodies = Body::all(&["link.2.Izz"], &known);
+        let mut x = vec![0.9];
+        assert!(bodies[0].make_physical(&mut x, &[0.0], &[1.0]) && bodies[0].is_physical(&x));
+        assert!((x[0] - 0.5).abs() < 1e-6, "{x:?}");
     }
 }

@@ -185,9 +185,9 @@ fn starts_that_cannot_be_are_errors() {
     assert!(told(&|p| p.runs[0].from_s = 5.0).contains("too few"));
     assert!(told(&|p| p.runs[0].position.truncate(5)).contains("measured positions: 5 values given"));
     let spin = |p: &mut PositionProblem| {
-        p.unknowns.push(Unknown { name: "link.1.Izz".to_owned(), value: 1.0, expected: 1.0, lower: 0.0, upper: 2.0 });
+        p.unknowns.push(Unknown { name: "link.1.Izz".to_owned(), value: 1.0, expected: 1.0, lower: 0.5, upper: 2.0 });
     };
-    assert!(told(&spin).contains("link 1 starts with an inertia that no body has"));
+    assert!(told(&spin).contains("link 1 starts with an inertia that no body has"), "nor has any within its bounds");
 }
 
 /// A start next to zero is no reason to stay there: the weak prior is as wide as the range.

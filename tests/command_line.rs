@@ -135,6 +135,8 @@ fn a_fit_takes_no_more_iterations_than_allowed() {
 #[test]
 fn compare_draws_a_picture_that_stands_alone() {
     let folder = folder();
+    dynid(folder.path(), &["compare", "experiment.toml", "--picture", "x.svg", "--report", "x.svg"]).code(2);
+    assert!(!folder.path().join("x.svg").exists());
     dynid(folder.path(), &["compare", "experiment.toml", "--picture", "overlay.svg"]).success();
     let svg = fs::read_to_string(folder.path().join("overlay.svg")).unwrap();
     assert!(

@@ -149,6 +149,8 @@ fn what_cannot_be_played_is_told_and_nothing_is_written() {
         "planar2r --free 0,1 --signal optimised --harmonics 1 --out run.csv",
         "planar2r --free 0,1 --signal cosine --frequency 1 --amplitude 0.1 --out mine.csv",
         "planar2r --free 0,1 --out run.csv",
+        "planar2r --free 0 --signal cosine --frequency 1 --amplitude 1 --duration 1e12 --out run.csv",
+        "planar2r --free 0 --signal cosine --frequency 1 --amplitude 1 --out run.csv --picture run.csv",
     ];
     let told = refused.map(|arguments| {
         let arguments: Vec<&str> = std::iter::once("excite").chain(arguments.split_whitespace()).collect();

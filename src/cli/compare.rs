@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use anyhow::bail;
 use clap::ValueEnum;
 use dynid::compare::{Comparison, JointComparison, RunComparison, compare};
 use dynid::experiment::{Experiment, Run};
@@ -65,6 +66,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
     for output in [&arguments.picture, &arguments.report].into_iter().flatten() {
         check_output(output, overwrite)?;
+    }
+    if let Some(picture) = arguments.picture.as_ref().filter(|picture| arguments.report.as_ref() == Some(*picture)) {
+        bail!("--picture and --report are both {}; give each a file of its own", picture.display());
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;

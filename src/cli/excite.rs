@@ -178,6 +178,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
     check_output(out, overwrite)?;
     if let Some(picture) = &arguments.picture {
+        if picture == out {
+            bail!("--out and --picture are both {}; give each a file of its own", out.display());
+        }
         check_output(picture, overwrite)?;
     }
     let planned = plan(arguments, &model)?;
@@ -253,6 +256,13 @@ fn plan(arguments: &Arguments, model: &Model) -> anyhow::Result<Planned> {
         None if is_optimised => period_s,
         None => input.map_or(60.0, |input| input.duration_s),
     };
+    /// More samples than anybody plays, and a file of hundreds of megabytes.
+    const MOST_SAMPLES: f64 = 1e7;
+    if duration_s > MOST_SAMPLES * sample_s {
+        bail!(
+            "--duration {duration_s} s holds more than {MOST_SAMPLES:.0} samples of {sample_s} s; give a shorter one, or a lower --rate"
+        );
+    }
     if duration_s < 2.0 * sample_s {
         bail!(
             "--duration {duration_s} s holds less than two samples of {sample_s} s; give a longer one, or a higher --rate"

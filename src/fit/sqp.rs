@@ -229,10 +229,12 @@ pub fn resume(
         if damping <= UNDAMPED && foreseen <= limits.negligible(quadratic.cost) {
             break Ended::Converged;
         }
-        let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
+        let trial = moved(region, &x, &step);
         let decrease = objective.cost(&trial).map_or(f64::NEG_INFINITY, |cost| quadratic.cost - cost);
         let share = decrease / foreseen;
-        if share < ACCEPTED_SHARE || share.is_nan() {
+        // A subproblem solved to its tolerance only may promise nothing; two negative numbers have a positive share.
+        let kept = foreseen > 0.0 && share >= ACCEPTED_SHARE;
+        if !kept {
             damping *= growth;
             growth *= 2.0;
             continue;
@@ -262,6 +264,12 @@ pub fn resume(
     Outcome { x, quadratic: Some(quadratic), ended, iterations }
 }
 
+/// `x + step`, of which rounding alone can leave the bounds that the step keeps.
+fn moved(region: &Region, x: &[f64], step: &DVector<f64>) -> Vec<f64> {
+    let bounds = region.lower.iter().zip(&region.upper);
+    x.iter().zip(step.iter()).zip(bounds).map(|((x, step), (lower, upper))| (x + step).clamp(*lower, *upper)).collect()
+}
+
 /// By how much `step` lowers the undamped quadratic.
 fn foreseen_decrease(quadratic: &Quadratic, step: &DVector<f64>) -> f64 {
     -(quadratic.gradient.dot(step) + 0.5 * step.dot(&(&quadratic.hessian * step)))
@@ -281,8 +289,7 @@ fn allowed_step(
     }
     for _ in 0..CUT_ROUNDS {
         let step = subproblem(&hessian, &quadratic.gradient, region, x)?;
-        let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
-        let cuts = objective.cuts(&trial);
+        let cuts = objective.cuts(&moved(region, x, &step));
         if cuts.is_empty() {
             return Some(step);
         }

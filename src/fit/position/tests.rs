@@ -285,3 +285,24 @@ fn a_log_that_begins_in_motion_has_an_initial_speed() {
     }
     assert!(fitted(false).cost > 2.0 * moving.cost, "taken for at rest it cannot be explained");
 }
+
+/// What the runs tell one by one adds up to what the fit of them says, cut beginnings and all.
+#[test]
+fn informations_of_the_runs_add_up_to_that_of_the_fit() {
+    let mut problem = problem(4, 10.0, 0.02);
+    problem.runs[0].from_s = 2.0;
+    let options = Options::default();
+    let fit = fit(&problem, &options, &mut |_| Watch::Continue).unwrap();
+    let n = fit.parameters.len();
+    let sum = motions(&problem, &fit, &options)
+        .unwrap()
+        .iter()
+        .fold(DMatrix::zeros(n, n), |sum, motion| sum + &motion.information / fit.widening());
+    for row in 0..n {
+        for column in 0..n {
+            let size = (fit.information[(row, row)] * fit.information[(column, column)]).sqrt();
+            let error = (sum[(row, column)] - fit.information[(row, column)]).abs();
+            assert!(error <= 1e-6 * size, "{row}, {column}: off by {error} of {size}");
+        }
+    }
+}

@@ -272,14 +272,11 @@ pub fn correlation_time(residual: &[f64], used: &[bool]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
-    /// Numbers that look random and are the same every time.
     fn random(n_rows: usize, n_columns: usize, seed: u64) -> DMatrix<f64> {
-        let mut state = seed;
-        DMatrix::from_fn(n_rows, n_columns, |_, _| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        })
+        let mut random = Random::new(seed);
+        DMatrix::from_fn(n_rows, n_columns, |_, _| random.between(-0.5, 0.5))
     }
 
     #[test]

@@ -383,6 +383,7 @@ fn upper_triangle(matrix: &DMatrix<f64>) -> CscMatrix<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     /// Rosenbrock's valley as a least-squares problem, optionally within the unit disk.
     struct Valley {
@@ -492,5 +493,20 @@ mod tests {
         let limits = Limits { iterations: 50, tolerance: 1e-6 };
         let end = minimise(&Rounding, &mut region, &[1.0], &limits, &mut |_| Watch::Continue);
         assert_eq!(end.ended, Ended::Converged);
+    }
+
+    /// `x + (lower - x)` is not `lower` for about every other pair of numbers.
+    #[test]
+    fn a_step_to_a_bound_stays_within_it() {
+        let mut random = Random::new(5);
+        let mut rounded = 0;
+        for _ in 0..1000 {
+            let (lower, x) = (random.between(0.1, 0.4), random.between(0.4, 1.7));
+            let region = Region { lower: vec![lower], upper: vec![f64::INFINITY], half_spaces: vec![] };
+            let step = DVector::from_element(1, lower - x);
+            rounded += usize::from(x + step[0] < lower);
+            assert!(moved(&region, &[x], &step)[0] >= lower);
+        }
+        assert!(rounded > 0, "the clamp matters");
     }
 }

@@ -24,7 +24,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-pub use inertia::Body;
+pub use inertia::{Body, made_physical};
 pub(crate) use motion::{RunMotion, motions};
 pub use noise::noise_floor;
 pub use result::{Direction, Estimate, PositionFit, RunError};

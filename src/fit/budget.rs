@@ -58,7 +58,7 @@ pub(crate) fn budget(
 ) -> Result<Vec<Share>, PositionFitError> {
     let motions = motions(problem, joint, options)?;
     let n = joint.parameters.len();
-    let widening = joint.variance_ratio.max(1.0) * joint.correlation;
+    let widening = joint.widening();
     let mut numbers: Vec<usize> = Vec::new();
     for number in configurations {
         if !numbers.contains(number) {

@@ -10,7 +10,8 @@ use nalgebra::{DMatrix, DVector};
 /// noisy motion excites is seldom below 1e-6.
 const RANK_TOLERANCE: f64 = 1e-9;
 
-/// A parameter whose unit vector lies in the null space by more than this share (squared) is not identifiable.
+/// A parameter whose unit vector lies in the null space by more than this share (squared) is not identifiable, whether
+/// unknowns are measured by what they do to the prediction or by their natural size.
 const FLAT_SHARE: f64 = 1e-8;
 
 /// `[A | b]`, known only up to an orthogonal transformation from the left: enough for any least-squares question.
@@ -164,8 +165,10 @@ pub fn standing(factor: &DMatrix<f64>, noise: &DMatrix<f64>, scale: &[f64]) -> S
         if product > 0.0 { noise[(row, column)] / product } else { 0.0 }
     });
     let covariance = &pseudo_inverse * scaled_noise * &pseudo_inverse;
+    let flat = flat(&v_t, &seen, &lengths, n);
+    let flat_share = flat_share(&flat, scale);
     let identifiable: Vec<bool> =
-        share.iter().zip(&lengths).map(|(share, length)| *length > 0.0 && 1.0 - share < FLAT_SHARE).collect();
+        (0..n).map(|k| lengths[k] > 0.0 && 1.0 - share[k] < FLAT_SHARE && flat_share[k] < FLAT_SHARE).collect();
     let std_error = (0..n)
         .map(|index| identifiable[index].then(|| covariance[(index, index)].max(0.0).sqrt() / lengths[index]))
         .collect();
@@ -174,7 +177,23 @@ pub fn standing(factor: &DMatrix<f64>, noise: &DMatrix<f64>, scale: &[f64]) -> S
         let known = identifiable[row] && identifiable[column] && size > 0.0;
         if known { covariance[(row, column)] / size } else { 0.0 }
     });
-    Standing { rank, condition, identifiable, std_error, correlation, flat: flat(&v_t, &seen, &lengths, n) }
+    Standing { rank, condition, identifiable, std_error, correlation, flat }
+}
+
+/// The squared share of each unknown's unit vector in the space of the `flat` combinations, unknowns in units of their
+/// natural size. One that hardly moves the prediction can be exchanged for a little of one that moves it much: only this
+/// measure sees that the former is open then.
+fn flat_share(flat: &[Vec<f64>], scale: &[f64]) -> Vec<f64> {
+    let n = scale.len();
+    if flat.is_empty() {
+        return vec![0.0; n];
+    }
+    let mut changes = DMatrix::from_fn(n, flat.len(), |row, column| flat[column][row] / scale[row]);
+    for mut change in changes.column_iter_mut() {
+        let length = change.norm();
+        change /= length;
+    }
+    changes.qr().q().row_iter().map(|row| row.norm_squared()).collect()
 }
 
 /// A basis of the null space in which each vector has few entries: reduced echelon form with complete pivoting.
@@ -253,14 +272,11 @@ pub fn correlation_time(residual: &[f64], used: &[bool]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
-    /// Numbers that look random and are the same every time.
     fn random(n_rows: usize, n_columns: usize, seed: u64) -> DMatrix<f64> {
-        let mut state = seed;
-        DMatrix::from_fn(n_rows, n_columns, |_, _| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        })
+        let mut random = Random::new(seed);
+        DMatrix::from_fn(n_rows, n_columns, |_, _| random.between(-0.5, 0.5))
     }
 
     #[test]
@@ -300,6 +316,23 @@ mod tests {
             assert!(change.amax() < 1e-9, "{flat:?}");
         }
         assert!(standing.flat.iter().any(|flat| flat[3] == 1.0 && flat.iter().filter(|x| **x != 0.0).count() == 1));
+    }
+
+    /// Columns: a, b, a + b and c, b being small: none of the first three is known by itself.
+    #[test]
+    fn a_small_column_tied_to_large_ones_is_not_identifiable() {
+        const SMALL: f64 = 1e-5;
+        let base = random(200, 3, 19);
+        let a = DMatrix::from_fn(200, 4, |row, column| match column {
+            0 => base[(row, 0)],
+            1 => SMALL * base[(row, 1)],
+            2 => base[(row, 0)] + SMALL * base[(row, 1)],
+            _ => base[(row, 2)],
+        });
+        let standing = standing(&a.clone().qr().r(), &(a.transpose() * &a), &[1.0; 4]);
+        assert_eq!(standing.rank, 3);
+        assert_eq!(standing.identifiable, [false, false, false, true]);
+        assert_eq!(standing.std_error[1], None);
     }
 
     /// White residuals: the covariance is the inverse of the information.

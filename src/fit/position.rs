@@ -21,7 +21,6 @@ mod searches;
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use inertia::{Body, made_physical};
@@ -311,6 +310,14 @@ pub struct State {
     pub search: sqp::State,
 }
 
+impl State {
+    /// Whether it is of a problem with `n` unknowns.
+    fn is_of(&self, n: usize) -> bool {
+        let mut terms = self.search.half_spaces.iter().flat_map(|half_space| &half_space.terms);
+        self.anchor.len() == n && self.search.x.len() == n && terms.all(|(index, _)| *index < n)
+    }
+}
+
 /// Fits; `watch` sees every iteration and may stop, which ends the fit with [`PositionFitError::Interrupted`].
 pub fn fit(
     problem: &PositionProblem,
@@ -334,8 +341,7 @@ pub fn resume(
     let moved = make_physical(&mut problem);
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
-    let (mut stage, mut iterations, mut x, mut search) = match from.filter(|state| state.anchor.len() == evaluator.n())
-    {
+    let (mut stage, mut iterations, mut x, mut search) = match from.filter(|state| state.is_of(evaluator.n())) {
         Some(state) => (state.stage, state.iterations, state.anchor, Some(state.search)),
         None => {
             let x = evaluator.start(&problem);
@@ -414,11 +420,6 @@ pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitErr
     Ok(RunError::new(run, initial, &trajectory.q))
 }
 
-/// Judges many runs in parallel; the order is theirs.
-pub fn judge_all(runs: &[FitRun], options: &Options) -> Result<Vec<RunError>, PositionFitError> {
-    runs.par_iter().map(|run| judge(run, options)).collect()
-}
-
 /// Drops unknowns that occur in no run; those that earlier fits tie to others stay.
 fn keep_what_occurs(problem: &mut PositionProblem) {
     let occurs = |name: &str| {
@@ -476,9 +477,11 @@ fn check(problem: &PositionProblem) -> Result<(), PositionFitError> {
             return Err(PositionFitError::StartOutside { name, value, lower, upper });
         }
     }
+    /// A fit before this one may have ended where both are equal, up to the tolerance of its subproblems.
+    const ROUNDING: f64 = 1e-6;
     for (larger, smaller) in &problem.inequalities {
         if let (Some(larger_value), Some(smaller_value)) = (value_of(problem, larger), value_of(problem, smaller))
-            && larger_value < smaller_value
+            && larger_value < smaller_value - ROUNDING * (larger_value.abs() + smaller_value.abs())
         {
             let (larger, smaller) = (larger.clone(), smaller.clone());
             return Err(PositionFitError::StartUnequal { larger, larger_value, smaller, smaller_value });

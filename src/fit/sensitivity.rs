@@ -531,9 +531,9 @@ fn occurring(system: &System) -> Vec<(usize, usize)> {
     let (n, n_lumps) = (system.n_free(), system.kernel().n_lumps);
     let mut seen = vec![false; n * n_lumps];
     let mut regressor = vec![0.0; n * n_lumps];
-    for state in 1..=3 {
-        // Multiples of the golden ratio, modulo 1.
-        let mut number = f64::from(state);
+    // Multiples of the golden ratio, modulo 1: they go on from state to state.
+    let mut number = 0.0_f64;
+    for _ in 0..3 {
         let mut vector = || -> Vec<f64> {
             let next = |_| {
                 number = (number + 0.618_033_988_749_895).fract();

@@ -229,10 +229,12 @@ pub fn resume(
         if damping <= UNDAMPED && foreseen <= limits.negligible(quadratic.cost) {
             break Ended::Converged;
         }
-        let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
+        let trial = moved(region, &x, &step);
         let decrease = objective.cost(&trial).map_or(f64::NEG_INFINITY, |cost| quadratic.cost - cost);
         let share = decrease / foreseen;
-        if share < ACCEPTED_SHARE || share.is_nan() {
+        // A subproblem solved to its tolerance only may promise nothing; two negative numbers have a positive share.
+        let kept = foreseen > 0.0 && share >= ACCEPTED_SHARE;
+        if !kept {
             damping *= growth;
             growth *= 2.0;
             continue;
@@ -262,6 +264,12 @@ pub fn resume(
     Outcome { x, quadratic: Some(quadratic), ended, iterations }
 }
 
+/// `x + step`, of which rounding alone can leave the bounds that the step keeps.
+fn moved(region: &Region, x: &[f64], step: &DVector<f64>) -> Vec<f64> {
+    let bounds = region.lower.iter().zip(&region.upper);
+    x.iter().zip(step.iter()).zip(bounds).map(|((x, step), (lower, upper))| (x + step).clamp(*lower, *upper)).collect()
+}
+
 /// By how much `step` lowers the undamped quadratic.
 fn foreseen_decrease(quadratic: &Quadratic, step: &DVector<f64>) -> f64 {
     -(quadratic.gradient.dot(step) + 0.5 * step.dot(&(&quadratic.hessian * step)))
@@ -281,8 +289,7 @@ fn allowed_step(
     }
     for _ in 0..CUT_ROUNDS {
         let step = subproblem(&hessian, &quadratic.gradient, region, x)?;
-        let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
-        let cuts = objective.cuts(&trial);
+        let cuts = objective.cuts(&moved(region, x, &step));
         if cuts.is_empty() {
             return Some(step);
         }
@@ -376,6 +383,7 @@ fn upper_triangle(matrix: &DMatrix<f64>) -> CscMatrix<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     /// Rosenbrock's valley as a least-squares problem, optionally within the unit disk.
     struct Valley {
@@ -485,5 +493,20 @@ mod tests {
         let limits = Limits { iterations: 50, tolerance: 1e-6 };
         let end = minimise(&Rounding, &mut region, &[1.0], &limits, &mut |_| Watch::Continue);
         assert_eq!(end.ended, Ended::Converged);
+    }
+
+    /// `x + (lower - x)` is not `lower` for about every other pair of numbers.
+    #[test]
+    fn a_step_to_a_bound_stays_within_it() {
+        let mut random = Random::new(5);
+        let mut rounded = 0;
+        for _ in 0..1000 {
+            let (lower, x) = (random.between(0.1, 0.4), random.between(0.4, 1.7));
+            let region = Region { lower: vec![lower], upper: vec![f64::INFINITY], half_spaces: vec![] };
+            let step = DVector::from_element(1, lower - x);
+            rounded += usize::from(x + step[0] < lower);
+            assert!(moved(&region, &[x], &step)[0] >= lower);
+        }
+        assert!(rounded > 0, "the clamp matters");
     }
 }

@@ -68,6 +68,7 @@ pub fn motion_bandwidth(position: &[f64], step: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     /// A sine of amplitude 3 has the power 4.5, found at its frequency.
     #[test]
@@ -93,14 +94,10 @@ mod tests {
     #[test]
     fn bandwidth_reaches_to_the_fastest_motion_above_the_noise() {
         let step = 0.005;
-        let mut state = 1_u64;
-        let mut noise = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            1e-3 * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
-        };
+        let mut random = Random::new(1);
         let position: Vec<f64> = (0..20_000)
             .map(|k| step * f64::from(k))
-            .map(|t| (2.0 * PI * 0.8 * t).sin() + 0.01 * (2.0 * PI * 11.0 * t).sin() + noise())
+            .map(|t| (2.0 * PI * 0.8 * t).sin() + 0.01 * (2.0 * PI * 11.0 * t).sin() + 1e-3 * random.between(-0.5, 0.5))
             .collect();
         let bandwidth = motion_bandwidth(&position, step).expect("there is motion");
         assert!((bandwidth - 11.0).abs() < 0.3, "{bandwidth}");

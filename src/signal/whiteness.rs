@@ -34,14 +34,10 @@ pub fn is_white(residual: &[f64]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     fn noise(n_samples: usize, seed: u64) -> Vec<f64> {
-        let mut state = seed;
-        let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
-        (0..n_samples).map(|_| next()).collect()
+        Random::new(seed).vector(n_samples, -0.5, 0.5)
     }
 
     #[test]

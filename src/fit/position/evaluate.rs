@@ -336,13 +336,17 @@ impl<'a> Ready<'a> {
         Some(Quadratic { cost, gradient, hessian })
     }
 
-    /// `sum(j' j)` over all samples for each free joint, `j` being the derivative of its simulated position by this run's
+    /// `sum(j' j)` over the samples that count for each free joint, `j` being the derivative of its simulated position by this run's
     /// unknowns.
     fn motion(&self, x: &[f64], substeps: usize) -> Option<Vec<DMatrix<f64>>> {
         let system = self.system(x);
         let (count, width) = (self.columns.count(), self.columns.width());
         let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
-        let observe = |_: usize, _: &[f64], rows: &[f64]| {
+        let first = self.first_sample();
+        let observe = |sample: usize, _: &[f64], rows: &[f64]| {
+            if sample < first {
+                return;
+            }
             for (sum, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
                 let row = DVector::from_column_slice(&row[..count]);
                 sum.ger(1.0, &row, &row, 1.0);
@@ -456,14 +460,10 @@ impl At<'_, '_> {
             .par_iter()
             .map(|ready| {
                 let by_slot = ready.motion(x, substeps)?;
-                let places = ready.places();
-                Some(RunMotion::new(
-                    self.evaluator.n_parameters,
-                    &places,
-                    &ready.weights,
-                    ready.run.time.len(),
-                    &by_slot,
-                ))
+                let starts: Vec<f64> = ready.starts.iter().map(|(_, weight)| *weight).collect();
+                let samples = ready.run.time.len() - ready.first_sample();
+                let n = self.evaluator.n_parameters;
+                Some(RunMotion::new(n, &ready.places(), (&ready.weights, &starts), samples, &by_slot))
             })
             .collect()
     }

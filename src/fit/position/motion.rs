@@ -10,20 +10,30 @@ pub(crate) struct RunMotion {
     /// Inverse covariance from this run alone if its errors were white noise of the log's size, initial positions
     /// eliminated.
     pub(crate) information: DMatrix<f64>,
-    /// For each free joint the mean of `j' j` over the samples, `j` being the derivative of its simulated position when
+    /// For each free joint the mean of `j' j` over the samples that count, `j` being the derivative of its simulated position when
     /// the initial positions follow the parameters as the log wants [rad^2 or m^2 over the parameters' units].
     pub(crate) by_slot: Vec<DMatrix<f64>>,
 }
 
 impl RunMotion {
     /// From `sum(j' j)` of each free joint by the run's own unknowns, of which `places` says where they stand among all;
-    /// `n` parameters come first there, initial positions after them.
-    pub(super) fn new(n: usize, places: &[usize], weights: &[f64], samples: usize, sums: &[DMatrix<f64>]) -> Self {
+    /// `n` parameters come first there, initial positions after them. Weights are those of the errors of each free joint,
+    /// and those of their starts where the log's beginning is cut.
+    pub(super) fn new(
+        n: usize,
+        places: &[usize],
+        (weights, starts): (&[f64], &[f64]),
+        samples: usize,
+        sums: &[DMatrix<f64>],
+    ) -> Self {
         let n_own = places.iter().filter(|place| **place < n).count();
         let n_initial = places.len() - n_own;
         let mut whole = DMatrix::zeros(places.len(), places.len());
         for (sum, weight) in sums.iter().zip(weights) {
             whole += sum * (weight * weight);
+        }
+        for (slot, weight) in starts.iter().enumerate() {
+            whole[(n_own + slot, n_own + slot)] += weight * weight;
         }
         // Best initial positions after a small change of the parameters: -H00^-1 H0p.
         let mixed = whole.view((n_own, 0), (n_initial, n_own)).into_owned();

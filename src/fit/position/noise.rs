@@ -29,16 +29,12 @@ pub fn noise_floor(samples: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
     #[test]
     fn noise_on_a_moving_joint_is_seen() {
-        let mut state = 7_u64;
-        let mut uniform = move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        let mut normal = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
-        let samples: Vec<f64> = (0..6000).map(|k| (f64::from(k) * 0.05).sin() + 2e-4 * normal()).collect();
+        let mut random = Random::new(7);
+        let samples: Vec<f64> = (0..6000).map(|k| (f64::from(k) * 0.05).sin() + 2e-4 * random.normal()).collect();
         let floor = noise_floor(&samples);
         assert!((floor / 2e-4 - 1.0).abs() < 0.05, "{floor}");
         assert_eq!(noise_floor(&[1.0; 4]), 0.0);

@@ -85,6 +85,13 @@ pub struct RunError {
     pub simulated: Vec<f64>,
 }
 
+impl PositionFit {
+    /// Factor on the variances of white noise of the logs' guessed size that [`Self::covariance`] contains.
+    pub(crate) fn widening(&self) -> f64 {
+        widening(self.variance_ratio, self.correlation)
+    }
+}
+
 impl RunError {
     pub(super) fn new(run: &FitRun, initial: Vec<f64>, simulated: &[f64]) -> Self {
         let n_free = run.system.n_free();
@@ -106,6 +113,16 @@ impl RunError {
 
 /// A parameter counts as identified when the data narrow its range to less than this share.
 const IDENTIFIED: f64 = 0.5;
+
+/// What every variance is multiplied by that counts the errors as white noise of the logs' guessed size.
+///
+/// What the residuals say of the noise counts, not what fourth differences guessed before the fit: those take abrupt
+/// motion for noise.
+fn widening(variance_ratio: f64, correlation: f64) -> f64 {
+    /// No log is surer than this share of its noise, whatever a perfect model leaves.
+    const LEAST_VARIANCE: f64 = 1e-2;
+    variance_ratio.max(LEAST_VARIANCE) * correlation
+}
 
 #[allow(clippy::too_many_arguments)]
 pub(super) fn conclude(
@@ -130,10 +147,7 @@ pub(super) fn conclude(
     let degrees = (at.samples() as f64 - x.len() as f64).max(1.0);
     let variance_ratio = 2.0 * quadratic.cost / degrees / mean_square_weight(problem);
     let correlation = correlation(problem, &runs);
-    // What the residuals say of the noise counts, not what fourth differences guessed before the fit: those take abrupt
-    // motion for noise. No log is surer than this share of its noise, whatever a perfect model leaves.
-    const LEAST_VARIANCE: f64 = 1e-2;
-    let widening = variance_ratio.max(LEAST_VARIANCE) * correlation;
+    let widening = widening(variance_ratio, correlation);
 
     let mut data = quadratic.hessian.clone();
     for row in 0..n {

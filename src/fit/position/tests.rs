@@ -1,5 +1,6 @@
 use super::*;
 use crate::fit::FitStatus;
+use crate::random::Random;
 use crate::system::{
     PlacedEffect,
     tests::{GAIN, LUGRE, PENDULUM, SPRING, placed},
@@ -19,23 +20,10 @@ fn system() -> System {
     System::new(&PENDULUM, 1, TRUTH[..3].to_vec(), Vec::new(), &effects).unwrap()
 }
 
-/// White noise of a fixed seed: sums of twelve uniform numbers.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut uniform = || {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    }
-}
-
 /// Logs of the true system, noise included.
 fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
     let system = system();
-    let mut noise = Noise(seed);
+    let mut noise = Random::new(seed);
     let samples = (span_s * 100.0) as usize + 1;
     let time: Vec<f64> = (0..samples).map(|k| k as f64 * 0.01).collect();
     [(0.006, 2.0, 0.1), (0.010, 3.5, -0.2)]
@@ -48,7 +36,7 @@ fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
                 .collect();
             let input = Input { time: &time, command: &command, hold: Hold::Zero };
             let motion = simulate::simulate(&system, &input, &[q0], &simulate::Options::default()).unwrap();
-            let position = motion.q.iter().map(|q| q + 2e-4 * noise.next()).collect();
+            let position = motion.q.iter().map(|q| q + 2e-4 * noise.normal()).collect();
             FitRun {
                 name: format!("run {number}"),
                 system: system.clone(),
@@ -69,7 +57,7 @@ fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
 fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
     let runs = runs(seed, span_s);
     let system = &runs[0].system;
-    let mut signs = Noise(seed + 99);
+    let mut signs = Random::new(seed + 99);
     let names =
         system.kernel().parameters.iter().map(|name| (*name).to_owned()).chain(system.effect_names().iter().cloned());
     let values = system.link_parameters().iter().chain(system.effect_parameters());
@@ -80,7 +68,7 @@ fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
             known.insert(name, value);
             continue;
         }
-        let start = value * (1.0 + off * signs.next().signum());
+        let start = value * (1.0 + off * signs.normal().signum());
         let reach = 2.0 * value.abs();
         unknowns.push(Unknown {
             name,
@@ -284,4 +272,40 @@ fn a_log_that_begins_in_motion_has_an_initial_speed() {
         assert!(run.rmse[0] < 1.2 * 2e-4, "{}: {} rad", run.name, run.rmse[0]);
     }
     assert!(fitted(false).cost > 2.0 * moving.cost, "taken for at rest it cannot be explained");
+}
+
+/// What the runs tell one by one adds up to what the fit of them says, cut beginnings and all.
+#[test]
+fn informations_of_the_runs_add_up_to_that_of_the_fit() {
+    let mut problem = problem(4, 10.0, 0.02);
+    problem.runs[0].from_s = 2.0;
+    let options = Options::default();
+    let fit = fit(&problem, &options, &mut |_| Watch::Continue).unwrap();
+    let n = fit.parameters.len();
+    let sum = motions(&problem, &fit, &options)
+        .unwrap()
+        .iter()
+        .fold(DMatrix::zeros(n, n), |sum, motion| sum + &motion.information / fit.widening());
+    for row in 0..n {
+        for column in 0..n {
+            let size = (fit.information[(row, row)] * fit.information[(column, column)]).sqrt();
+            let error = (sum[(row, column)] - fit.information[(row, column)]).abs();
+            assert!(error <= 1e-6 * size, "{row}, {column}: off by {error} of {size}");
+        }
+    }
+}
+
+/// A step of a sequence that ended with two ordered values equal, up to the solver's tolerance, can be gone on from; one
+/// that breaks the order cannot.
+#[test]
+fn an_order_may_be_broken_by_rounding_only() {
+    let mut problem = problem(4, 10.0, 0.0);
+    let [(larger, smaller)] = problem.inequalities.as_slice() else { panic!("one order") };
+    let place = |name: &str| problem.unknowns.iter().position(|unknown| unknown.name == name).unwrap();
+    let (larger, smaller) = (place(larger), place(smaller));
+    let value = problem.unknowns[smaller].value;
+    problem.unknowns[larger].value = value * (1.0 - 1e-9);
+    assert_eq!(check(&problem), Ok(()));
+    problem.unknowns[larger].value = value * (1.0 - 1e-3);
+    assert!(matches!(check(&problem), Err(PositionFitError::StartUnequal { .. })));
 }

@@ -6,6 +6,7 @@ use super::*;
 use crate::{
     experiment::{Hold, Role, Run, Settings},
     log::Log,
+    random::Random,
     system::PlacedEffect,
     system::tests::{ARM, GAIN, PENDULUM, ROTOR_INERTIA, VISCOUS, placed},
 };
@@ -14,19 +15,6 @@ const ITERATIONS: usize = 60;
 
 /// Mass, centroid along x and moment of inertia about z of the arm's links.
 const LINKS: [[f64; 3]; 2] = [[1.2, 0.21, 0.02], [0.8, 0.17, 0.011]];
-
-/// Numbers that look normally distributed and are the same every time.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut uniform = || {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    }
-}
 
 /// A parameter within wide bounds.
 fn wide(value: f64) -> Parameter {
@@ -48,7 +36,7 @@ fn effect_parameters(effects: &[PlacedEffect], of: impl Fn(f64) -> Parameter) ->
 /// A log of a given system that moves as wished: torques from its own equations, with white noise.
 fn play(system: &System, torque_noise: f64, seed: u64) -> TorqueRun {
     let n = system.n_free();
-    let mut noise = Noise(seed);
+    let mut noise = Random::new(seed);
     let n_samples = 3000;
     let step = 0.01;
     let waves: [[(f64, f64, f64); 3]; 2] = [
@@ -89,7 +77,7 @@ fn play(system: &System, torque_noise: f64, seed: u64) -> TorqueRun {
             }
         }
         for joint in 0..n {
-            log.tau[joint].push(tau[joint] + torque_noise * noise.next());
+            log.tau[joint].push(tau[joint] + torque_noise * noise.normal());
             log.q[joint].push(q[joint]);
         }
     }

@@ -34,52 +34,24 @@ pub(crate) fn solve(n: usize, matrix: &mut [f64], b: &mut [f64]) {
         5 => solve_sized::<5>(matrix, b),
         6 => solve_sized::<6>(matrix, b),
         _ => {
-            factorise_any(n, matrix);
+            factorise(n, matrix);
             substitute(n, matrix, b);
         }
     }
 }
 
 /// With n known to the compiler every loop unrolls and every bound check goes.
-fn factorise_sized<const N: usize>(matrix: &mut [f64]) {
-    for row in 0..N {
-        for column in 0..row {
-            let mut sum = matrix[row * N + column];
-            for k in 0..column {
-                sum -= matrix[row * N + k] * matrix[column * N + k];
-            }
-            matrix[row * N + column] = sum;
-        }
-        let mut pivot = matrix[row * N + row];
-        for column in 0..row {
-            let scaled = matrix[row * N + column];
-            let lower = scaled * matrix[column * N + column];
-            pivot -= scaled * lower;
-            matrix[row * N + column] = lower;
-        }
-        matrix[row * N + row] = 1.0 / pivot;
-    }
-}
-
 fn solve_sized<const N: usize>(matrix: &mut [f64], b: &mut [f64]) {
     let (Some(matrix), Some(b)) = (matrix.get_mut(..N * N), b.get_mut(..N)) else {
         return;
     };
-    factorise_sized::<N>(matrix);
-    for row in 1..N {
-        for k in 0..row {
-            b[row] -= matrix[row * N + k] * b[k];
-        }
-    }
-    for row in (0..N).rev() {
-        b[row] *= matrix[row * N + row];
-        for k in row + 1..N {
-            b[row] -= matrix[k * N + row] * b[k];
-        }
-    }
+    factorise(N, matrix);
+    substitute(N, matrix, b);
 }
 
-fn factorise_any(n: usize, matrix: &mut [f64]) {
+/// As [`factorise_lanes`], of one matrix.
+#[inline(always)]
+fn factorise(n: usize, matrix: &mut [f64]) {
     for row in 0..n {
         for column in 0..row {
             let mut sum = matrix[row * n + column];
@@ -99,6 +71,7 @@ fn factorise_any(n: usize, matrix: &mut [f64]) {
     }
 }
 
+#[inline(always)]
 fn substitute(n: usize, factor: &[f64], b: &mut [f64]) {
     for row in 1..n {
         for k in 0..row {

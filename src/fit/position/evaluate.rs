@@ -36,7 +36,7 @@ struct Ready<'a> {
     starts: Vec<(f64, f64)>,
 }
 
-/// All runs at any unknowns: parameters first, then every run's initial positions.
+/// All runs at any unknowns: parameters first, then every run's initial positions (and speeds if it moves).
 pub(super) struct Evaluator<'a> {
     ready: Vec<Ready<'a>>,
     n_parameters: usize,

@@ -72,7 +72,7 @@ pub struct Direction {
 pub struct RunError {
     /// The run.
     pub name: String,
-    /// Estimated initial positions of the free joints.
+    /// Estimated initial positions of the free joints; then their speeds, where the log begins in motion.
     pub initial: Vec<f64>,
     /// Root mean square of measured minus simulated, per free joint [rad or m], over the samples that count.
     pub rmse: Vec<f64>,

@@ -278,6 +278,21 @@ fn a_start_outside_its_bounds_is_clipped_on_request() {
 }
 
 #[test]
+fn a_start_that_no_body_can_be_is_moved_on_request() {
+    let folder = folder();
+    let impossible = "[link.2]\nIxx = 1e-4\nIyy = 1e-4\nIzz = 1e-2\n";
+    put(&folder, "model.toml", &MODEL.replace("[link.2]\n", impossible));
+    let arguments = [FIT.as_slice(), &["--error", "torque"]].concat();
+    assert!(refused(&folder, &arguments).contains("no body has the inertial parameters of link 2"));
+    let output =
+        Command::cargo_bin("dynid").unwrap().args(&arguments).arg("--clip").current_dir(folder.path()).output();
+    let output = output.unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{told}");
+    assert!(told.contains("link 2 started with an inertia that no body has"), "{told}");
+}
+
+#[test]
 fn static_friction_below_coulomb_friction() {
     insta::assert_snapshot!(fit_refused("Fs = 0.02", "Fs = 0.005", &[]));
 }

@@ -97,7 +97,8 @@ pub struct Arguments {
     /// What the starts are drawn from: the same seed, the same starts.
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u64,
-    /// Put a start that lies outside its stated bounds on the nearest one, instead of refusing it.
+    /// Put a start that lies outside its stated bounds on the nearest one, and make a link that no body can be one near by,
+    /// instead of refusing them.
     #[arg(long)]
     clip: bool,
     /// Go on with a fit that was stopped: ends with the same bits as one that was not.
@@ -215,7 +216,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 fn or_clip(error: anyhow::Error, path: Option<&Path>, outside: Outside) -> anyhow::Error {
     let is_clippable = |path: &Path| Model::load(path).is_err() && Model::load_clipped(path).is_ok();
     let helps = outside == Outside::Refuse && path.is_some_and(is_clippable);
-    if helps { anyhow!("{error}; or let --clip put it on its nearest bound") } else { error }
+    if helps { anyhow!("{error}; or let --clip start from the nearest value allowed") } else { error }
 }
 
 /// What is asked for, as the library takes it.

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::bail;
 use dynid::experiment::{Experiment, Run};
+use dynid::fit::position::made_physical;
 use dynid::model::Model;
 
 /// An experiment with all its logs.
@@ -37,7 +38,7 @@ pub fn start(path: Option<&Path>, experiment: &Experiment, outside: Outside) -> 
     };
     let model = match outside {
         Outside::Refuse => Model::load(path)?,
-        Outside::Clip => Model::load_clipped(path)?,
+        Outside::Clip => made_physical(Model::load_clipped(path)?),
     };
     if model.device.id != experiment.device.id {
         bail!(

@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-pub use inertia::Body;
+pub use inertia::{Body, made_physical};
 pub(crate) use motion::{RunMotion, motions};
 pub use noise::noise_floor;
 pub use result::{Direction, Estimate, PositionFit, RunError};
@@ -349,10 +349,18 @@ pub fn resume(
             (if near { searches::FIRST_FREE } else { 0 }, 0, x, None)
         }
     };
+    let mut ended = Ended::Converged;
     loop {
         let anchor = x;
-        let kind = SEARCHES[stage.min(SEARCHES.len() - 1)];
+        let kind = SEARCHES[stage.min(searches::LAST)];
         let at = kind.at(&evaluator, &anchor, options);
+        if kind == Search::Fine {
+            let Some(quadratic) = sqp::Objective::quadratic(&at, &anchor) else {
+                return Err(at.why_not(&anchor));
+            };
+            let fit = result::conclude(&problem, &evaluator, &at, &region, &anchor, &quadratic, ended, iterations);
+            return Ok(PositionFit { moved, ..fit });
+        }
         let limits = kind.limits(options, iterations);
         let samples = at.samples() as f64;
         let mut told = |iteration: &Iteration, search: &sqp::State| {
@@ -371,16 +379,14 @@ pub fn resume(
         if outcome.ended == Ended::Interrupted {
             return Err(PositionFitError::Interrupted { iterations });
         }
-        if kind == Search::Fine {
-            let Some(quadratic) = outcome.quadratic else {
-                return Err(at.why_not(&x));
-            };
-            let ended = outcome.ended;
-            let fit = result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, ended, iterations);
-            return Ok(PositionFit { moved, ..fit });
-        }
-        let released = kind.tether() > 0.0 && searches::is_near(&evaluator, &x, options);
-        stage = if released { searches::FIRST_FREE } else { stage + 1 };
+        ended = outcome.ended;
+        stage = if kind.tether() > 0.0 && searches::is_near(&evaluator, &x, options) {
+            searches::FIRST_FREE
+        } else if kind == Search::Corrected && x == anchor {
+            searches::LAST
+        } else {
+            stage + 1
+        };
     }
 }
 

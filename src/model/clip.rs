@@ -4,19 +4,20 @@ use std::{fs, path::Path};
 
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
-use super::Model;
+use super::{Model, read::Bodies};
 use crate::error::Error;
 
 impl Model {
     /// As [`Model::load`], but a value outside the bounds that the file states beside it is put on the nearest one; the
-    /// model's notes say which were.
+    /// model's notes say which were. Links may be what no body can be: see
+    /// [`made_physical`](crate::fit::position::made_physical).
     ///
     /// # Errors
     /// As [`Model::load`].
     pub fn load_clipped(path: &Path) -> Result<Self, Error> {
         let text = fs::read_to_string(path).map_err(|source| Error::Unreadable { path: path.to_owned(), source })?;
         let (text, clipped) = clipped(&text);
-        let mut model = Self::parse(&text, path)?;
+        let mut model = Self::parse_with(&text, path, Bodies::Unchecked)?;
         model.notes.extend(clipped);
         Ok(model)
     }

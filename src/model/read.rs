@@ -15,6 +15,13 @@ use dynid_model::{
 use super::{BASE_SYMBOLS, EffectInstance, FitRecord, Model, default_parameter, widened};
 use crate::error::Error;
 
+/// Whether a link must be one that a body can be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Bodies {
+    Checked,
+    Unchecked,
+}
+
 impl Model {
     /// Reads a model file.
     ///
@@ -30,6 +37,10 @@ impl Model {
     /// # Errors
     /// The first thing that is wrong, with its place.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ModelError> {
+        Self::parse_with(text, path, Bodies::Checked)
+    }
+
+    pub(super) fn parse_with(text: &str, path: &Path, bodies: Bodies) -> Result<Self, ModelError> {
         let source = Source::new(path, text);
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
@@ -42,7 +53,7 @@ impl Model {
         })?;
         let mut model = Self::of_device(device);
         model.effects.clear();
-        read_links(&root, &mut model)?;
+        read_links(&root, &mut model, bodies)?;
         read_lengths(&root, &mut model)?;
         read_base(&root, &mut model)?;
         read_effects(&root, &mut model)?;
@@ -79,7 +90,7 @@ impl Model {
     }
 }
 
-fn read_links(root: &Table, model: &mut Model) -> Result<(), ModelError> {
+fn read_links(root: &Table, model: &mut Model, bodies: Bodies) -> Result<(), ModelError> {
     let Some(entry) = root.optional("link") else { return Ok(()) };
     let links = entry.table("[link]")?;
     let n_links = model.links.len();
@@ -101,6 +112,9 @@ fn read_links(root: &Table, model: &mut Model) -> Result<(), ModelError> {
                 check_mass(&table.required(symbol, "<kg>")?, &table.what, &parameter)?;
             }
             model.links[number - 1][index] = parameter;
+        }
+        if bodies == Bodies::Unchecked {
+            continue;
         }
         check_body(&model.links[number - 1].map(|parameter| parameter.value)).map_err(|impossible| {
             let stated = Link::SYMBOLS.iter().find(|symbol| symbol.starts_with('I') && table.optional(symbol).is_some());

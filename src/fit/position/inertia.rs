@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-use crate::fit::sqp::HalfSpace;
+use crate::{fit::sqp::HalfSpace, model::Model};
 
 /// Rotational inertia of one link, entry by entry a known value or the index of an unknown.
 #[derive(Debug, Clone, PartialEq)]
@@ -183,6 +183,37 @@ impl Body {
         }
         (!terms.is_empty()).then_some(HalfSpace { terms, limit })
     }
+}
+
+/// Moves every link of `model` that no body can be to one near by, within the bounds, and notes it. A link that its bounds
+/// keep impossible stays.
+pub fn made_physical(mut model: Model) -> Model {
+    let (mut names, mut x, mut lower, mut upper) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut known = BTreeMap::new();
+    for (name, parameter) in model.parameters() {
+        if parameter.fixed {
+            known.insert(name, parameter.value);
+        } else {
+            names.push(name);
+            x.push(parameter.value);
+            lower.push(parameter.lower);
+            upper.push(parameter.upper);
+        }
+    }
+    let unknowns: Vec<&str> = names.iter().map(String::as_str).collect();
+    for body in Body::all(&unknowns, &known) {
+        if !body.is_physical(&x) && body.make_physical(&mut x, &lower, &upper) {
+            let link = body.link;
+            model
+                .notes
+                .push(format!("link {link} started with an inertia that no body has; moved to a body's near by"));
+        }
+    }
+    for (name, value) in names.iter().zip(&x) {
+        // The names are the model's own.
+        let _known = model.set_value(name, *value);
+    }
+    model
 }
 
 /// The number of the link whose mass or moment of inertia `name` is.

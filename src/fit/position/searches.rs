@@ -15,22 +15,27 @@ pub(super) enum Search {
     Coarse,
     /// With few integration steps, plus what the stated step made of the positions where the search begins.
     Corrected,
-    /// With the stated step; few iterations are left for it.
+    /// With the stated step: nothing is searched any more, only judged.
     Fine,
 }
 
 /// In this order.
-pub(super) const SEARCHES: [Search; 7] = [
+pub(super) const SEARCHES: [Search; 9] = [
     Search::Tethered(100.0),
     Search::Tethered(30.0),
     Search::Tethered(10.0),
     Search::Tethered(3.0),
     Search::Coarse,
+    // The correction is that of where a search begins: it is renewed until nothing moves.
+    Search::Corrected,
+    Search::Corrected,
     Search::Corrected,
     Search::Fine,
 ];
 /// The first search without a tether.
 pub(super) const FIRST_FREE: usize = 4;
+/// The last, which judges.
+pub(super) const LAST: usize = SEARCHES.len() - 1;
 
 impl Search {
     /// Rate of the tether [1/s]; 0 without one.

@@ -180,8 +180,9 @@ const LAST_DAMPING: f64 = 1e12;
 /// worth following to its end.
 const IDLE_ITERATIONS: usize = 3;
 const IDLE: f64 = 3.0;
-/// A search that gets stuck still ends at a minimum if all that is promised is below so many tolerances.
-const NEAR: f64 = 100.0;
+/// A search that gets stuck still ends at a minimum if all that is promised is below this share of the cost: where the cost
+/// has kinks and small jumps (friction that turns, or differs on two sides), the last promises are not kept.
+const NEAR: f64 = 1e-3;
 /// A step counts as good from this share of the foreseen decrease.
 const ACCEPTED_SHARE: f64 = 1e-3;
 /// How often a subproblem is solved again for new cuts.
@@ -214,9 +215,11 @@ pub fn resume(
     };
     let ended = loop {
         if damping > LAST_DAMPING || idle >= IDLE_ITERATIONS {
-            // Near the minimum the cost's kinks and rounding can spoil the last, tiny steps.
-            let near = allowed_step(objective, region, &quadratic, &x, FIRST_DAMPING)
-                .is_some_and(|step| foreseen_decrease(&quadratic, &step) <= NEAR * limits.negligible(quadratic.cost));
+            // The least damped subproblem that can be solved promises most.
+            let near = [FIRST_DAMPING, UNDAMPED, 1.0]
+                .into_iter()
+                .find_map(|damping| allowed_step(objective, region, &quadratic, &x, damping))
+                .is_some_and(|step| foreseen_decrease(&quadratic, &step) <= NEAR * quadratic.cost.max(1.0));
             break if near { Ended::Converged } else { Ended::Stuck };
         }
         let Some(step) = allowed_step(objective, region, &quadratic, &x, damping) else {

@@ -43,7 +43,7 @@ const WORK: [(&str, &str, &str); 3] = [
     ("forward_dynamics/freedom6s/all", "forward_dynamics", "away"),
 ];
 
-/// Farther from our final positions than this [rad], a peer has simulated something else.
+/// Farther from our final positions than this (rad), a peer has simulated something else.
 const AWAY: f64 = 1e-6;
 
 fn compare() -> anyhow::Result<()> {

@@ -19,8 +19,21 @@ const STATES: usize = 6;
 /// Below this share of the largest derivative is rounding; values, angles and rates are all of order one.
 const ROUNDING: f64 = 1e-9;
 
-fn appearing(kernel: &Kernel) -> BTreeSet<String> {
+/// Derivative of the torques by the kernel's parameters, at `[q, dq, ddq]`: regressor times derivative of the lumps.
+fn by_parameter(kernel: &Kernel, parameters: &[f64], locked: &[f64], [q, dq, ddq]: &[Vec<f64>; 3]) -> DMatrix<f64> {
     let (n, n_lumps, n_parameters) = (kernel.free.len(), kernel.n_lumps, kernel.parameters.len());
+    let mut prepared = vec![0.0; kernel.prepared.len()];
+    (kernel.prepare)(parameters, locked, &mut prepared);
+    let mut lumps = vec![0.0; kernel.prepared.len() * n_parameters];
+    (kernel.prepare_gradient)(parameters, locked, &mut lumps);
+    let mut regressor = vec![0.0; n * n_lumps];
+    (kernel.regressor)(&prepared, q, dq, ddq, &mut regressor);
+    let lumps = DMatrix::from_row_slice(n_lumps, n_parameters, &lumps[..n_lumps * n_parameters]);
+    DMatrix::from_row_slice(n, n_lumps, &regressor) * lumps
+}
+
+fn appearing(kernel: &Kernel) -> BTreeSet<String> {
+    let (n, n_parameters) = (kernel.free.len(), kernel.parameters.len());
     let mut random = Noise::new(11);
     let mut appearing = BTreeSet::new();
     for _ in 0..STATES {
@@ -29,19 +42,12 @@ fn appearing(kernel: &Kernel) -> BTreeSet<String> {
         };
         let parameters = draw(n_parameters, 0.5, 1.5);
         let locked = draw(kernel.locked.len(), -3.0, 3.0);
-        let [q, dq, ddq] = [draw(n, -3.0, 3.0), draw(n, -3.0, 3.0), draw(n, -3.0, 3.0)];
-        let mut prepared = vec![0.0; kernel.prepared.len()];
-        (kernel.prepare)(&parameters, &locked, &mut prepared);
-        let mut by_parameter = vec![0.0; kernel.prepared.len() * n_parameters];
-        (kernel.prepare_gradient)(&parameters, &locked, &mut by_parameter);
-        let mut regressor = vec![0.0; n * n_lumps];
-        (kernel.regressor)(&prepared, &q, &dq, &ddq, &mut regressor);
+        let motion = [draw(n, -3.0, 3.0), draw(n, -3.0, 3.0), draw(n, -3.0, 3.0)];
+        let by_parameter = by_parameter(kernel, &parameters, &locked, &motion);
         let mut derivatives = Vec::new();
         for (column, name) in kernel.parameters.iter().enumerate().filter(|(_, name)| name.starts_with("link.")) {
             for row in 0..n {
-                let terms = (0..n_lumps)
-                    .map(|lump| regressor[row * n_lumps + lump] * by_parameter[lump * n_parameters + column]);
-                derivatives.push(((*name).to_owned(), terms.sum::<f64>().abs()));
+                derivatives.push(((*name).to_owned(), by_parameter[(row, column)].abs()));
             }
         }
         let largest = derivatives.iter().fold(0.0, |largest: f64, (_, size)| largest.max(*size));
@@ -75,7 +81,7 @@ fn base_parameters_are_as_many_as_independent_torques() {
 }
 
 fn rank(model: &Model, kernel: &Kernel) -> usize {
-    let (n, n_lumps, n_parameters) = (kernel.free.len(), kernel.n_lumps, kernel.parameters.len());
+    let (n, n_parameters) = (kernel.free.len(), kernel.parameters.len());
     let links: Vec<usize> = (0..n_parameters).filter(|&index| kernel.parameters[index].starts_with("link.")).collect();
     let mut random = Noise::new(19);
     let mut draw = |length: usize, low: f64, high: f64| -> Vec<f64> {
@@ -89,20 +95,9 @@ fn rank(model: &Model, kernel: &Kernel) -> usize {
     let mut rows = DMatrix::zeros(n_motions * n, links.len());
     for motion in 0..n_motions {
         let locked = draw(kernel.locked.len(), -3.0, 3.0);
-        let [q, dq, ddq] = [draw(n, -3.0, 3.0), draw(n, -3.0, 3.0), draw(n, -3.0, 3.0)];
-        let mut prepared = vec![0.0; kernel.prepared.len()];
-        (kernel.prepare)(&parameters, &locked, &mut prepared);
-        let mut by_parameter = vec![0.0; kernel.prepared.len() * n_parameters];
-        (kernel.prepare_gradient)(&parameters, &locked, &mut by_parameter);
-        let mut regressor = vec![0.0; n * n_lumps];
-        (kernel.regressor)(&prepared, &q, &dq, &ddq, &mut regressor);
-        for row in 0..n {
-            for (column, &parameter) in links.iter().enumerate() {
-                rows[(motion * n + row, column)] = (0..n_lumps)
-                    .map(|lump| regressor[row * n_lumps + lump] * by_parameter[lump * n_parameters + parameter])
-                    .sum();
-            }
-        }
+        let state = [draw(n, -3.0, 3.0), draw(n, -3.0, 3.0), draw(n, -3.0, 3.0)];
+        let by_parameter = by_parameter(kernel, &parameters, &locked, &state);
+        rows.rows_mut(motion * n, n).copy_from(&by_parameter.select_columns(&links));
     }
     let lengths: Vec<f64> = rows.column_iter().map(|column| column.norm()).collect();
     let largest = lengths.iter().fold(0.0_f64, |largest, length| largest.max(*length));

@@ -131,8 +131,7 @@ pub fn optimised(
     noise: &[f64],
     options: &Options,
 ) -> Result<Fourier, FourierError> {
-    let search = Search::new(model, system, limits, noise, options);
-    search.check_rest()?;
+    let search = Search::new(model, system, limits, noise, options)?;
     let width = search.width();
     let mut random = Random::new(options.seed);
     // The best of some draws is where the search starts.
@@ -163,19 +162,24 @@ pub fn random(
     noise: &[f64],
     options: &Options,
 ) -> Result<Fourier, FourierError> {
-    let search = Search::new(model, system, limits, noise, options);
-    search.check_rest()?;
+    let search = Search::new(model, system, limits, noise, options)?;
     let mut random = Random::new(options.seed);
     let x: Vec<f64> = (0..search.width()).map(|_| random.normal()).collect();
     Ok(search.within(search.motion(&x)))
 }
 
 impl<'a> Search<'a> {
-    fn new(model: &Model, system: &'a System, limits: &'a Limits, noise: &'a [f64], options: &'a Options) -> Self {
+    fn new(
+        model: &Model,
+        system: &'a System,
+        limits: &'a Limits,
+        noise: &'a [f64],
+        options: &'a Options,
+    ) -> Result<Self, FourierError> {
         let n_samples = SAMPLES_PER_HARMONIC * options.harmonics;
         let mut time = times(options.period_s, options.period_s / n_samples as f64);
         time.truncate(n_samples);
-        Self {
+        let search = Self {
             system,
             limits,
             options,
@@ -183,7 +187,9 @@ impl<'a> Search<'a> {
             drive: Drive::of(system),
             time,
             noise,
-        }
+        };
+        search.check_rest()?;
+        Ok(search)
     }
 
     /// Numbers of a point: a joint's amplitude, its place within the limits, `a_il` and `b_il`.
@@ -289,13 +295,10 @@ impl<'a> Search<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::excite::{information::BaseRegressor, wave::Wave};
-
-    fn arm() -> (Model, System) {
-        let model = Model::of_device(dynid_model::device("planar2r").unwrap());
-        let system = System::of_model(&model, &[0, 1], |_| 0.0).unwrap();
-        (model, system)
-    }
+    use crate::excite::{
+        information::{BaseRegressor, tests::arm},
+        wave::Wave,
+    };
 
     fn limits(torque: f64) -> Limits {
         Limits { position: vec![[-1.0, 1.0], [-1.5, 0.5]], speed: vec![2.0, 3.0], torque: vec![torque; 2] }

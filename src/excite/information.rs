@@ -401,11 +401,11 @@ impl Drive {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::excite::times;
 
-    fn arm() -> (Model, System) {
+    pub(in crate::excite) fn arm() -> (Model, System) {
         let model = Model::of_device(dynid_model::device("planar2r").unwrap());
         let system = System::of_model(&model, &[0, 1], |_| 0.0).unwrap();
         (model, system)

@@ -63,6 +63,16 @@ pub struct FitRun {
 }
 
 impl FitRun {
+    /// Index of the first sample that counts.
+    pub(crate) fn first_sample(&self) -> usize {
+        self.time.partition_point(|t| *t < self.from_s)
+    }
+
+    /// Measured positions of one free joint.
+    pub(crate) fn measured(&self, slot: usize) -> Vec<f64> {
+        self.position.iter().skip(slot).step_by(self.system.n_free()).copied().collect()
+    }
+
     /// Number of unknown initial positions and speeds.
     pub fn n_initial(&self) -> usize {
         self.system.n_free() * if self.moving { 2 } else { 1 }
@@ -344,16 +354,19 @@ pub fn resume(
     let (mut stage, mut iterations, mut x, mut search) = match from.filter(|state| state.is_of(evaluator.n())) {
         Some(state) => (state.stage, state.iterations, state.anchor, Some(state.search)),
         None => {
-            let x = evaluator.start(&problem);
-            let near = options.start == Start::Near || searches::is_near(&evaluator, &x, options);
-            (if near { searches::FIRST_FREE } else { 0 }, 0, x, None)
+            let stage = if options.start == Start::Near { searches::FIRST_FREE } else { 0 };
+            (stage, 0, evaluator.start(&problem), None)
         }
     };
     let mut ended = Ended::Converged;
     loop {
         let anchor = x;
+        let coarse = evaluator.coarse_substeps(&anchor, options.substeps);
+        if search.is_none() && stage < searches::FIRST_FREE && searches::is_near(&evaluator, &anchor, coarse) {
+            stage = searches::FIRST_FREE;
+        }
         let kind = SEARCHES[stage.min(searches::LAST)];
-        let at = kind.at(&evaluator, &anchor, options);
+        let at = kind.at(&evaluator, &anchor, coarse, options.substeps);
         if kind == Search::Fine {
             let Some(quadratic) = sqp::Objective::quadratic(&at, &anchor) else {
                 return Err(at.why_not(&anchor));
@@ -380,13 +393,7 @@ pub fn resume(
             return Err(PositionFitError::Interrupted { iterations });
         }
         ended = outcome.ended;
-        stage = if kind.tether() > 0.0 && searches::is_near(&evaluator, &x, options) {
-            searches::FIRST_FREE
-        } else if kind == Search::Corrected && x == anchor {
-            searches::LAST
-        } else {
-            stage + 1
-        };
+        stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };
     }
 }
 
@@ -405,7 +412,8 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let mut region = region(&problem, &evaluator);
     let mut x = evaluator.start(&problem);
     for search in [Search::Coarse, Search::Corrected] {
-        let at = search.at(&evaluator, &x, options);
+        let coarse = evaluator.coarse_substeps(&x, options.substeps);
+        let at = search.at(&evaluator, &x, coarse, options.substeps);
         let limits = Limits { iterations: 20, tolerance: 1e-4 };
         let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut |_| Watch::Continue);
         if outcome.quadratic.is_none() {
@@ -445,12 +453,7 @@ fn make_physical(problem: &mut PositionProblem) -> Vec<usize> {
     let column = |of: fn(&Unknown) -> f64| problem.unknowns.iter().map(of).collect::<Vec<f64>>();
     let (mut x, lower, upper) =
         (column(|unknown| unknown.value), column(|unknown| unknown.lower), column(|unknown| unknown.upper));
-    let mut moved = Vec::new();
-    for body in bodies {
-        if !body.is_physical(&x) && body.make_physical(&mut x, &lower, &upper) {
-            moved.push(body.link);
-        }
-    }
+    let moved = inertia::make_physical(&bodies, &mut x, &lower, &upper);
     for (unknown, value) in problem.unknowns.iter_mut().zip(&x) {
         unknown.value = *value;
     }

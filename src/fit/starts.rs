@@ -122,6 +122,7 @@ mod tests {
         assert_eq!(digests.len(), 19, "no two are alike");
         assert_ne!(draw(&model, &all, 8, 1).digest(), draw(&model, &all, 7, 1).digest(), "another seed, other starts");
     }
+
     /// What the runs do not depend on would stay at its draw: the fitted link might be no body with the believed rest.
     #[test]
     fn what_the_runs_do_not_depend_on_stays() {

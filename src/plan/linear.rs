@@ -11,6 +11,7 @@ use dynid_generated::Kernel;
 use nalgebra::DMatrix;
 
 use crate::{
+    fit::physical::standard,
     model::Model,
     random::Random,
     system::{Linear, System, SystemError},
@@ -37,19 +38,9 @@ const BODIES: [[f64; 10]; 10] = [
 const MASS: usize = 9;
 
 /// Linear parameters of a body `m x y z Ixx Ixy Ixz Iyy Iyz Izz`, in the order of [`SYMBOLS`].
-fn linear_of_body([m, x, y, z, xx, xy, xz, yy, yz, zz]: [f64; 10]) -> [f64; 10] {
-    [
-        xx + m * (y * y + z * z),
-        xy - m * x * y,
-        xz - m * x * z,
-        yy + m * (x * x + z * z),
-        yz - m * y * z,
-        zz + m * (x * x + y * y),
-        m * x,
-        m * y,
-        m * z,
-        m,
-    ]
+fn linear_of_body(inertial: [f64; 10]) -> [f64; 10] {
+    let [m, mx, my, mz, xx, xy, xz, yy, yz, zz] = standard(&inertial);
+    [xx, xy, xz, yy, yz, zz, mx, my, mz, m]
 }
 
 /// The linear parameters of a model: those of all links, then those of its effects.

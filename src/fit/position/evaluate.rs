@@ -171,8 +171,8 @@ impl<'a> Evaluator<'a> {
 fn first_position(run: &FitRun, slot: usize) -> f64 {
     /// At rest the first samples differ by noise only; later ones show motion.
     const SAMPLES: usize = 3;
-    let n_free = run.system.n_free();
-    let mut first: Vec<f64> = run.position.iter().skip(slot).step_by(n_free).take(SAMPLES).copied().collect();
+    let mut first = run.measured(slot);
+    first.truncate(SAMPLES);
     first.sort_by(f64::total_cmp);
     first.get(first.len() / 2).copied().unwrap_or(0.0)
 }
@@ -200,16 +200,10 @@ impl<'a> Ready<'a> {
         let columns = if run.moving { columns.moving(system.n_free()) } else { columns };
         let n_free = system.n_free();
         // What is cut says nothing of the noise either.
-        let first = run.time.partition_point(|t| *t < run.from_s);
-        let weights = (0..n_free)
-            .map(|slot| {
-                let measured: Vec<f64> =
-                    run.position.iter().skip(first * n_free + slot).step_by(n_free).copied().collect();
-                run.weights[slot] / noise_of(&measured)
-            })
-            .collect();
+        let first = run.first_sample();
+        let weights = (0..n_free).map(|slot| run.weights[slot] / noise_of(&run.measured(slot)[first..])).collect();
         let start = |slot: usize| {
-            let measured: Vec<f64> = run.position.iter().skip(slot).step_by(n_free).copied().collect();
+            let measured = run.measured(slot);
             let (low, high) = range(&measured);
             (first_position(run, slot), (START_OF_CUT_LOG * (high - low)).max(noise_of(&measured)).recip())
         };
@@ -263,16 +257,11 @@ impl<'a> Ready<'a> {
         self.weights[slot] * by_time
     }
 
-    /// Index of the first sample that counts.
-    fn first_sample(&self) -> usize {
-        self.run.time.partition_point(|t| *t < self.run.from_s)
-    }
-
     fn cost(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Result<f64, SimulationError> {
         let mut simulated = self.simulate(x, resolution)?;
         simulated.iter_mut().zip(correction).for_each(|(q, correction)| *q += correction);
         let n_free = self.run.system.n_free();
-        let skip = self.first_sample() * n_free;
+        let skip = self.run.first_sample() * n_free;
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
         let weight = |index: usize| self.weight(index / n_free, index % n_free);
         let of_start: f64 =
@@ -286,7 +275,7 @@ impl<'a> Ready<'a> {
         let n_free = system.n_free();
         let count = self.columns.count();
         let width = self.columns.width();
-        let first = self.first_sample();
+        let first = self.run.first_sample();
         let options = Options { substeps: resolution.jacobian_substeps, ..Options::default() };
         let finer = if resolution.jacobian_substeps == resolution.substeps {
             None
@@ -342,7 +331,7 @@ impl<'a> Ready<'a> {
         let system = self.system(x);
         let (count, width) = (self.columns.count(), self.columns.width());
         let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
-        let first = self.first_sample();
+        let first = self.run.first_sample();
         let observe = |sample: usize, _: &[f64], rows: &[f64]| {
             if sample < first {
                 return;
@@ -403,7 +392,7 @@ impl At<'_, '_> {
     /// Number of errors in the cost.
     pub(super) fn samples(&self) -> usize {
         let ready = &self.evaluator.ready;
-        let used = |ready: &Ready<'_>| ready.input(self.resolution).time.len().saturating_sub(ready.first_sample());
+        let used = |ready: &Ready<'_>| ready.input(self.resolution).time.len().saturating_sub(ready.run.first_sample());
         ready.iter().map(|ready| used(ready) * ready.run.system.n_free()).sum()
     }
 
@@ -461,7 +450,7 @@ impl At<'_, '_> {
             .map(|ready| {
                 let by_slot = ready.motion(x, substeps)?;
                 let starts: Vec<f64> = ready.starts.iter().map(|(_, weight)| *weight).collect();
-                let samples = ready.run.time.len() - ready.first_sample();
+                let samples = ready.run.time.len() - ready.run.first_sample();
                 let n = self.evaluator.n_parameters;
                 Some(RunMotion::new(n, &ready.places(), (&ready.weights, &starts), samples, &by_slot))
             })

@@ -91,8 +91,7 @@ impl Body {
     /// Whether such a body exists, up to rounding.
     pub fn is_physical(&self, x: &[f64]) -> bool {
         let inertia = self.matrix(x);
-        let second_moment = Matrix3::identity() * (0.5 * inertia.trace()) - inertia;
-        let least = SymmetricEigen::new(second_moment).eigenvalues.min();
+        let least = SymmetricEigen::new(second_moment(&inertia)).eigenvalues.min();
         self.mass.value(x) >= 0.0 && least >= -ROUNDING * inertia.trace().abs()
     }
 
@@ -116,10 +115,10 @@ impl Body {
             }
             let inertia = self.matrix(x);
             let trace = 0.5 * inertia.trace();
-            let mut eigen = SymmetricEigen::new(Matrix3::identity() * trace - inertia);
+            let mut eigen = SymmetricEigen::new(second_moment(&inertia));
             eigen.eigenvalues.apply(|value| *value = value.max(MARGIN * trace.abs()));
-            let second_moment = eigen.recompose();
-            let inertia = Matrix3::identity() * second_moment.trace() - second_moment;
+            let lifted = eigen.recompose();
+            let inertia = Matrix3::identity() * lifted.trace() - lifted;
             let mass = self.mass.value(x).max(0.0);
             let entries = PLACES.into_iter().zip(self.inertia).map(|(place, entry)| (entry, inertia[place]));
             for (entry, value) in entries.chain([(self.mass, mass)]) {
@@ -160,8 +159,7 @@ impl Body {
             cuts.push(HalfSpace { terms: vec![(index, -1.0)], limit: 0.0 });
         }
         let inertia = self.matrix(x);
-        let second_moment = Matrix3::identity() * (0.5 * inertia.trace()) - inertia;
-        let eigen = SymmetricEigen::new(second_moment);
+        let eigen = SymmetricEigen::new(second_moment(&inertia));
         for (value, v) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
             if *value < 0.5 * MARGIN * inertia.trace().abs() {
                 cuts.extend(self.cut(&v.into_owned()));
@@ -185,6 +183,17 @@ impl Body {
     }
 }
 
+/// `S = tr(I)/2 - I`.
+fn second_moment(inertia: &Matrix3<f64>) -> Matrix3<f64> {
+    Matrix3::identity() * (0.5 * inertia.trace()) - inertia
+}
+
+/// Moves those of `bodies` that cannot exist to ones near by, within the bounds; their links.
+pub(super) fn make_physical(bodies: &[Body], x: &mut [f64], lower: &[f64], upper: &[f64]) -> Vec<usize> {
+    let moved = bodies.iter().filter(|body| !body.is_physical(x) && body.make_physical(x, lower, upper));
+    moved.map(|body| body.link).collect()
+}
+
 /// Moves every link of `model` that no body can be to one near by, within the bounds, and notes it. A link that its bounds
 /// keep impossible stays.
 pub fn made_physical(mut model: Model) -> Model {
@@ -201,13 +210,8 @@ pub fn made_physical(mut model: Model) -> Model {
         }
     }
     let unknowns: Vec<&str> = names.iter().map(String::as_str).collect();
-    for body in Body::all(&unknowns, &known) {
-        if !body.is_physical(&x) && body.make_physical(&mut x, &lower, &upper) {
-            let link = body.link;
-            model
-                .notes
-                .push(format!("link {link} started with an inertia that no body has; moved to a body's near by"));
-        }
+    for link in make_physical(&Body::all(&unknowns, &known), &mut x, &lower, &upper) {
+        model.notes.push(format!("link {link} started with an inertia that no body has; moved to a body's near by"));
     }
     for (name, value) in names.iter().zip(&x) {
         // The names are the model's own.
@@ -274,6 +278,7 @@ mod tests {
         (ceiling[1], ceiling[4]) = (inertia[(0, 0)], inertia[(1, 1)]);
         assert!(!body().make_physical(&mut held, &floor, &ceiling), "these bounds hold no body");
     }
+
     /// A flat plate turns about its normal with the sum of its other two moments; none turns more heavily.
     #[test]
     fn one_unknown_moment_is_cut_back_to_what_the_known_ones_allow() {

@@ -95,15 +95,14 @@ impl PositionFit {
 impl RunError {
     pub(super) fn new(run: &FitRun, initial: Vec<f64>, simulated: &[f64]) -> Self {
         let n_free = run.system.n_free();
-        let column =
-            |values: &[f64], slot: usize| -> Vec<f64> { values.iter().skip(slot).step_by(n_free).copied().collect() };
-        let first = run.time.partition_point(|t| *t < run.from_s);
+        let first = run.first_sample();
         let samples = run.time.len() - first;
         let mut rmse = Vec::with_capacity(n_free);
         let mut noise = Vec::with_capacity(n_free);
         for slot in 0..n_free {
-            let (measured, model) = (column(&run.position, slot), column(simulated, slot));
-            let sum: f64 = measured.iter().zip(&model).skip(first).map(|(y, q)| (y - q) * (y - q)).sum();
+            let measured = run.measured(slot);
+            let model = simulated.iter().skip(slot).step_by(n_free);
+            let sum: f64 = measured.iter().zip(model).skip(first).map(|(y, q)| (y - q) * (y - q)).sum();
             rmse.push((sum / samples.max(1) as f64).sqrt());
             noise.push(noise_of(&measured[first..]));
         }
@@ -257,7 +256,7 @@ fn mean_square_weight(problem: &PositionProblem) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for run in &problem.runs {
         let early = run.time.len().div_ceil(2);
-        let first = run.time.partition_point(|t| *t < run.from_s);
+        let first = run.first_sample();
         let in_early = early.saturating_sub(first) as f64;
         let late = (run.time.len() - early.max(first)) as f64;
         for weight in &run.weights {
@@ -335,7 +334,7 @@ fn correlation(problem: &PositionProblem, runs: &[RunError]) -> f64 {
     let mut count = 0.0;
     for (run, error) in problem.runs.iter().zip(runs) {
         let n_free = run.system.n_free();
-        let first = run.time.partition_point(|t| *t < run.from_s) * n_free;
+        let first = run.first_sample() * n_free;
         for slot in 0..n_free {
             let residual: Vec<f64> = run
                 .position

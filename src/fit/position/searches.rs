@@ -46,15 +46,21 @@ impl Search {
         }
     }
 
-    /// What this search, begun at `anchor`, makes small.
-    pub(super) fn at<'e, 'a>(self, evaluator: &'e Evaluator<'a>, anchor: &[f64], options: &Options) -> At<'e, 'a> {
-        let coarse = evaluator.coarse_substeps(anchor, options.substeps);
+    /// What this search, begun at `anchor`, makes small: with `coarse` integration steps per sample where few do, else
+    /// with `fine` ones.
+    pub(super) fn at<'e, 'a>(
+        self,
+        evaluator: &'e Evaluator<'a>,
+        anchor: &[f64],
+        coarse: usize,
+        fine: usize,
+    ) -> At<'e, 'a> {
         let rough =
             Resolution { horizon_s: f64::INFINITY, substeps: coarse, jacobian_substeps: coarse, tether: self.tether() };
         match self {
             Self::Tethered(_) | Self::Coarse => evaluator.at(rough),
-            Self::Corrected => evaluator.corrected(rough, options.substeps, anchor),
-            Self::Fine => evaluator.at(Resolution { substeps: options.substeps, ..rough }),
+            Self::Corrected => evaluator.corrected(rough, fine, anchor),
+            Self::Fine => evaluator.at(Resolution { substeps: fine, ..rough }),
         }
     }
 
@@ -73,10 +79,10 @@ impl Search {
     }
 }
 
-/// Whether a simulation stays so near the logs that it needs no tether.
-pub(super) fn is_near(evaluator: &Evaluator<'_>, x: &[f64], options: &Options) -> bool {
+/// Whether a simulation with `coarse` steps per sample stays so near the logs that it needs no tether.
+pub(super) fn is_near(evaluator: &Evaluator<'_>, x: &[f64], coarse: usize) -> bool {
     /// Root mean square of the error over the noise.
     const NEAR: f64 = 10.0;
-    let at = Search::Coarse.at(evaluator, x, options);
+    let at = Search::Coarse.at(evaluator, x, coarse, coarse);
     at.data_cost(x).is_some_and(|cost| 2.0 * cost <= NEAR * NEAR * at.samples() as f64)
 }

@@ -156,6 +156,46 @@ pub struct EffectParameter {
     pub origin: Origin,
     /// True where no fit should move it; numerical choices are, unless the file says otherwise.
     pub fixed: bool,
+    /// Values that a diagnosis tries for what it cannot find by a linear step.
+    pub scan: Option<Scan>,
+}
+
+/// Values to try for a parameter, in units of what the joint does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scan {
+    /// What the values are multiples of.
+    pub of: Measure,
+    /// The multiples.
+    pub at: Vec<f64>,
+}
+
+/// A size that a log shows of a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Measure {
+    /// 1: the values are the parameter's own.
+    Value,
+    /// Root mean square of the speed.
+    Speed,
+    /// A place: the middle of the positions, and multiples of half their range on top.
+    Position,
+    /// The range of the positions, *divided* by the multiple: the length of one of so many periods.
+    PerRange,
+    /// The range of the positions, times the multiple.
+    Range,
+    /// Root mean square of the command.
+    Command,
+    /// Root mean square of the torque that the drive path delivers.
+    Torque,
+    /// Torque over the range of positions.
+    Stiffness,
+    /// The range of positions over torque.
+    Compliance,
+    /// Torque over speed.
+    Damping,
+    /// Torque over acceleration.
+    Inertia,
+    /// Length of the log (s).
+    Duration,
 }
 
 /// What kind of number a parameter is.

@@ -6,7 +6,10 @@ use crate::{
     Expression,
     device::{JointKind, Link},
     document::{self, Entry, Table},
-    effect::{Effect, EffectParameter, EffectState, Origin, Place, REST_POSITION, Replacement, SIGNALS, Scope, Stage},
+    effect::{
+        Effect, EffectParameter, EffectState, Measure, Origin, Place, REST_POSITION, Replacement, SIGNALS, Scan, Scope,
+        Stage,
+    },
     error::{ModelError, Source, did_you_mean},
     expression::Comparison,
     identifier::{is_keyword, read_id},
@@ -184,7 +187,7 @@ fn required_unit<'a>(table: &Table<'a>, symbol: &str) -> Result<Entry<'a>, Model
 fn read_parameters(root: &Table) -> Result<Vec<EffectParameter>, ModelError> {
     let mut parameters: Vec<EffectParameter> = Vec::new();
     for table in root.tables("parameter", "parameter", 1)? {
-        table.only(&["symbol", "unit", "title", "initial", "lower", "upper", "null", "origin", "fixed"])?;
+        table.only(&["symbol", "unit", "title", "initial", "lower", "upper", "null", "origin", "fixed", "scan"])?;
         let entry = table.required("symbol", "\"Fc\"")?;
         let symbol = new_symbol(&entry, parameters.iter().map(|parameter| parameter.symbol.as_str()))?;
         let table = &table.named(format!("parameter `{symbol}`"));
@@ -218,12 +221,58 @@ fn read_parameters(root: &Table) -> Result<Vec<EffectParameter>, ModelError> {
                 None => origin == Origin::Numerical,
             },
             symbol,
+            scan: table.optional("scan").map(|entry| read_scan(&entry)).transpose()?,
         });
     }
     Ok(parameters)
 }
 
 /// A symbol that is a name, not taken by a signal, a word of `[[effect]]` tables or an earlier symbol.
+const MEASURES: [(&str, Measure); 12] = [
+    ("value", Measure::Value),
+    ("speed", Measure::Speed),
+    ("position", Measure::Position),
+    ("per_range", Measure::PerRange),
+    ("range", Measure::Range),
+    ("command", Measure::Command),
+    ("torque", Measure::Torque),
+    ("stiffness", Measure::Stiffness),
+    ("compliance", Measure::Compliance),
+    ("damping", Measure::Damping),
+    ("inertia", Measure::Inertia),
+    ("duration", Measure::Duration),
+];
+
+/// `scan = { of = "speed", at = [0.03, 0.1, 0.3] }`, or `at = { from = 1, to = 20, step = 0.5 }`.
+fn read_scan(entry: &Entry) -> Result<Scan, ModelError> {
+    /// More would be a slip of the pen.
+    const AT_MOST: f64 = 1000.0;
+    let table = entry.table("a table { of, at }")?;
+    table.only(&["of", "at"])?;
+    let of = *choice(&table.required("of", "\"speed\"")?, &MEASURES)?;
+    let at_entry = table.required("at", "[0.1, 0.3]")?;
+    let at = if at_entry.is_table() {
+        let range = at_entry.table("a table { from, to, step }")?;
+        range.only(&["from", "to", "step"])?;
+        let from = range.required("from", "1")?.finite()?;
+        let to = range.required("to", "20")?.finite()?;
+        let step = range.required("step", "0.5")?.finite()?;
+        let count = ((to - from) / step + 1e-9).floor() + 1.0;
+        if !(1.0..=AT_MOST).contains(&count) {
+            return Err(at_entry
+                .error(format!("from {from} to {to} in steps of {step} are not 1 to {AT_MOST} values"))
+                .help("give a positive step and from <= to"));
+        }
+        (0..count as usize).map(|k| from + step * k as f64).collect()
+    } else {
+        at_entry.array()?.iter().map(Entry::finite).collect::<Result<Vec<f64>, _>>()?
+    };
+    if at.is_empty() {
+        return Err(at_entry.error("there is nothing to try").help("give at least one number"));
+    }
+    Ok(Scan { of, at })
+}
+
 fn new_symbol<'t>(entry: &Entry, mut taken: impl Iterator<Item = &'t str>) -> Result<String, ModelError> {
     let symbol = entry.text()?;
     if is_keyword(symbol) {

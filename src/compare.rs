@@ -247,7 +247,12 @@ fn means(joint: &JointComparison, lost: bool) -> Vec<String> {
     if let Some(percent) = joint.torque_percent {
         means.push(format!("The model leaves {percent:.1} % of the commanded torque unexplained."));
     }
-    means.extend(joint.inputs.iter().map(|input| input.what.clone()));
+    let along: Vec<String> =
+        joint.inputs.iter().filter(|input| input.is_significant()).map(|input| input.what.clone()).collect();
+    if along.is_empty() && !joint.inputs.is_empty() {
+        means.push("What is left goes along with no commanded torque more than chance would.".to_owned());
+    }
+    means.extend(along);
     means
 }
 

@@ -34,6 +34,13 @@ pub struct InputCorrelation {
     pub what: String,
 }
 
+impl InputCorrelation {
+    /// Whether chance does not explain it.
+    pub fn is_significant(&self) -> bool {
+        self.value.abs() > self.bound
+    }
+}
+
 /// The correlations of a joint's errors with every commanded torque that moves.
 pub(super) fn correlations(
     run: &Run,

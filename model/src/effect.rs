@@ -79,9 +79,10 @@ fn with_terms(terms: &[(&str, f64)], symbol: &str, lookup: &dyn Fn(&str) -> Opti
 /// Where an effect sits: `command -> actuator -> transmission -> joint -> link -> sensor -> log`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Place {
-    /// Output `torque`: what leaves the actuator when `command` enters it. Signals `command`, `command_from`.
+    /// Output `torque`: what leaves the actuator when `command` enters it. Signals `command`, `command_from`. At the
+    /// stage `delay` the output is `delay`, by how much the command is late, and there are no signals.
     Actuator,
-    /// Output `torque` on the joint side; own states on the motor side.
+    /// Output `torque` on the joint side; own states on the motor side. `load` is what the actuator delivers.
     Transmission,
     /// Output `torque`: load torque that resists motion when positive along `dq`. Signals `q dq t load` (torque that
     /// the drive path delivers), `friction` (sum of the joint's friction laws), `qeq` (the joint's spring's rest
@@ -155,6 +156,46 @@ pub struct EffectParameter {
     pub origin: Origin,
     /// True where no fit should move it; numerical choices are, unless the file says otherwise.
     pub fixed: bool,
+    /// Values that a diagnosis tries for what it cannot find by a linear step.
+    pub scan: Option<Scan>,
+}
+
+/// Values to try for a parameter, in units of what the joint does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scan {
+    /// What the values are multiples of.
+    pub of: Measure,
+    /// The multiples.
+    pub at: Vec<f64>,
+}
+
+/// A size that a log shows of a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Measure {
+    /// 1: the values are the parameter's own.
+    Value,
+    /// Root mean square of the speed.
+    Speed,
+    /// A place: the middle of the positions, and multiples of half their range on top.
+    Position,
+    /// The range of the positions, *divided* by the multiple: the length of one of so many periods.
+    PerRange,
+    /// The range of the positions, times the multiple.
+    Range,
+    /// Root mean square of the command.
+    Command,
+    /// Root mean square of the torque that the drive path delivers.
+    Torque,
+    /// Torque over the range of positions.
+    Stiffness,
+    /// The range of positions over torque.
+    Compliance,
+    /// Torque over speed.
+    Damping,
+    /// Torque over acceleration.
+    Inertia,
+    /// Length of the log (s).
+    Duration,
 }
 
 /// What kind of number a parameter is.
@@ -189,8 +230,10 @@ pub struct EffectState {
     pub symbol: String,
     /// Unit at a revolute joint.
     pub unit: String,
-    /// Value at the start of a run.
+    /// Value at the start of a run; 0 where it starts as a signal.
     pub initial: f64,
+    /// Whether it starts as the speed of its joint (`initial = "dq"`): a motor that moves with it.
+    pub starts_at_speed: bool,
     /// Its time derivative.
     pub rate: Expression,
 }

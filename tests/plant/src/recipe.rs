@@ -107,22 +107,8 @@ pub type Files = BTreeMap<String, String>;
 /// Plays the recipe on `device`.
 pub fn make(recipe: &Recipe, device: &Device) -> Result<Files, String> {
     let plant = Plant::new(recipe, device)?;
-    let mut noise = Noise::new(recipe.seed);
-    let mut files = Files::new();
-    let mut experiment = format!(
-        "# Made by dynid-plant: seed {}, position noise {} rms, quantum {}.\n\
-         # tau is held from its row to the next. Every run starts at rest with undeflected bristles.\n\
-         device = \"{}\"\n",
-        recipe.seed, recipe.noise_rms, recipe.quantum, recipe.device
-    );
-    for run in &recipe.runs {
-        let log = plant.log(run, &plant.play(run)?, &mut noise);
-        let _ =
-            write!(experiment, "\n[[run]]\nfile = \"{}\"\nfree = {:?}\nrole = \"{}\"\n", run.file, run.free, run.role);
-        files.insert(run.file.clone(), log);
-    }
-    files.insert("experiment.toml".to_owned(), experiment);
-    Ok(files)
+    let traces = recipe.runs.iter().map(|run| plant.play(run)).collect::<Result<Vec<Trace>, String>>()?;
+    Ok(plant.files(&traces))
 }
 
 fn true_values(recipe: &Recipe, device: &Device) -> Result<BTreeMap<String, f64>, String> {
@@ -203,8 +189,28 @@ impl<'a> Plant<'a> {
         Ok(Trace { commands, seen })
     }
 
+    /// The logs that its runs leave, and `experiment.toml`.
+    pub fn files(&self, traces: &[Trace]) -> Files {
+        let recipe = self.recipe;
+        let mut noise = Noise::new(recipe.seed);
+        let mut files = Files::new();
+        let mut experiment = format!(
+            "# Made by dynid-plant: seed {}, position noise {} rms, quantum {}.\n\
+             # tau is held from its row to the next. Every run starts at rest with undeflected bristles.\n\
+             device = \"{}\"\n",
+            recipe.seed, recipe.noise_rms, recipe.quantum, recipe.device
+        );
+        for (run, trace) in recipe.runs.iter().zip(traces) {
+            let RunEntry { file, free, role, .. } = run;
+            let _ = write!(experiment, "\n[[run]]\nfile = \"{file}\"\nfree = {free:?}\nrole = \"{role}\"\n");
+            files.insert(file.clone(), self.log(run, trace, &mut noise));
+        }
+        files.insert("experiment.toml".to_owned(), experiment);
+        files
+    }
+
     /// The log that a run leaves.
-    pub fn log(&self, run: &RunEntry, trace: &Trace, noise: &mut Noise) -> String {
+    fn log(&self, run: &RunEntry, trace: &Trace, noise: &mut Noise) -> String {
         let recipe = self.recipe;
         let n_joints = self.mechanism.n_joints();
         let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();

@@ -9,6 +9,7 @@ mod excite;
 mod fit;
 mod inputs;
 mod interrupt;
+mod ladder;
 mod plan;
 mod progress;
 mod simulate;
@@ -38,6 +39,7 @@ The loop, all of it plain files:
   dynid excite   freedom6s --list                                what to play on the robot
   dynid fit      experiment.toml --out fitted.toml               parameters from logs
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
+  dynid ladder   experiment.toml believed.toml fitted.toml       models of a lineage on the same runs
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
 
@@ -60,6 +62,8 @@ enum Verb {
     Fit(fit::Arguments),
     /// How far a model is from the logs, and where.
     Compare(compare::Arguments),
+    /// The models of a lineage on the same runs: watch the error fall.
+    Ladder(ladder::Arguments),
     /// Parameters of several models side by side.
     Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
@@ -93,6 +97,7 @@ pub fn main() -> ExitCode {
         Verb::Simulate(arguments) => simulate::run(arguments),
         Verb::Fit(arguments) => fit::run(arguments),
         Verb::Compare(arguments) => compare::run(arguments),
+        Verb::Ladder(arguments) => ladder::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
     };

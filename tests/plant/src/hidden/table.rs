@@ -77,7 +77,10 @@ fn plans() -> Vec<Plan> {
         hidden(DOUBLE, &[0], "coulomb", "gain@0 Kp=0.85").links_within(0.02),
         hidden(PLANAR, &[0, 1], "coulomb", "torque_offset@0 offset=0.3"),
         hidden(SERVO, &[0], "coulomb", "torque_offset@0 offset=0.4"),
-        hidden(ARM, &[0], "coulomb", "torque_offset@0 offset=0.003").fixed("spring.qeq@0"),
+        hidden(ARM, &[0], "coulomb", "torque_offset@0 offset=0.003")
+            .fixed("spring.qeq@0")
+            // about a vertical axis only the spring feels where zero is
+            .or("sensor_offset@0 shift=0"),
         hidden(ARM, &[3], "viscous", "dead_zone@3 width=0.0012"),
         hidden(ARM, &[4, 5], "lugre", "dead_zone@5 width=0.0009"),
         hidden(PLANAR, &[0, 1], "coulomb", "dead_zone@1 width=0.08"),

@@ -12,6 +12,7 @@ mod interrupt;
 mod ladder;
 mod plan;
 mod progress;
+mod report;
 mod simulate;
 mod table;
 mod tabulate;
@@ -40,6 +41,7 @@ The loop, all of it plain files:
   dynid fit      experiment.toml --out fitted.toml               parameters from logs
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
   dynid ladder   experiment.toml believed.toml fitted.toml       models of a lineage on the same runs
+  dynid report   experiment.toml fitted.toml --out report.html   one page that opens with no network
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
 
@@ -64,6 +66,8 @@ enum Verb {
     Compare(compare::Arguments),
     /// The models of a lineage on the same runs: watch the error fall.
     Ladder(ladder::Arguments),
+    /// One page with all that is known of a model and its logs.
+    Report(report::Arguments),
     /// Parameters of several models side by side.
     Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
@@ -98,6 +102,7 @@ pub fn main() -> ExitCode {
         Verb::Fit(arguments) => fit::run(arguments),
         Verb::Compare(arguments) => compare::run(arguments),
         Verb::Ladder(arguments) => ladder::run(arguments),
+        Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
     };

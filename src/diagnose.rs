@@ -60,6 +60,8 @@ pub struct Diagnosis {
     pub ranking: Vec<Ranked>,
     /// Effects that were fitted and are given none.
     pub refused: Vec<Refused>,
+    /// What the screening said of every suspect, most promising first.
+    pub screening: Vec<Screened>,
     /// Where the model fails.
     #[serde(rename = "where")]
     pub places: Vec<Place>,
@@ -109,6 +111,22 @@ pub struct Ranked {
     pub worst_ratio_after: Option<f64>,
 }
 
+/// What the screening says of a suspect, before any fit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Screened {
+    /// Which, and where.
+    #[serde(flatten)]
+    pub suspect: Suspect,
+    /// Change of the information criterion of the torque error: below 0 it explains something.
+    pub torque: Option<f64>,
+    /// Share of the squared torque error that it would explain.
+    pub torque_explained: Option<f64>,
+    /// The same of simulations that are held to the log.
+    pub position: Option<f64>,
+    /// Share of their squared error.
+    pub position_explained: Option<f64>,
+}
+
 /// An effect that is given no credit.
 #[derive(Debug, Clone, Serialize)]
 pub struct Refused {
@@ -156,7 +174,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        let fit = position::Options { iterations: 80, tolerance: 1e-5, ..position::Options::default() };
+        let fit = position::Options { iterations: 50, tolerance: 1e-5, ..position::Options::default() };
         Self { error: None, depth: 1, refits: 12, fit }
     }
 }
@@ -177,6 +195,8 @@ pub enum Event<'a> {
 /// Finished fits by their keys: a diagnosis that was stopped goes on from them.
 pub type Finished = BTreeMap<String, Refit>;
 
+/// Suspects that are fitted at the same time; the result does not depend on the number of threads, but on this.
+const AT_ONCE: usize = 2;
 /// Longest integration step of the screening (s): eight steps per 10 ms matched 24 in the feasibility study.
 const SCREENING_STEP: f64 = 0.01 / 8.0;
 /// Longest integration step of a refit (s), as `compare` judges.
@@ -254,8 +274,11 @@ struct Work<'a> {
 struct Step {
     verdict: Verdict,
     base: Refit,
+    screening: Vec<Screened>,
     /// All that were fitted, best first.
     fitted: Vec<verdict::Judged>,
+    /// Those whose fit came to nothing.
+    failed: Vec<Refused>,
 }
 
 impl Step {
@@ -273,16 +296,23 @@ impl Work<'_> {
     /// The model itself, fitted.
     fn base(&self, model: &Model) -> Result<Refit, Error> {
         (self.tell)(&Event::FittingModel);
-        self.remembered("base", None, model, &[model.clone()])
+        self.remembered("base", None, model, std::slice::from_ref(model), None)
     }
 
     /// A fit from several starts, the lowest cost kept; from memory where it is there.
-    fn remembered(&self, key: &str, suspect: Option<&Suspect>, base: &Model, starts: &[Model]) -> Result<Refit, Error> {
+    fn remembered(
+        &self,
+        key: &str,
+        suspect: Option<&Suspect>,
+        base: &Model,
+        starts: &[Model],
+        reached: Option<f64>,
+    ) -> Result<Refit, Error> {
         if let Some(refit) = self.finished.get(key) {
             return Ok(refit.clone());
         }
         let fits: Vec<Result<Refit, Error>> =
-            starts.par_iter().map(|start| self.judge.refit(suspect, base, start, self.stop)).collect();
+            starts.par_iter().map(|start| self.judge.refit(suspect, base, start, reached, self.stop)).collect();
         let cost = |refit: &Refit| {
             let fitted = refit.left.iter().filter(|left| !left.held_out);
             fitted.map(|left| left.samples * left.squares.max(f64::MIN_POSITIVE).ln()).sum::<f64>()
@@ -315,46 +345,56 @@ impl Work<'_> {
         if let Some(ratio) = refit.worst_ratio()
             && (ratio < verdict::AT_THE_FLOOR || (ratio < verdict::NEAR_THE_FLOOR && refit.is_white()))
         {
-            return Ok(Step { verdict: Verdict::NothingMissing, base: refit.clone(), fitted: Vec::new() });
+            return Ok(Step {
+                verdict: Verdict::NothingMissing,
+                base: refit.clone(),
+                screening: Vec::new(),
+                fitted: Vec::new(),
+                failed: Vec::new(),
+            });
         }
-        let shortlist = self.shortlist(base)?;
-        let path: String = before
-            .iter()
-            .filter_map(Step::best)
-            .filter_map(|best| best.suspect.as_ref())
-            .fold(String::new(), |path, suspect| path + &suspect.to_string() + " > ");
+        let scored = self.screening(base)?;
+        let screening = verdict::screened(&scored);
+        let shortlist = verdict::shortlist(&scored);
+        let found = before.iter().filter_map(Step::best).filter_map(|best| best.suspect.as_ref());
+        let path: Vec<String> = found.map(ToString::to_string).collect();
         let mut fitted: Vec<Refit> = Vec::new();
-        let mut rest = shortlist.as_slice();
-        let mut rounds = 0;
-        // The first few decide mostly; others follow only where those do not explain what is left.
-        while !rest.is_empty() && fitted.len() < self.options.refits {
-            let count = if rounds == 0 { 6 } else { 4 }.min(rest.len());
-            let (now, later) = rest.split_at(count);
-            rest = later;
-            rounds += 1;
-            let fits: Vec<Result<Refit, Error>> = now
+        let mut failed = Vec::new();
+        let mut waiting = shortlist;
+        waiting.truncate(self.options.refits);
+        while !waiting.is_empty() {
+            let later = waiting.split_off(AT_ONCE.min(waiting.len()));
+            let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
+            let fits: Vec<Result<Refit, Error>> = waiting
                 .par_iter()
                 .map(|score| {
                     self.asked_to_stop()?;
                     (self.tell)(&Event::Refitting(&score.suspect));
                     let mut starts = vec![score.estimate.clone()];
                     starts.extend(score.second.clone());
-                    let key = format!("{depth}: {path}{}", score.suspect);
-                    self.remembered(&key, Some(&score.suspect), base, &starts)
+                    let key = format!("{depth}: {} > {}", path.join(" > "), score.suspect);
+                    self.remembered(&key, Some(&score.suspect), base, &starts, reached)
                 })
                 .collect();
             self.asked_to_stop()?;
-            fitted.extend(fits.into_iter().flatten());
-            if fitted.iter().any(|fit| verdict::reaches_the_floor(fit)) {
-                break;
+            for (fit, score) in fits.into_iter().zip(&waiting) {
+                match fit {
+                    Ok(fit) => fitted.push(fit),
+                    Err(error) => failed.push(verdict::failed(&score.suspect, &error)),
+                }
+            }
+            waiting = later;
+            // Where one leaves nothing but noise, only those are fitted that may do so as well.
+            if let Some(best) = fitted.iter().find(|fit| verdict::reaches_the_floor(fit)) {
+                waiting.retain(|score| verdict::may_rival(score, best, &scored));
             }
         }
         let fitted = verdict::judge(refit, fitted);
-        Ok(Step { verdict: verdict::of(refit, &fitted), base: refit.clone(), fitted })
+        Ok(Step { verdict: verdict::of(refit, &fitted), base: refit.clone(), screening, fitted, failed })
     }
 
-    /// Suspects that the screening finds worth a fit, most promising first.
-    fn shortlist(&self, base: &Model) -> Result<Vec<Score>, Error> {
+    /// What the screening says of every suspect: by the torque error, and by simulations.
+    fn screening(&self, base: &Model) -> Result<Vec<(Option<Score>, Option<Score>)>, Error> {
         let screening = Screening::new(base, self.judge.runs, self.judge.error);
         let suspects = suspects(base, screening.runs());
         let done = AtomicUsize::new(0);
@@ -365,7 +405,7 @@ impl Work<'_> {
         };
         let scored = screening.scores(base, &suspects, &told);
         self.asked_to_stop()?;
-        Ok(verdict::shortlist(scored))
+        Ok(scored)
     }
 }
 

@@ -88,6 +88,16 @@ impl Refit {
         self.left.iter().filter(move |left| left.held_out == held_out)
     }
 
+    /// Cost per sample and joint of the runs fitted to, as a fit tells it; `None` where the noise is not known.
+    pub fn cost(&self) -> Option<f64> {
+        let (mut cost, mut samples) = (0.0, 0.0);
+        for left in self.left.iter().filter(|left| !left.held_out) {
+            cost += 0.5 * left.samples * left.squares / left.noise_squares?.max(f64::MIN_POSITIVE);
+            samples += left.samples;
+        }
+        (samples > 0.0).then(|| cost / samples)
+    }
+
     /// The largest error of any judged joint, in units of its noise; `None` where the noise is not known.
     pub fn worst_ratio(&self) -> Option<f64> {
         let ratio = |left: &Left| left.noise_squares.map(|noise| (left.squares / noise.max(f64::MIN_POSITIVE)).sqrt());
@@ -114,20 +124,28 @@ pub struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Fits `start` and tells what is left. `base` is the model that the suspect was added to.
+    /// Fits `start` and tells what is left. `base` is the model that the suspect was added to. A fit that stays far above
+    /// `reached`, the cost per sample of another, is given up.
     ///
     /// # Errors
-    /// The model makes no equations, the fit cannot start, or `stop` says so.
+    /// The model makes no equations, the fit cannot start, it is given up or `stop` says so.
     pub fn refit(
         &self,
         suspect: Option<&Suspect>,
         base: &Model,
         start: &Model,
+        reached: Option<f64>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
+        /// A fit that can reach what another reached is not so far from it after so many iterations.
+        const PATIENCE: usize = 15;
+        const FAR: f64 = 30.0;
         let how = How::plain(self.error, self.options);
-        let mut watch = |_: &identify::Progress, _: Option<&identify::State>| {
-            if stop() { Watch::Stop } else { Watch::Continue }
+        let mut free_iterations = 0;
+        let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
+            free_iterations += usize::from(told.tether == 0.0);
+            let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
+            if stop() || (is_far && free_iterations >= PATIENCE) { Watch::Stop } else { Watch::Continue }
         };
         let found =
             identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)?;

@@ -2,10 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::{Diagnosis, Probe, Ranked, Refit, Refused, Score, Step, Suspect, Verdict, Work, candidate::is_symmetric};
+use super::{
+    Diagnosis, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work, candidate::is_symmetric,
+};
 use crate::{
     error::Error,
     experiment::{Role, Run},
+    fit::position::PositionFitError,
     log::Log,
 };
 
@@ -52,20 +55,18 @@ pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
     refit.worst_ratio().is_some_and(|ratio| ratio < AT_THE_FLOOR)
 }
 
-/// Two screenings' scores of every suspect in one order: who is high in either comes early.
-pub(super) fn shortlist(scored: Vec<(Option<Score>, Option<Score>)>) -> Vec<Score> {
-    let rank = |of: &dyn Fn(&(Option<Score>, Option<Score>)) -> Option<f64>| -> BTreeMap<usize, usize> {
-        let mut order: Vec<(f64, usize)> =
-            scored.iter().enumerate().filter_map(|(index, pair)| Some((of(pair)?, index))).collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        order.into_iter().enumerate().map(|(place, (_, index))| (index, place)).collect()
+/// Two screenings' scores of every suspect in one order: who is high in both comes first.
+pub(super) fn shortlist(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Score> {
+    // Each screening in units of its best, so that neither drowns the other.
+    let best = |of: &dyn Fn(&(Option<Score>, Option<Score>)) -> Option<f64>| {
+        scored.iter().filter_map(of).fold(-f64::MIN_POSITIVE, f64::min)
     };
-    let by_torque = rank(&|pair| pair.0.as_ref().map(|score| score.information));
-    let by_position = rank(&|pair| pair.1.as_ref().map(|score| score.information));
-    let place = |index: usize| {
-        let torque = by_torque.get(&index).copied().unwrap_or(usize::MAX / 4);
-        let position = by_position.get(&index).copied().unwrap_or(usize::MAX / 4);
-        (torque.min(position), torque.saturating_add(position))
+    let by_torque = best(&|pair| Some(pair.0.as_ref()?.information));
+    let by_position = best(&|pair| Some(pair.1.as_ref()?.information));
+    let promise = |index: usize| {
+        let (torque, position) = &scored[index];
+        torque.as_ref().map_or(0.0, |score| (score.information / by_torque).max(0.0))
+            + position.as_ref().map_or(0.0, |score| (score.information / by_position).max(0.0))
     };
     let mut order: Vec<usize> = (0..scored.len())
         .filter(|index| {
@@ -73,7 +74,7 @@ pub(super) fn shortlist(scored: Vec<(Option<Score>, Option<Score>)>) -> Vec<Scor
             helps(&scored[*index].0) || helps(&scored[*index].1)
         })
         .collect();
-    order.sort_by_key(|index| (place(*index), *index));
+    order.sort_by(|a, b| promise(*b).total_cmp(&promise(*a)).then(a.cmp(b)));
     let mut list: Vec<Score> = order
         .into_iter()
         .filter_map(|index| {
@@ -86,6 +87,26 @@ pub(super) fn shortlist(scored: Vec<(Option<Score>, Option<Score>)>) -> Vec<Scor
         })
         .collect();
     bring_alternatives(&mut list);
+    list
+}
+
+/// What the screening says of every suspect, most promising first.
+pub(super) fn screened(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Screened> {
+    let mut list: Vec<Screened> = scored
+        .iter()
+        .filter_map(|(torque, position)| {
+            let suspect = torque.as_ref().or(position.as_ref())?.suspect.clone();
+            Some(Screened {
+                suspect,
+                torque: torque.as_ref().map(|score| score.information),
+                torque_explained: torque.as_ref().map(|score| score.explained),
+                position: position.as_ref().map(|score| score.information),
+                position_explained: position.as_ref().map(|score| score.explained),
+            })
+        })
+        .collect();
+    let key = |screened: &Screened| screened.position.or(screened.torque).unwrap_or(f64::INFINITY);
+    list.sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.suspect.cmp(&b.suspect)));
     list
 }
 
@@ -109,6 +130,27 @@ fn bring_alternatives(list: &mut Vec<Score>) {
     };
     list.extend(early);
     list.extend(late);
+}
+
+/// Whether a suspect may explain as much as `best` does, which leaves nothing: one that the screening finds
+/// nearly as telling.
+pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[(Option<Score>, Option<Score>)]) -> bool {
+    /// Share of the best's score.
+    const NEARLY: f64 = 0.4;
+    let Some(winner) = &best.suspect else { return true };
+    let of = |suspect: &Suspect| {
+        scored.iter().find_map(|(torque, position)| {
+            let any = torque.as_ref().or(position.as_ref())?;
+            (any.suspect == *suspect).then(|| {
+                (
+                    torque.as_ref().map_or(0.0, |score| score.information),
+                    position.as_ref().map_or(0.0, |score| score.information),
+                )
+            })
+        })
+    };
+    let (Some(own), Some(best)) = (of(&score.suspect), of(winner)) else { return true };
+    own.0 < NEARLY * best.0 || own.1 < NEARLY * best.1
 }
 
 /// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate.
@@ -178,6 +220,17 @@ pub(super) fn judge(before: &Refit, fitted: Vec<Refit>) -> Vec<Judged> {
             .then(a.refit.suspect.cmp(&b.refit.suspect))
     });
     judged
+}
+
+/// A suspect whose fit came to nothing.
+pub(super) fn failed(suspect: &Suspect, error: &Error) -> Refused {
+    let reason = match error {
+        Error::PositionFit(PositionFitError::Interrupted { iterations }) => {
+            format!("its fit was given up after {iterations} iterations, far above what another effect reaches")
+        }
+        error => format!("it could not be fitted: {error}"),
+    };
+    Refused { suspect: suspect.clone(), reason }
 }
 
 /// Why a refit is given no credit.
@@ -270,6 +323,7 @@ pub(super) fn conclude(
             refused.extend(step.fitted.iter().filter_map(|judged| {
                 Some(Refused { suspect: judged.refit.suspect.clone()?, reason: judged.reason.clone()? })
             }));
+            refused.extend(step.failed.iter().cloned());
         }
     }
     let later = |other: &Ranked| found.iter().any(|found| found.suspect == other.suspect);
@@ -277,18 +331,20 @@ pub(super) fn conclude(
     let verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
     let sentences = sentences(verdict, first, &found, &ranking, &steps);
     ranking.splice(0..0, found);
+    let better = better.map(|better: Refit| better.parsed()).transpose()?;
     Ok(Diagnosis {
         verdict,
         sentences,
         error: work.judge.error.to_string(),
         ranking,
         refused,
+        screening: steps.into_iter().next().map(|step| step.screening).unwrap_or_default(),
         places: Vec::new(),
         moved: Vec::new(),
         notes,
         worst_ratio: first.worst_ratio(),
         base: Some(first.parsed()?),
-        better: better.map(|better| better.parsed()).transpose()?,
+        better,
     })
 }
 

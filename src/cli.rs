@@ -11,6 +11,7 @@ mod excite;
 mod fit;
 mod inputs;
 mod interrupt;
+mod ladder;
 mod plan;
 mod progress;
 mod simulate;
@@ -42,6 +43,7 @@ The loop, all of it plain files:
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
   dynid diagnose experiment.toml --model fitted.toml             which effect is missing
   dynid add      coulomb --joint 2 --model fitted.toml --out better.toml
+  dynid ladder   experiment.toml believed.toml fitted.toml       models of a lineage on the same runs
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
 
@@ -68,6 +70,8 @@ enum Verb {
     Diagnose(diagnose::Arguments),
     /// A model with one effect more.
     Add(add::Arguments),
+    /// The models of a lineage on the same runs: watch the error fall.
+    Ladder(ladder::Arguments),
     /// Parameters of several models side by side.
     Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
@@ -103,6 +107,7 @@ pub fn main() -> ExitCode {
         Verb::Compare(arguments) => compare::run(arguments),
         Verb::Diagnose(arguments) => diagnose::run(arguments),
         Verb::Add(arguments) => add::run(arguments),
+        Verb::Ladder(arguments) => ladder::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
     };

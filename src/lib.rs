@@ -8,6 +8,7 @@ pub mod excite;
 pub mod experiment;
 pub mod fit;
 pub mod identify;
+pub mod ladder;
 pub mod log;
 pub mod model;
 pub mod output;

@@ -4,6 +4,8 @@
 //! colour vision (blue and vermilion of Okabe & Ito 2008). The picture follows the viewer's light or dark scheme.
 //! It carries no font, no script and no reference to anything outside itself.
 
+pub mod steps;
+
 use std::fmt::Write;
 
 /// One signal of one joint in one run.
@@ -59,7 +61,17 @@ pub const STYLE: &str = "\
 .dynid-plot .grid{stroke:var(--grid);stroke-width:1}.dynid-plot .frame{stroke:var(--faint);stroke-width:1;fill:none}\
 .dynid-plot .measured{stroke:var(--measured);stroke-width:5;fill:none;stroke-linejoin:round}\
 .dynid-plot .predicted{stroke:var(--predicted);stroke-width:1.4;fill:none;stroke-linejoin:round}\
-.dynid-plot .residual{stroke:var(--ink);stroke-width:1;fill:none}";
+.dynid-plot .residual{stroke:var(--ink);stroke-width:1;fill:none}\
+.dynid-plot{--hue0:#0072b2;--hue1:#b84a00;--hue2:#00775a;--hue3:#a8326f;--hue4:#7a5c00;--hue5:#3d3d3d}\
+@media screen and (prefers-color-scheme:dark){.dynid-plot{--hue0:#56b4e9;--hue1:#ffa94d;--hue2:#3ecfa3;--hue3:#e79cc2;\
+--hue4:#f0e442;--hue5:#d0d0d0}}\
+.dynid-plot .line{fill:none;stroke-width:1.8;stroke-linejoin:round}.dynid-plot .floor{stroke:var(--faint);stroke-width:1.2;\
+stroke-dasharray:2 4;fill:none}\
+.dynid-plot .line.hue0{stroke:var(--hue0)}.dynid-plot .line.hue1{stroke:var(--hue1)}.dynid-plot .line.hue2{stroke:var(--hue2)}\
+.dynid-plot .line.hue3{stroke:var(--hue3)}.dynid-plot .line.hue4{stroke:var(--hue4)}.dynid-plot .line.hue5{stroke:var(--hue5)}\
+.dynid-plot .mark.hue0,.dynid-plot text.hue0{fill:var(--hue0)}.dynid-plot .mark.hue1,.dynid-plot text.hue1{fill:var(--hue1)}\
+.dynid-plot .mark.hue2,.dynid-plot text.hue2{fill:var(--hue2)}.dynid-plot .mark.hue3,.dynid-plot text.hue3{fill:var(--hue3)}\
+.dynid-plot .mark.hue4,.dynid-plot text.hue4{fill:var(--hue4)}.dynid-plot .mark.hue5,.dynid-plot text.hue5{fill:var(--hue5)}";
 
 /// A picture that stands alone as an `.svg` file: all panels below each other.
 pub fn standalone(panels: &[Panel]) -> String {

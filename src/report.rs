@@ -1,11 +1,13 @@
 //! A report is a list of sections on one page that opens with no network: no font, script, style or picture comes
 //! from anywhere but the page itself.
 
+mod ladder;
 mod models;
 mod sections;
 
 use std::fmt::Write;
 
+pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Verdict};
 

@@ -12,4 +12,4 @@ mod whiteness;
 pub use filter::{Lowpass, decimate, first_derivative, second_derivative};
 pub use resample::{Gap, Grid, held, straight};
 pub use spectrum::{PowerSpectrum, motion_bandwidth, power_spectrum};
-pub use whiteness::{autocorrelation, is_white};
+pub use whiteness::{WHITENESS_BOUND, autocorrelation, is_white, whiteness};

@@ -4,8 +4,11 @@
 //! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
 
 pub mod control;
+mod late;
 
 pub use crate::experiment::Hold;
+pub(crate) use late::Commands;
+
 use crate::system::{Scratch, System};
 
 /// What drives a simulation.
@@ -20,6 +23,10 @@ pub struct Input<'a> {
 }
 
 impl<'a> Input<'a> {
+    pub(crate) fn commands(&self, n_joints: usize) -> Commands<'a> {
+        Commands { time: self.time, rows: self.command, n_joints, hold: self.hold }
+    }
+
     /// The first `samples` samples.
     #[must_use]
     pub fn first(self, samples: usize) -> Self {
@@ -76,7 +83,8 @@ pub(crate) fn simulate_tethered(
             }
         };
         let next = if input.hold == Hold::Zero { now } else { next };
-        stepper.pulled(system, (start, end), grid.steps(start, end), now, next, pull);
+        let late = input.commands(n_joints);
+        stepper.pulled(system, (start, end), grid.steps(start, end), (now, next), &late, pull);
         recorder.take(system, end, &stepper.x, options)?;
     }
     Ok(recorder.finish(stepper.x))
@@ -187,9 +195,10 @@ pub fn simulate_from(
         let (now, next) = rows.split_at(n_joints);
         let (start, end) = (input.time[sample], input.time[sample + 1]);
         let steps = grid.steps(start, end);
+        let late = input.commands(n_joints);
         match input.hold {
-            Hold::Zero => stepper.held(system, start, end, steps, now),
-            Hold::Linear => stepper.linear(system, start, end, steps, now, next),
+            Hold::Zero => stepper.held(system, start, end, steps, now, &late),
+            Hold::Linear => stepper.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
         }
         recorder.take(system, end, &stepper.x, options)?;
     }
@@ -304,10 +313,20 @@ impl Stepper {
         }
     }
 
-    /// From `start` to `end` (s) in `steps` steps under constant commands.
-    pub(crate) fn held(&mut self, system: &System, start: f64, end: f64, steps: usize, command: &[f64]) {
+    /// From `start` to `end` (s) in `steps` steps under constant commands; `late` is where late joints find theirs.
+    pub(crate) fn held(
+        &mut self,
+        system: &System,
+        start: f64,
+        end: f64,
+        steps: usize,
+        command: &[f64],
+        late: &Commands<'_>,
+    ) {
         let step = (end - start) / steps as f64;
-        if system.steady_drive() {
+        if !system.delays().is_empty() {
+            self.pulled(system, (start, end), steps, (command, command), late, |_, _, _| ());
+        } else if system.steady_drive() {
             system.drive(&mut self.scratch, start, &self.x, command, &mut self.rate);
             for k in 0..steps {
                 let scratch = &mut self.scratch;
@@ -333,26 +352,24 @@ impl Stepper {
         }
     }
 
-    /// From `start` to `end` (s) in `steps` steps under commands that run from `now` to `next`.
-    pub(crate) fn linear(&mut self, system: &System, start: f64, end: f64, steps: usize, now: &[f64], next: &[f64]) {
-        self.pulled(system, (start, end), steps, now, next, |_, _, _| ());
-    }
-
-    /// As [`Stepper::linear`], with something more added to the rates.
+    /// From `start` to `end` (s) in `steps` steps under commands that run from `now` to `next`, or arrive as `late` says,
+    /// with `pull` added to the rates.
     fn pulled(
         &mut self,
         system: &System,
         (start, end): (f64, f64),
         steps: usize,
-        now: &[f64],
-        next: &[f64],
+        (now, next): (&[f64], &[f64]),
+        late: &Commands<'_>,
         pull: impl Fn(f64, &[f64], &mut [f64]),
     ) {
         let step = (end - start) / steps as f64;
         for k in 0..steps {
             let (scratch, command) = (&mut self.scratch, &mut self.command);
+            let bounds = step_bounds(start, end, steps, k);
             let rate = |t: f64, x: &[f64], dx: &mut [f64]| {
                 interpolate((t - start) / (end - start), now, next, command);
+                late.arrive(system, t, bounds, command, None);
                 system.derivative(scratch, t, x, command, dx);
                 pull(t, x, dx);
             };
@@ -364,6 +381,13 @@ impl Stepper {
             );
         }
     }
+}
+
+/// Where step `k` of an interval begins and ends (s): the last one ends with the interval, to the last bit.
+pub(crate) fn step_bounds(start: f64, end: f64, steps: usize, k: usize) -> (f64, f64) {
+    let step = (end - start) / steps as f64;
+    let at = |k: usize| if k == steps { end } else { start + k as f64 * step };
+    (at(k), at(k + 1))
 }
 
 pub(crate) fn interpolate(share: f64, now: &[f64], next: &[f64], command: &mut [f64]) {

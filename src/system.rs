@@ -11,11 +11,14 @@
 mod along;
 mod assemble;
 mod block;
+mod body;
+mod delay;
 mod effects;
 mod linear;
 mod solve;
 mod switch;
 
+pub(crate) use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub(crate) use linear::Linear;
 pub(crate) use switch::Switch;
@@ -27,12 +30,13 @@ use dynid_generated::{EffectKernel, Kernel, Scalar, Signal};
 use dynid_model::{Place, effect::Stage};
 
 use block::{Block, View};
+use body::Body;
 
 /// Stands for "no such index" in the flat arrays.
 pub(crate) const NONE: usize = usize::MAX;
 
-/// Largest number of outputs of one effect (a body merged into a link has ten).
-const MAX_OUTPUTS: usize = 10;
+/// Largest number of outputs of one effect: an inertia and the ten numbers of a body.
+const MAX_OUTPUTS: usize = 11;
 
 /// A model at one configuration: kernel, parameter values, effects.
 #[derive(Clone)]
@@ -46,7 +50,11 @@ pub struct System {
     effect_names: Vec<String>,
     effect_parameters: Vec<f64>,
     initial_states: Vec<f64>,
+    /// States that start at the speed of a free joint: index in `x` and free joint.
+    states_at_speed: Vec<(usize, usize)>,
     state_names: Vec<String>,
+    /// Joints whose commands arrive late, locked ones too.
+    delays: Vec<Delay>,
     actuators: Vec<Element>,
     transmissions: Vec<Element>,
     /// Laws of the `friction` family: their sum at a joint is the signal `friction` of the others.
@@ -56,6 +64,9 @@ pub struct System {
     friction_blocks: (Vec<Block>, Vec<Element>),
     load_blocks: (Vec<Block>, Vec<Element>),
     links: Vec<Element>,
+    bodies: Vec<Body>,
+    /// Derivatives of the lumps by the bodies' parameters: effect parameter and one value a lump.
+    lumps_by_parameter: Vec<(usize, Vec<f64>)>,
     sensors: Vec<Element>,
     /// Constants added to D: row, column, value; one entry per element of `links`.
     added_inertia: Vec<(usize, usize, f64)>,
@@ -195,7 +206,9 @@ impl System {
             effect_names: Vec::new(),
             effect_parameters: Vec::new(),
             initial_states: Vec::new(),
+            states_at_speed: Vec::new(),
             state_names: Vec::new(),
+            delays: Vec::new(),
             actuators: Vec::new(),
             transmissions: Vec::new(),
             frictions: Vec::new(),
@@ -203,6 +216,8 @@ impl System {
             friction_blocks: (Vec::new(), Vec::new()),
             load_blocks: (Vec::new(), Vec::new()),
             links: Vec::new(),
+            bodies: Vec::new(),
+            lumps_by_parameter: Vec::new(),
             sensors: Vec::new(),
             added_inertia: Vec::new(),
             friction_is_read: false,
@@ -273,10 +288,19 @@ impl System {
     /// Starts at `q`, the positions of the free joints: at rest, or with the speeds that follow the positions. Effect states
     /// are at their initial values.
     pub fn rest(&self, q: &[f64]) -> Vec<f64> {
+        let n = self.n_free();
         let mut x = vec![0.0; self.n_states()];
         x[..q.len()].copy_from_slice(q);
-        x[2 * self.n_free()..].copy_from_slice(&self.initial_states);
+        x[2 * n..].copy_from_slice(&self.initial_states);
+        for &(state, slot) in &self.states_at_speed {
+            x[state] = x[n + slot];
+        }
         x
+    }
+
+    /// States of effects that start at the speed of a free joint: index in the state, and free joint.
+    pub(crate) fn states_at_speed(&self) -> &[(usize, usize)] {
+        &self.states_at_speed
     }
 
     /// Room for [`System::derivative`].
@@ -291,7 +315,8 @@ impl System {
         }
     }
 
-    /// Time derivative `dx` of the state `x` at time `t` (s) under the commanded torques of all joints [N*m or N].
+    /// Time derivative `dx` of the state `x` at time `t` (s) under the commanded torques of all joints [N*m or N], as they
+    /// arrive (see [`System::delays`]).
     pub fn derivative(&self, scratch: &mut Scratch, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
         self.drive(scratch, t, x, command, dx);
         self.motion(scratch, t, x, dx);
@@ -316,6 +341,9 @@ impl System {
             signals[Signal::CommandFrom as usize] = command.get(element.from.joint).copied().unwrap_or(0.0);
             self.evaluate(element, &signals, x, &mut outputs, dx);
             scratch.drive[slot] = outputs[element.torque];
+            if element.torque_from != NONE && element.from.slot != NONE {
+                scratch.drive[element.from.slot] += outputs[element.torque_from];
+            }
         }
     }
 
@@ -447,6 +475,10 @@ impl System {
         for block in friction_blocks.0.iter_mut().chain(&mut load_blocks.0) {
             block.prepare(effect_parameters);
         }
+        self.join_bodies();
+        for delay in &mut self.delays {
+            delay.prepare(&self.effect_parameters);
+        }
         self.added_inertia.clear();
         for element in &self.links {
             let signals = [0.0; N_SIGNALS];
@@ -493,23 +525,27 @@ impl System {
         for effect in sorted {
             let joint = self.end(effect.joint);
             let from = self.end(effect.from);
-            if joint.slot == NONE && (from.slot == NONE || effect.output(Output::TorqueFrom).is_none()) {
+            let is_delay = effect.stage == Some(Stage::Delay);
+            let is_body = Self::is_body(effect);
+            let torques_from = effect.place == Place::Joint && effect.output(Output::TorqueFrom).is_some();
+            // A locked joint's load may be another's, its command too; and it may carry a body that others move.
+            if joint.slot == NONE && !(is_delay || is_body || (torques_from && from.slot != NONE)) {
                 continue;
             }
             effect.check()?;
-            if effect.stage == Some(Stage::Delay) {
-                return Err(unsupported(effect, "a delayed command needs the history of the commands"));
-            }
             let wanted = match effect.place {
+                Place::Actuator if is_delay => Output::Delay,
                 Place::Actuator | Place::Transmission | Place::Joint => Output::Torque,
                 Place::Link => Output::Inertia,
                 Place::Sensor => Output::Position,
             };
-            let Some(torque) = effect.output(wanted) else {
-                return Err(unsupported(effect, "its outputs are not those of its place"));
+            let torque = match effect.output(wanted) {
+                Some(torque) => torque,
+                None if is_body => NONE,
+                None => return Err(unsupported(effect, "its outputs are not those of its place")),
             };
             let inertial = effect.place == Place::Link;
-            if inertial && from.joint != NONE && from.slot == NONE {
+            if inertial && !is_body && from.joint != NONE && from.slot == NONE {
                 continue; // couples to the acceleration of a joint that stands still
             }
             if inertial && effect.kernel.n_states > 0 {
@@ -531,15 +567,31 @@ impl System {
                 torque,
                 torque_from: effect.output(Output::TorqueFrom).unwrap_or(NONE),
                 columns: Vec::new(),
-                reads_torques: !effect.uses.excludes(&[Signal::Load, Signal::Command, Signal::Friction]),
+                reads_torques: !effect.uses.excludes(&[
+                    Signal::Load,
+                    Signal::Command,
+                    Signal::CommandFrom,
+                    Signal::Friction,
+                ]),
             };
             self.effect_parameters.extend_from_slice(&effect.parameters);
             self.effect_names.extend_from_slice(&effect.names);
             self.initial_states.extend_from_slice(&effect.initial_states);
             self.state_names.extend_from_slice(&effect.state_names);
             self.n_effect_states += element.nz;
+            if joint.slot != NONE {
+                let at_speed = effect.states_at_speed.iter().map(|state| (element.z + state, joint.slot));
+                self.states_at_speed.extend(at_speed);
+            }
             let commands_only = element.nz == 0 && element.uses.only(&[Signal::Command, Signal::CommandFrom]);
             match effect.place {
+                Place::Actuator if is_delay => {
+                    if self.delays.iter().any(|delay| delay.joint == joint.joint) {
+                        return Err(unsupported(effect, "another effect delays the commands of its joint"));
+                    }
+                    self.steady_drive = false;
+                    self.delays.push(Delay::new(joint.joint, element));
+                }
                 Place::Actuator => {
                     self.steady_drive &= commands_only;
                     self.actuators.push(element);
@@ -550,7 +602,13 @@ impl System {
                 }
                 Place::Joint if effect.is_friction => self.frictions.push(element),
                 Place::Joint => self.loads.push(element),
-                Place::Link => self.links.push(element),
+                Place::Link => {
+                    self.bodies.extend(Body::new(effect, &element, self.kernel));
+                    let couples = from.joint == NONE || from.slot != NONE;
+                    if Self::adds_inertia(&element) && couples {
+                        self.links.push(element);
+                    }
+                }
                 Place::Sensor => self.sensors.push(element),
             }
         }

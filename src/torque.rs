@@ -192,7 +192,8 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
             let mut inertial = vec![0.0; n];
             for (row, k) in range.enumerate() {
                 sample.load(motion, states.as_ref(), k);
-                let Sample { x, ddq, command, dx, .. } = &mut sample;
+                let Sample { x, ddq, command, late, dx, .. } = &mut sample;
+                linear.set_late(late.iter().copied());
                 linear.along(system, motion.grid.time(k), x, Some(ddq), command, dx);
                 inertial.fill(0.0);
                 system.add_inertia_torque(ddq, &mut inertial);
@@ -274,6 +275,10 @@ struct Sample {
     x: Vec<f64>,
     ddq: Vec<f64>,
     command: Vec<f64>,
+    /// Joints whose commands are late, and by how much (s).
+    delays: Vec<(usize, f64)>,
+    /// How what arrives changes with each delay.
+    late: Vec<f64>,
     dx: Vec<f64>,
 }
 
@@ -285,6 +290,8 @@ impl Sample {
             x: system.rest(&vec![0.0; n]),
             ddq: vec![0.0; n],
             command: vec![0.0; system.n_joints()],
+            delays: system.delays().iter().map(|delay| (delay.joint, delay.span_s)).collect(),
+            late: vec![0.0; system.delays().len()],
             dx: vec![0.0; system.n_states()],
         }
     }
@@ -299,8 +306,18 @@ impl Sample {
         for (value, command) in self.command.iter_mut().zip(&motion.command) {
             *value = command[k];
         }
+        self.delay(motion, k as f64);
         if let Some(states) = states {
             self.x[2 * self.n..].copy_from_slice(states.at(k));
+        }
+    }
+
+    /// Puts what arrives late in the place of the commands, at `place` on the grid.
+    fn delay(&mut self, motion: &Motion, place: f64) {
+        for (late, &(joint, span_s)) in self.late.iter_mut().zip(&self.delays) {
+            let (value, rate) = motion.command_at(joint, place - span_s / motion.grid.step);
+            self.command[joint] = value;
+            *late = -rate;
         }
     }
 }

@@ -79,9 +79,10 @@ fn with_terms(terms: &[(&str, f64)], symbol: &str, lookup: &dyn Fn(&str) -> Opti
 /// Where an effect sits: `command -> actuator -> transmission -> joint -> link -> sensor -> log`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Place {
-    /// Output `torque`: what leaves the actuator when `command` enters it. Signals `command`, `command_from`.
+    /// Output `torque`: what leaves the actuator when `command` enters it. Signals `command`, `command_from`. At the
+    /// stage `delay` the output is `delay`, by how much the command is late, and there are no signals.
     Actuator,
-    /// Output `torque` on the joint side; own states on the motor side.
+    /// Output `torque` on the joint side; own states on the motor side. `load` is what the actuator delivers.
     Transmission,
     /// Output `torque`: load torque that resists motion when positive along `dq`. Signals `q dq t load` (torque that
     /// the drive path delivers), `friction` (sum of the joint's friction laws), `qeq` (the joint's spring's rest
@@ -229,8 +230,10 @@ pub struct EffectState {
     pub symbol: String,
     /// Unit at a revolute joint.
     pub unit: String,
-    /// Value at the start of a run.
+    /// Value at the start of a run; 0 where it starts as a signal.
     pub initial: f64,
+    /// Whether it starts as the speed of its joint (`initial = "dq"`): a motor that moves with it.
+    pub starts_at_speed: bool,
     /// Its time derivative.
     pub rate: Expression,
 }

@@ -117,8 +117,9 @@ fn choice<'c, T>(entry: &Entry, choices: &'c [(&str, T)]) -> Result<&'c T, Model
 }
 
 /// The signals that a formula may name at its place.
-fn signals(place: Place, scope: Scope) -> Vec<&'static str> {
+fn signals(place: Place, scope: Scope, stage: Option<Stage>) -> Vec<&'static str> {
     let mut names = match place {
+        Place::Actuator if stage == Some(Stage::Delay) => return vec![],
         Place::Actuator => vec!["command"],
         Place::Transmission => vec!["q", "dq", "t", "load"],
         Place::Joint => vec!["q", "dq", "t", "load", "friction", "qeq"],
@@ -150,6 +151,7 @@ fn signal_unit(signal: &str) -> &'static str {
 /// The outputs that a place asks for, with their units; for a link, those that it may give.
 fn output_units(effect: &Effect) -> Vec<(&'static str, &'static str)> {
     match effect.place {
+        Place::Actuator if effect.stage == Some(Stage::Delay) => vec![("delay", "s")],
         Place::Actuator if effect.stage == Some(Stage::Gain) => vec![("torque", "N*m")],
         Place::Actuator => vec![("torque", "command")],
         Place::Joint | Place::Transmission if effect.scope == Scope::Pair => {
@@ -300,7 +302,8 @@ fn read_formulas(root: &Table, effect: &mut Effect) -> Result<(), ModelError> {
         let entry = table.required("symbol", "\"z\"")?;
         states.push(new_symbol(&entry, parameters.iter().chain(&states).map(String::as_str))?);
     }
-    let mut known: Vec<String> = signals(effect.place, effect.scope).into_iter().map(str::to_owned).collect();
+    let mut known: Vec<String> =
+        signals(effect.place, effect.scope, effect.stage).into_iter().map(str::to_owned).collect();
     known.extend(parameters.iter().chain(&states).cloned());
     if let Some(entry) = root.optional("terms") {
         let terms = entry.table("[terms]")?;
@@ -319,9 +322,12 @@ fn read_formulas(root: &Table, effect: &mut Effect) -> Result<(), ModelError> {
         }
     }
     for (table, symbol) in state_tables.iter().zip(states) {
+        let unit = read_unit(&required_unit(table, &symbol)?)?.to_string();
+        let (initial, starts_at_speed) = read_start(table, effect.place, &unit)?;
         effect.states.push(EffectState {
-            unit: read_unit(&required_unit(table, &symbol)?)?.to_string(),
-            initial: table.required("initial", "0")?.finite()?,
+            unit,
+            initial,
+            starts_at_speed,
             rate: read_formula(&table.required("rate", "\"dq\"")?, &known)?,
             symbol,
         });
@@ -345,6 +351,23 @@ fn read_formulas(root: &Table, effect: &mut Effect) -> Result<(), ModelError> {
         return Err(output.error("the effect has no output").help("add e.g. `inertia = \"Ia\"` to [output]"));
     }
     Ok(())
+}
+
+/// Where a state starts: at a number, or at the speed of its joint.
+fn read_start(table: &Table, place: Place, unit: &str) -> Result<(f64, bool), ModelError> {
+    let entry = table.required("initial", "0")?;
+    if entry.text().ok() != Some("dq") {
+        return Ok((entry.finite()?, false));
+    }
+    if !matches!(place, Place::Transmission | Place::Joint) {
+        return Err(entry.error("nothing has the speed `dq` at this place").help("give a number"));
+    }
+    if unit != "rad/s" {
+        return Err(entry
+            .error(format!("a state in [{unit}] cannot start as the speed `dq` [rad/s]"))
+            .help("give a number"));
+    }
+    Ok((0.0, true))
 }
 
 fn read_formula(entry: &Entry, known: &[String]) -> Result<Expression, ModelError> {
@@ -530,21 +553,12 @@ fn check_null(root: &Table, effect: &Effect) -> Result<(), ModelError> {
         }
         let lookup = |symbol: &str| values.iter().find(|(name, _)| *name == symbol).map(|(_, value)| *value);
         let Ok((outputs, rates)) = effect.evaluate(&lookup) else { continue };
-        let neutral = match effect.place {
-            Place::Actuator => lookup("command").unwrap_or_default(),
-            Place::Sensor => lookup("q").unwrap_or_default(),
-            _ => 0.0,
-        };
-        for ((name, _), value) in effect.outputs.iter().zip(&outputs) {
+        for (index, (name, _)) in effect.outputs.iter().enumerate() {
+            let (value, neutral, meaning) = what_vanishes(effect, name, index, &outputs, &lookup);
             // Not `>`: what is no number must not pass.
             let vanishes = (value - neutral).abs() <= 1e-12 * (1.0 + neutral.abs());
             if !vanishes {
                 let entry = output.required(name, "\"..\"")?;
-                let meaning = match effect.place {
-                    Place::Actuator => "the command",
-                    Place::Sensor => "the true position",
-                    _ => "0",
-                };
                 let nulls: Vec<String> = effect
                     .parameters
                     .iter()
@@ -568,6 +582,28 @@ fn check_null(root: &Table, effect: &Effect) -> Result<(), ModelError> {
         }
     }
     Ok(())
+}
+
+/// Of an output: its value, what it must be where the effect is off, and how to call that. The centroid of a body counts
+/// by the body's mass: where there is no mass, it can be anywhere.
+fn what_vanishes(
+    effect: &Effect,
+    name: &str,
+    index: usize,
+    outputs: &[f64],
+    lookup: &dyn Fn(&str) -> Option<f64>,
+) -> (f64, f64, &'static str) {
+    let signal = |name: &str| lookup(name).unwrap_or_default();
+    match (effect.place, name) {
+        (Place::Actuator, "torque") => (outputs[index], signal("command"), "the command"),
+        (Place::Transmission, "torque") => (outputs[index], signal("load"), "the load"),
+        (Place::Sensor, _) => (outputs[index], signal("q"), "the true position"),
+        (Place::Link, "x" | "y" | "z") => {
+            let mass = effect.outputs.iter().position(|(other, _)| other == "m").map_or(0.0, |mass| outputs[mass]);
+            (mass * outputs[index], 0.0, "0 times the mass")
+        }
+        _ => (outputs[index], 0.0, "0"),
+    }
 }
 
 /// A small generator (splitmix64) for the points of the null check: the same in every build.

@@ -72,13 +72,15 @@ impl Unit {
         if kind == JointKind::Revolute {
             return self.clone();
         }
+        // `kg*m^2` is an inertia, which a mass replaces; a mass itself stays one.
+        let is_mass = !self.factors.iter().any(|(atom, _)| *atom == Atom::Metre);
         let mut metres = 0;
         let mut factors = Vec::new();
         for &(atom, exponent) in &self.factors {
             match atom {
                 Atom::Radian | Atom::Metre => metres += exponent,
                 Atom::Newton => metres -= exponent,
-                Atom::Kilogram => metres -= 2 * exponent,
+                Atom::Kilogram if !is_mass => metres -= 2 * exponent,
                 _ => {}
             }
             if !matches!(atom, Atom::Radian | Atom::Metre) {
@@ -315,6 +317,8 @@ mod tests {
             ("N*m*s/rad", "N*s/m"),
             ("N*m", "N"),
             ("kg*m^2", "kg"),
+            ("kg", "kg"),
+            ("rad/N/m", "m/N"),
             ("rad/s", "m/s"),
             ("N*m/command", "N/command"),
             ("N*m/rad", "N/m"),

@@ -192,3 +192,51 @@ fn a_law_that_breaks_at_rest_is_refused() {
     let error = Effect::parse(&text, Path::new("lugre.toml")).unwrap_err();
     assert!(error.message().contains("does not vanish"), "{error}");
 }
+
+/// Where each place's laws must vanish to, and what a law that does not is told.
+#[test]
+fn a_law_that_does_not_vanish_is_refused_at_every_place() {
+    let effect = |place: &str, outputs: &str| {
+        format!(
+            "title = \"t\"\n{place}\nseen_as = \"s\"\nnot_seen_as = \"n\"\nsource = \"o\"\n\
+             [[parameter]]\nsymbol = \"k\"\nunit = \"1\"\ntitle = \"t\"\ninitial = 0.5\nlower = 0\nupper = 1\nnull = 0\norigin = \"physics\"\n\
+             [[parameter]]\nsymbol = \"c\"\nunit = \"N*m/command\"\ntitle = \"t\"\ninitial = 1\nlower = 1\nupper = 1\norigin = \"physics\"\n\
+             [[parameter]]\nsymbol = \"a\"\nunit = \"s\"\ntitle = \"t\"\ninitial = 1\nlower = 1\nupper = 1\norigin = \"physics\"\n\
+             [[parameter]]\nsymbol = \"w\"\nunit = \"kg\"\ntitle = \"t\"\ninitial = 1\nlower = 1\nupper = 1\norigin = \"physics\"\n\
+             [[parameter]]\nsymbol = \"j\"\nunit = \"kg*m^2\"\ntitle = \"t\"\ninitial = 1\nlower = 1\nupper = 1\norigin = \"physics\"\n\
+             [[parameter]]\nsymbol = \"r\"\nunit = \"rad\"\ntitle = \"t\"\ninitial = 1\nlower = 1\nupper = 1\norigin = \"physics\"\n\
+             [[parameter]]\nsymbol = \"d\"\nunit = \"m\"\ntitle = \"t\"\ninitial = 1\nlower = 1\nupper = 1\norigin = \"physics\"\n\
+             [output]\n{outputs}\n"
+        )
+    };
+    let joint = |place: &str| format!("place = \"{place}\"\nscope = \"joint\"");
+    let pair = |place: &str| format!("place = \"{place}\"\nscope = \"pair\"");
+    let stage = |stage: &str| format!("{}\nstage = \"{stage}\"", joint("actuator"));
+    // What vanishes, and what does not.
+    let cases = [
+        (stage("delay"), "delay = \"k * a\"", "delay = \"(k + 1) * a\""),
+        (stage("lag"), "torque = \"(1 + k) * command\"", "torque = \"k * command\""),
+        (stage("gain"), "torque = \"(k + c / c) * c * command\"", "torque = \"(k + 1.5) * c * command\""),
+        (joint("transmission"), "torque = \"(1 + k) * load\"", "torque = \"k * load\""),
+        (
+            pair("transmission"),
+            "torque = \"load\"\ntorque_from = \"k * load\"",
+            "torque = \"load\"\ntorque_from = \"load\"",
+        ),
+        (joint("joint"), "torque = \"k * load\"", "torque = \"load\""),
+        (
+            pair("joint"),
+            "torque = \"k * load\"\ntorque_from = \"-k * load\"",
+            "torque = \"k * load\"\ntorque_from = \"load\"",
+        ),
+        (joint("link"), "inertia = \"k * j\"", "inertia = \"j\""),
+        (joint("link"), "m = \"k * w\"\nx = \"d\"", "m = \"w\"\nx = \"d\""),
+        (joint("link"), "Ixx = \"k * j\"", "Ixx = \"j\""),
+        (joint("sensor"), "position = \"(1 + k) * q\"", "position = \"q + r\""),
+    ];
+    for (place, vanishes, remains) in &cases {
+        Effect::parse(&effect(place, vanishes), Path::new("e.toml")).unwrap_or_else(|error| panic!("{place}\n{error}"));
+        let error = Effect::parse(&effect(place, remains), Path::new("e.toml")).expect_err(place).to_string();
+        assert!(error.contains("does not vanish at the null values (k = 0)") && error.contains("e.toml:"), "{error}");
+    }
+}

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use clap::ValueEnum;
-use dynid::compare::{Comparison, JointComparison, RunComparison, compare};
+use dynid::compare::{Comparison, Finding, JointComparison, RunComparison, compare, locate::locate};
 use dynid::experiment::{Experiment, Run};
 use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
@@ -74,8 +74,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
     let comparison = compare(&model, &runs)?;
+    let found = locate(&model, &runs, &comparison);
     let mut text = table(&comparison, arguments.error);
     text.push_str(&summary(&comparison));
+    text.push_str(&meanings(&comparison));
+    text.push_str(&located(&found));
     if let Some(picture) = &arguments.picture {
         let panels = panels(model.device, &runs, &comparison, arguments.error);
         write_new(picture, &plot::standalone(&panels), overwrite)?;
@@ -85,13 +88,47 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         write_new(report, &page(arguments, &experiment, &model, &runs, &comparison), overwrite)?;
         let _ = writeln!(text, "written: {}", report.display());
     }
-    let json = json(&comparison)?;
+    let json = json(&comparison, &found)?;
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
 /// The comparison as programs read it.
-pub fn json(comparison: &Comparison) -> anyhow::Result<Value> {
-    Ok(serde_json::to_value(comparison)?)
+fn json(comparison: &Comparison, found: &[Finding]) -> anyhow::Result<Value> {
+    let mut json = serde_json::to_value(comparison)?;
+    json["where"] = serde_json::to_value(found)?;
+    Ok(json)
+}
+
+/// What the numbers mean, a paragraph a joint of every run.
+fn meanings(comparison: &Comparison) -> String {
+    let mut text = String::from("\nWhat that means:\n");
+    for run in &comparison.runs {
+        for joint in &run.joints {
+            let _ = writeln!(text, "  {}, joint {}:", run.file, joint.joint);
+            for sentence in &joint.means {
+                let _ = writeln!(text, "    {sentence}");
+            }
+        }
+    }
+    text
+}
+
+/// Findings that the text tells.
+const MOST_TOLD: usize = 12;
+
+/// Where model and logs part, the most telling first.
+fn located(found: &[Finding]) -> String {
+    if found.is_empty() {
+        return "\nWhere: nothing that differs from chance.\n".to_owned();
+    }
+    let mut text = String::from("\nWhere, the most telling first:\n");
+    for finding in found.iter().take(MOST_TOLD) {
+        let _ = writeln!(text, "  {}, joint {}: {}", finding.run, finding.joint, finding.what);
+    }
+    if found.len() > MOST_TOLD {
+        let _ = writeln!(text, "  and {} more, with --json", found.len() - MOST_TOLD);
+    }
+    text
 }
 
 /// Errors of all runs in one line each: fitted to, and held out.

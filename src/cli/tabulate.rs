@@ -1,7 +1,7 @@
 //! `dynid table`: the parameters of several models side by side, like the thesis's Appendix D.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::bail;
 use dynid::model::Model;
@@ -10,7 +10,7 @@ use dynid::report::{self, Budget, Models, Provenance, Section, number};
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};
-use super::{Answer, Outcome, fit};
+use super::{Answer, Outcome, fit, ladder::label};
 
 /// Show models' parameters side by side: values, standard errors, and how each stands.
 #[derive(clap::Args)]
@@ -77,15 +77,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let _ = writeln!(text, "written: {}", out.display());
     }
     Ok(Outcome { text, json: json(&models, &table, &arguments.models), answer: Answer::Yes })
-}
-
-/// The file's name without its ending; its whole path where that would not tell it from another.
-fn label(path: &Path, all: &[PathBuf]) -> String {
-    let is_like = |other: &&PathBuf| other.file_stem() == path.file_stem();
-    if all.iter().filter(is_like).count() > 1 {
-        return path.display().to_string();
-    }
-    path.file_stem().map_or_else(|| path.display().to_string(), |stem| stem.to_string_lossy().into_owned())
 }
 
 fn told(models: &Models) -> String {

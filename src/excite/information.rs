@@ -331,7 +331,7 @@ pub fn needed_torque(system: &System, path: &Path) -> Vec<Vec<f64>> {
             x[2 * n..].copy_from_slice(z);
             let t = path.time[sample] + share * span_s;
             if follows_motion {
-                linear.follow(system, t, &x, &mut dx);
+                linear.follow(system, t, &x, &command, &mut dx);
             } else {
                 linear.along(system, t, &x, None, &command, &mut dx);
             }

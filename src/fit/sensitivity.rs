@@ -15,7 +15,9 @@
 use dynid_generated::{LANES, Lanes, Scalar};
 
 use crate::{
-    simulate::{Grid, Hold, Input, Options, SimulationError, Tether, check, check_state, interpolate},
+    simulate::{
+        Commands, Grid, Hold, Input, Options, SimulationError, Tether, check, check_state, interpolate, step_bounds,
+    },
     system::{Linear, NONE, Scratch, Switch, System},
 };
 
@@ -134,6 +136,7 @@ pub fn simulate(
             hold: input.hold,
             now,
             next,
+            late: input.commands(n_joints),
             tether,
         };
         // As even as they come.
@@ -165,6 +168,7 @@ struct Span<'a> {
     hold: Hold,
     now: &'a [f64],
     next: &'a [f64],
+    late: Commands<'a>,
     tether: Option<&'a Tether<'a>>,
 }
 
@@ -173,10 +177,15 @@ impl Span<'_> {
         (self.end - self.start) / self.steps as f64
     }
 
-    fn command(&self, t: f64, command: &mut [f64]) {
+    /// What arrives at `t` within step `index`; `slopes` takes its derivatives by the delays.
+    fn command(&self, system: &System, index: usize, t: f64, command: &mut [f64], slopes: Option<&mut [f64]>) {
         match self.hold {
             Hold::Zero => command.copy_from_slice(self.now),
             Hold::Linear => interpolate((t - self.start) / (self.end - self.start), self.now, self.next, command),
+        }
+        if !system.delays().is_empty() {
+            let bounds = step_bounds(self.start, self.end, self.steps, index);
+            self.late.arrive(system, t, bounds, command, slopes);
         }
     }
 
@@ -235,6 +244,8 @@ struct Variation {
     s_next: Vec<f64>,
     /// Number of steps in the chunk.
     steps: usize,
+    /// Which step of the interval is its first.
+    first_step: usize,
     /// Time (s), states and their rates at every stage of the chunk.
     stage_t: Vec<f64>,
     stage_x: Vec<f64>,
@@ -278,6 +289,11 @@ impl Variation {
         for (slot, column) in columns.initial().enumerate() {
             s[slot * columns.width + column] = 1.0;
         }
+        for &(state, slot) in system.states_at_speed() {
+            if let Some(column) = columns.initial().nth(system.n_free() + slot) {
+                s[state * columns.width + column] = 1.0;
+            }
+        }
         let stages = MOST_STEPS * STAGES;
         Self {
             linear: Linear::new(system),
@@ -287,6 +303,7 @@ impl Variation {
             s_next: s.clone(),
             s,
             steps: 0,
+            first_step: 0,
             stage_t: vec![0.0; stages],
             stage_x: vec![0.0; stages * n_states],
             stage_rate: vec![0.0; stages * n_states],
@@ -311,6 +328,7 @@ impl Variation {
         const SCHEME: [(f64, f64, f64); STAGES] = [(0.0, 1.0, 0.5), (0.5, 2.0, 0.5), (0.5, 2.0, 1.0), (1.0, 1.0, 0.0)];
         let (n, n_states, step) = (system.n_free(), self.x.len(), span.step());
         self.steps = 0;
+        self.first_step = steps.start;
         let mut stage = 0;
         for index in steps {
             let begin = span.start + index as f64 * step;
@@ -323,7 +341,7 @@ impl Variation {
                 let rate = &mut self.stage_rate[stage * n_states..(stage + 1) * n_states];
                 self.stage_t[stage] = t;
                 if stage == 0 || span.hold == Hold::Linear || !system.steady_drive() {
-                    span.command(t, &mut self.command);
+                    span.command(system, index, t, &mut self.command, None);
                     system.drive(&mut self.scratch, t, x, &self.command, rate);
                 }
                 system.motion(&mut self.scratch, t, x, rate);
@@ -398,6 +416,8 @@ impl Variation {
         let (n, n_states) = (system.n_free(), self.x.len());
         self.slopes.clear();
         let mut commands = [self.command.clone(), self.command.clone()];
+        let has_delays = !system.delays().is_empty();
+        let mut slopes = [vec![0.0; system.delays().len()], vec![0.0; system.delays().len()]];
         for first in (0..self.steps * STAGES).step_by(LANES) {
             let pair = |values: &[f64], width: usize, k: usize| {
                 Lanes::new([values[first * width + k], values[(first + 1) * width + k]])
@@ -408,10 +428,16 @@ impl Variation {
             for slot in 0..n {
                 self.ddq_lanes[slot] = pair(&self.stage_rate, n_states, n + slot);
             }
-            if first == 0 || span.hold == Hold::Linear {
+            if first == 0 || span.hold == Hold::Linear || has_delays {
                 self.linear.renew_drive();
-                for (command, t) in commands.iter_mut().zip(&self.stage_t[first..]) {
-                    span.command(*t, command);
+                // Both stages are of one step.
+                let index = self.first_step + first / STAGES;
+                for ((command, slopes), t) in commands.iter_mut().zip(&mut slopes).zip(&self.stage_t[first..]) {
+                    span.command(system, index, *t, command, Some(slopes));
+                }
+                if has_delays {
+                    let [first, second] = &slopes;
+                    self.linear.set_late(first.iter().zip(second).map(|(a, b)| Lanes::new([*a, *b])));
                 }
                 for (joint, lanes) in self.command_lanes.iter_mut().enumerate() {
                     *lanes = Lanes::new([commands[0][joint], commands[1][joint]]);

@@ -3,7 +3,11 @@
 use std::fmt::Write;
 
 use super::{Section, number};
-use crate::plot::{self, Panel, escaped};
+use crate::{
+    experiment::Experiment,
+    model::Model,
+    plot::{self, Panel, escaped},
+};
 
 /// What came out, in a few sentences.
 #[derive(Debug, Clone, Default)]
@@ -161,6 +165,30 @@ impl Section for Parameters {
 pub struct Provenance {
     /// What and its value, e.g. `log`, `sha256 3f..`.
     pub entries: Vec<(String, String)>,
+}
+
+impl Provenance {
+    /// Logs, models with their parents, device and program.
+    pub fn of_models(experiment: &Experiment, models: &[(String, Model)]) -> Self {
+        let mut entries =
+            vec![("logs".to_owned(), format!("{}, sha256 {}", experiment.path.display(), experiment.digest))];
+        for (name, model) in models {
+            entries.push((name.clone(), format!("sha256 {}", model.digest())));
+            if let Some(fit) = &model.fit {
+                let is_same = if fit.data_digest == experiment.digest { ", these ones" } else { ", not these ones" };
+                entries.push((
+                    String::new(),
+                    format!(
+                        "fitted ({} error, {}) from the model with sha256 {}, to logs with sha256 {}{is_same}",
+                        fit.error, fit.status, fit.parent_digest, fit.data_digest
+                    ),
+                ));
+            }
+        }
+        entries.push(("device".to_owned(), experiment.device.id.clone()));
+        entries.push(("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))));
+        Self { entries }
+    }
 }
 
 impl Section for Provenance {

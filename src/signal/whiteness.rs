@@ -19,16 +19,25 @@ pub fn autocorrelation(residual: &[f64], lags: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Whether successive samples of `residual` are uncorrelated: the test of Ljung & Box (1978, Biometrika 65, 297-303) over
-/// 20 lags at a level of 1 %. False for fewer than 40 samples, of which nothing can be said.
-pub fn is_white(residual: &[f64]) -> bool {
+/// What [`whiteness`] stays below for white noise in 99 of 100 cases.
+pub const WHITENESS_BOUND: f64 = CHI_SQUARED;
+
+/// The statistic of Ljung & Box (1978, Biometrika 65, 297-303) over 20 lags: chi-squared with 20 degrees of freedom for
+/// white noise. `None` for fewer than 40 samples, of which nothing can be said.
+pub fn whiteness(residual: &[f64]) -> Option<f64> {
     let n = residual.len() as f64;
     if residual.len() < 2 * LAGS {
-        return false;
+        return None;
     }
     let sum: f64 =
         autocorrelation(residual, LAGS).iter().zip(1..).map(|(rho, lag)| rho * rho / (n - f64::from(lag))).sum();
-    n * (n + 2.0) * sum < CHI_SQUARED
+    Some(n * (n + 2.0) * sum)
+}
+
+/// Whether successive samples of `residual` are uncorrelated, by [`whiteness`] at a level of 1 %. False for too few
+/// samples.
+pub fn is_white(residual: &[f64]) -> bool {
+    whiteness(residual).is_some_and(|statistic| statistic < WHITENESS_BOUND)
 }
 
 #[cfg(test)]

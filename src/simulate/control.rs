@@ -8,7 +8,7 @@ use std::{f64::consts::FRAC_1_SQRT_2, path::Path};
 
 use dynid_model::{ModelError, document, document::Table, error::Source};
 
-use super::{Grid, Hold, Input, Options, Recorder, SimulationError, Stepper, Trajectory, check};
+use super::{Commands, Grid, Hold, Input, Options, Recorder, SimulationError, Stepper, Trajectory, check};
 use crate::{error::Error, system::System};
 
 /// A controller's gains, filter and limits.
@@ -204,13 +204,15 @@ pub fn simulate(
     let mut control = Loop::new(controller, system.kernel().free);
     let mut commands = vec![0.0; time.len() * n_joints];
     let grid = Grid::new(time, options.substeps);
-    for (sample, command) in commands.chunks_exact_mut(n_joints).enumerate() {
+    for sample in 0..time.len() {
         recorder.take(system, time[sample], &stepper.x, options)?;
         let shown = &recorder.trajectory.q[sample * n..];
         let elapsed_s = if sample > 0 { time[sample] - time[sample - 1] } else { 0.0 };
-        control.command(elapsed_s, &reference[sample * n_joints..(sample + 1) * n_joints], shown, command);
+        let row = sample * n_joints..(sample + 1) * n_joints;
+        control.command(elapsed_s, &reference[row.clone()], shown, &mut commands[row.clone()]);
         if let Some(&end) = time.get(sample + 1) {
-            stepper.held(system, time[sample], end, grid.steps(time[sample], end), command);
+            let given = Commands { time: &time[..=sample], rows: &commands[..row.end], n_joints, hold: Hold::Zero };
+            stepper.held(system, time[sample], end, grid.steps(time[sample], end), &commands[row], &given);
         }
     }
     Ok((recorder.finish(stepper.x), commands))

@@ -28,12 +28,15 @@ impl Linear {
         self.inertias(system, ddq);
     }
 
-    /// The rates of the effects' states (in `dx`) and their gradients alone. Leaves torques as they were.
+    /// The rates of the effects' states (in `dx`) and their gradients alone. Leaves the load as it was.
     ///
     /// Needs [`System::states_follow_motion`]; elsewhere use [`Linear::along`].
-    pub(crate) fn follow(&mut self, system: &System, t: f64, x: &[f64], dx: &mut [f64]) {
+    pub(crate) fn follow(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
         self.rate_by_state.clear();
         self.rate_by_parameter.clear();
+        if system.drive_has_states() {
+            self.drive_path(system, t, x, command, dx);
+        }
         for element in system.frictions.iter().chain(&system.loads).filter(|element| element.nz > 0) {
             let signals = system.signals(element, t, x);
             self.evaluate(system, element, &signals, x, dx);
@@ -61,13 +64,16 @@ impl System {
         }
     }
 
-    /// Whether the states of all effects follow positions, speeds and time only, each effect's by itself.
+    /// Whether the states of all joint effects follow positions, speeds and time only, each effect's by itself.
     pub(crate) fn states_follow_motion(&self) -> bool {
         const MOTION: [Signal; 6] = [Signal::Q, Signal::Dq, Signal::T, Signal::Qeq, Signal::QFrom, Signal::DqFrom];
-        let drive = self.actuators.iter().chain(&self.transmissions);
-        let joint = self.frictions.iter().chain(&self.loads);
-        drive.clone().all(|element| element.nz == 0)
-            && joint.clone().all(|element| element.nz == 0 || element.uses.only(&MOTION))
+        let mut joint = self.frictions.iter().chain(&self.loads);
+        joint.all(|element| element.nz == 0 || element.uses.only(&MOTION))
+    }
+
+    /// Whether the drive path remembers anything.
+    pub(crate) fn drive_has_states(&self) -> bool {
+        self.actuators.iter().chain(&self.transmissions).any(|element| element.nz > 0)
     }
 
     /// For each state of the effects, which effect parameters it may depend on.
@@ -77,6 +83,14 @@ impl System {
         }
         let first = 2 * self.n_free();
         let mut parameters = vec![Vec::new(); self.n_effect_states];
+        // What enters the drive path anywhere may reach all of its states; they have one list, in one order.
+        let drive = || self.actuators.iter().chain(&self.transmissions);
+        let delays = self.delays.iter().flat_map(|delay| delay.by_parameter.iter().map(|(parameter, _)| *parameter));
+        let entering: Vec<usize> =
+            delays.chain(drive().flat_map(|element| element.p..element.p + element.np)).collect();
+        for state in drive().flat_map(|element| element.z..element.z + element.nz) {
+            parameters[state - first].clone_from(&entering);
+        }
         for element in self.frictions.iter().chain(&self.loads) {
             for state in element.z..element.z + element.nz {
                 let own = &mut parameters[state - first];

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use dynid_generated::{Kernel, Signal};
-use dynid_model::{Effect, Place};
+use dynid_model::Effect;
 
 use super::{Output, PlacedEffect, SignalSet, System, SystemError};
 use crate::model::{EffectInstance, Model};
@@ -23,7 +23,11 @@ impl System {
             })
             .collect::<Result<_, _>>()?;
         let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
-        let effects = model.effects.iter().map(PlacedEffect::of_model).collect::<Result<Vec<_>, _>>()?;
+        let placed = |instance: &EffectInstance| {
+            let link = instance.joint.and_then(|joint| model.device.last_link_moved_by(joint));
+            Ok(PlacedEffect { link: link.map(|index| index + 1), ..PlacedEffect::of_model(instance)? })
+        };
+        let effects = model.effects.iter().map(placed).collect::<Result<Vec<_>, SystemError>>()?;
         Self::new(kernel, model.device.joints.len(), link_parameters, locked, &effects)
     }
 }
@@ -42,7 +46,7 @@ fn kernel_of(model: &Model, free: &[usize]) -> Result<&'static Kernel, SystemErr
 }
 
 impl PlacedEffect {
-    /// An effect of a model, with its values.
+    /// An effect of a model, with its values; which link a body joins is the device's to say.
     pub fn of_model(instance: &EffectInstance) -> Result<Self, SystemError> {
         let effect = instance.effect;
         let kernel =
@@ -53,12 +57,6 @@ impl PlacedEffect {
             (Some(joint), None) => format!("joint.{joint}.{}", effect.id),
             _ => format!("device.{}", effect.id),
         };
-        if effect.place == Place::Link && effect.outputs.iter().any(|(name, _)| name != "inertia") {
-            return Err(SystemError::Unsupported {
-                id: effect.id.clone(),
-                why: "a body merged into a link is not simulated yet".to_owned(),
-            });
-        }
         Ok(Self {
             kernel,
             place: effect.place,
@@ -70,6 +68,8 @@ impl PlacedEffect {
             parameters: instance.values(),
             state_names: effect.states.iter().map(|state| format!("{place}.{}", state.symbol)).collect(),
             initial_states: effect.states.iter().map(|state| state.initial).collect(),
+            states_at_speed: (0..effect.states.len()).filter(|state| effect.states[*state].starts_at_speed).collect(),
+            link: None,
             outputs: effect.outputs.iter().map(|(name, _)| Output::named(name)).collect(),
             uses: signals_of(effect),
         })

@@ -1,7 +1,7 @@
 //! An effect of a model, ready to be placed into a [`super::System`].
 
 use dynid_generated::{EffectKernel, Signal};
-use dynid_model::{Place, effect::Stage};
+use dynid_model::{Link, Place, effect::Stage};
 
 use super::SystemError;
 
@@ -28,6 +28,10 @@ pub struct PlacedEffect {
     pub state_names: Vec<String>,
     /// States at the start of a run.
     pub initial_states: Vec<f64>,
+    /// Those states that start at the speed of the joint instead.
+    pub states_at_speed: Vec<usize>,
+    /// Number (from 1) of the link that a body of a link effect joins.
+    pub link: Option<usize>,
     /// What the kernel's outputs are, in its order.
     pub outputs: Vec<Output>,
     /// The signals that occur in its formulas.
@@ -45,6 +49,10 @@ pub enum Output {
     Inertia,
     /// What the log shows.
     Position,
+    /// By how much the command is late (s).
+    Delay,
+    /// A number of a body that joins a link, by its place in [`Link::SYMBOLS`].
+    Body(usize),
     /// Something a simulation does not use.
     Other,
 }
@@ -57,7 +65,8 @@ impl Output {
             "torque_from" => Self::TorqueFrom,
             "inertia" => Self::Inertia,
             "position" => Self::Position,
-            _ => Self::Other,
+            "delay" => Self::Delay,
+            _ => Link::SYMBOLS.iter().position(|symbol| *symbol == name).map_or(Self::Other, Self::Body),
         }
     }
 }

@@ -74,6 +74,8 @@ pub(crate) struct Linear<S = f64> {
     frictions: Vec<Gradient<S>>,
     friction_is_read: Vec<bool>,
     drive_is_known: bool,
+    /// How what arrives changes with each delay; none where nothing is late.
+    late: Vec<S>,
     row: Gradient<S>,
     parameters: Vec<S>,
     jacobian: Vec<S>,
@@ -113,6 +115,7 @@ impl<S: Number> Linear<S> {
                 })
                 .collect(),
             drive_is_known: false,
+            late: room(system.delays.len()),
             row: Vec::with_capacity(64),
             parameters: room(most_parameters),
             jacobian: room(widest),
@@ -147,10 +150,28 @@ impl<S: Number> Linear<S> {
         self.joint_effects(system, t, x, dx);
     }
 
-    fn drive_path(&mut self, system: &System, t: S, x: &[S], command: &[S], dx: &mut [S]) {
+    /// How fast what arrives changes with each of [`System::delays`] [unit of the command per s], at the next update.
+    pub(crate) fn set_late(&mut self, late: impl IntoIterator<Item = S>) {
+        self.late.clear();
+        self.late.extend(late);
+    }
+
+    /// Gradient of the command that arrives at a joint, times `factor`, into `self.row`.
+    fn collect_late(&mut self, system: &System, joint: usize, factor: S) {
+        let n_states = system.n_states();
+        for (delay, late) in system.delays.iter().zip(&self.late).filter(|(delay, _)| delay.joint == joint) {
+            for &(parameter, by) in &delay.by_parameter {
+                self.row.push((n_states + parameter, factor * *late * S::constant(by)));
+            }
+        }
+    }
+
+    pub(super) fn drive_path(&mut self, system: &System, t: S, x: &[S], command: &[S], dx: &mut [S]) {
         for (slot, &joint) in system.kernel.free.iter().enumerate() {
             self.drive[slot] = command[joint];
-            self.drives[slot].clear();
+            self.row.clear();
+            self.collect_late(system, joint, S::constant(1.0));
+            std::mem::swap(&mut self.drives[slot], &mut self.row);
         }
         for element in system.actuators.iter().chain(&system.transmissions) {
             let slot = element.joint.slot;
@@ -161,7 +182,13 @@ impl<S: Number> Linear<S> {
                 command.get(element.from.joint).copied().unwrap_or(S::constant(0.0));
             let outputs = self.evaluate(system, element, &signals, x, dx);
             self.rates(system, element);
-            self.collect(element, element.torque);
+            if element.torque_from != NONE && element.from.slot != NONE {
+                let other = element.from.slot;
+                self.collect(system, element, element.torque_from);
+                self.drive[other] = self.drive[other] + outputs[element.torque_from];
+                self.drives[other].extend_from_slice(&self.row);
+            }
+            self.collect(system, element, element.torque);
             self.drive[slot] = outputs[element.torque];
             std::mem::swap(&mut self.drives[slot], &mut self.row);
         }
@@ -177,7 +204,7 @@ impl<S: Number> Linear<S> {
             for (slot, output) in torques(element) {
                 self.load[slot] = self.load[slot] + outputs[output];
                 if self.friction_is_read[slot] {
-                    self.collect(element, output);
+                    self.collect(system, element, output);
                     self.frictions[slot].extend_from_slice(&self.row);
                 }
                 self.subtract_load(system, element, slot, output);
@@ -200,6 +227,15 @@ impl<S: Number> Linear<S> {
 
     /// Link effects add `inertia * ddq` to the torque that the motion needs.
     pub(super) fn inertias(&mut self, system: &System, ddq: &[S]) {
+        let n_lumps = system.kernel.n_lumps;
+        for (parameter, lumps) in system.lumps_by_parameter() {
+            for slot in 0..system.n_free() {
+                let row = &self.regressor[slot * n_lumps..(slot + 1) * n_lumps];
+                let zero = S::constant(0.0);
+                let torque = row.iter().zip(lumps).fold(zero, |sum, (y, by)| sum + *y * S::constant(*by));
+                self.torque_by_parameter.push((slot, *parameter, -torque));
+            }
+        }
         for element in &system.links {
             self.evaluate(system, element, &[S::constant(0.0); N_SIGNALS], &[], &mut []);
             let (row, other) = (element.joint.slot, element.from.slot);
@@ -246,7 +282,7 @@ impl<S: Number> Linear<S> {
     }
 
     /// The gradient of one row of the element's Jacobian, by states and effect parameters, into `self.row`.
-    fn collect(&mut self, element: &Element, row: usize) {
+    fn collect(&mut self, system: &System, element: &Element, row: usize) {
         let width = element.np + N_SIGNALS + element.nz;
         let values = &self.jacobian[row * width..(row + 1) * width];
         self.row.clear();
@@ -258,6 +294,10 @@ impl<S: Number> Linear<S> {
             self.row.extend(self.drives[slot].iter().map(|(variable, value)| (*variable, driven * *value)));
             let friction = signal(Signal::Friction);
             self.row.extend(self.frictions[slot].iter().map(|(variable, value)| (*variable, friction * *value)));
+            if element.uses.contains(Signal::CommandFrom) && !self.late.is_empty() {
+                let factor = signal(Signal::CommandFrom);
+                self.collect_late(system, element.from.joint, factor);
+            }
         }
     }
 
@@ -267,7 +307,7 @@ impl<S: Number> Linear<S> {
         for state in 0..element.nz {
             let row = element.kernel.n_outputs + state;
             if element.reads_torques {
-                self.collect(element, row);
+                self.collect(system, element, row);
                 for &(variable, value) in &self.row {
                     if variable < n_states {
                         self.rate_by_state.push((element.z + state, variable, value));
@@ -292,7 +332,7 @@ impl<S: Number> Linear<S> {
     fn subtract_load(&mut self, system: &System, element: &Element, slot: usize, output: usize) {
         let n_states = system.n_states();
         if element.reads_torques {
-            self.collect(element, output);
+            self.collect(system, element, output);
             let gradient = std::mem::take(&mut self.row);
             for &(variable, value) in &gradient {
                 self.subtract(n_states, slot, variable, value);

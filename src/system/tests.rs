@@ -451,6 +451,8 @@ pub(crate) fn placed(
         parameters: parameters.to_vec(),
         state_names: (0..kernel.n_states).map(|_| format!("joint.{joint}.{}.z", kernel.id)).collect(),
         initial_states: vec![0.0; kernel.n_states],
+        states_at_speed: Vec::new(),
+        link: None,
         outputs: vec![if place == Place::Link { Output::Inertia } else { Output::Torque }],
         uses: SignalSet::of(uses),
     }

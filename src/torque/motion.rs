@@ -173,6 +173,26 @@ impl Motion {
         decimate(&self.filter.apply(signal), self.decimation)
     }
 
+    /// The command of a joint and its rate [unit of the command per s] at `place` on the grid, where 1.5 is halfway from
+    /// sample 1 to 2: the cubic through the samples around it whose slopes are theirs (Catmull & Rom 1974). The first
+    /// command holds before the grid, and the last one after it.
+    pub(crate) fn command_at(&self, joint: usize, place: f64) -> (f64, f64) {
+        let values = &self.command[joint];
+        let last = values.len() - 1;
+        if place <= 0.0 || place >= last as f64 {
+            return (values[if place <= 0.0 { 0 } else { last }], 0.0);
+        }
+        let k = place as usize;
+        let share = place - k as f64;
+        let [before, now, next, after] = [k.saturating_sub(1), k, k + 1, (k + 2).min(last)].map(|k| values[k]);
+        let (slope, slope_next) = (0.5 * (next - before), 0.5 * (after - now));
+        // now + slope s + b s^2 + c s^3, which is `next` with `slope_next` at s = 1
+        let b = 3.0 * (next - now) - 2.0 * slope - slope_next;
+        let c = slope + slope_next - 2.0 * (next - now);
+        let value = now + share * (slope + share * (b + share * c));
+        (value, (slope + share * (2.0 * b + share * 3.0 * c)) / self.grid.step)
+    }
+
     /// Number of samples on the grid.
     pub fn len(&self) -> usize {
         self.grid.len

@@ -67,7 +67,8 @@ fn integrate(system: &System, motion: &Motion, parameters: Vec<Vec<usize>>) -> O
     let step = motion.grid.step / steps as f64;
     // z and S together: z first, then the entries of S, state by state.
     let mut y = vec![0.0; n_states + width];
-    y[..n_states].copy_from_slice(&Sample::new(system).x[2 * system.n_free()..]);
+    let start = motion.q.iter().chain(&motion.dq).map(|values| values[0]).collect::<Vec<f64>>();
+    y[..n_states].copy_from_slice(&system.rest(&start)[2 * system.n_free()..]);
 
     let (mut values, mut gradients) = (Vec::new(), Vec::new());
     let [mut k1, mut k2, mut k3, mut k4, mut at] = std::array::from_fn(|_| vec![0.0; n_states + width]);
@@ -123,9 +124,10 @@ impl<'a> Field<'a> {
 
     /// Evaluates the effects at the state in `self.sample`.
     fn evaluate(&mut self, time: f64) {
-        let Sample { x, command, dx, .. } = &mut self.sample;
+        let Sample { x, command, late, dx, .. } = &mut self.sample;
+        self.linear.set_late(late.iter().copied());
         if self.follows_motion {
-            self.linear.follow(self.system, time, x, dx);
+            self.linear.follow(self.system, time, x, command, dx);
         } else {
             self.linear.along(self.system, time, x, None, command, dx);
         }
@@ -142,8 +144,9 @@ impl<'a> Field<'a> {
             x[n + slot] = between(&self.motion.dq[slot]);
         }
         x[2 * n..].copy_from_slice(&y[..n_states]);
-        if !self.follows_motion {
+        if !self.follows_motion || self.system.drive_has_states() {
             command.iter_mut().zip(&self.motion.command).for_each(|(value, command)| *value = between(command));
+            self.sample.delay(self.motion, k as f64 + share);
         }
         self.evaluate(self.motion.grid.time(k) + share * self.motion.grid.step);
         rate[..n_states].copy_from_slice(&self.sample.dx[2 * n..]);
@@ -172,18 +175,35 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Steps between samples so that the fastest state, at its initial value, is resolved everywhere.
+    /// Steps between samples so that the fastest state, at its initial value and far from it, is resolved everywhere.
     fn steps_between_samples(&mut self) -> usize {
         let mut fastest = 0.0_f64;
+        let first = 2 * self.system.n_free();
         for k in 0..self.motion.len() {
             self.sample.load(self.motion, None, k);
             self.evaluate(self.motion.grid.time(k));
-            for &(state, other, value) in &self.linear.rate_by_state {
-                if state == other {
-                    fastest = fastest.max(value.abs());
-                }
+            fastest = fastest.max(fastest_rate(&self.linear.rate_by_state, first));
+            if self.system.drive_has_states() {
+                // A contact that is open at first closes.
+                self.sample.x[first..].iter_mut().for_each(|state| *state += 1.0);
+                self.evaluate(self.motion.grid.time(k));
+                self.sample.x[first..].iter_mut().for_each(|state| *state -= 1.0);
+                fastest = fastest.max(fastest_rate(&self.linear.rate_by_state, first));
             }
         }
         ((fastest * self.motion.grid.step / STEP_SHARE).ceil() as usize).clamp(1, MOST_STEPS)
     }
+}
+
+/// The fastest rate of the states from index `first` on: of one that decays by itself, or of two that swing against each
+/// other, `sqrt(f_ab f_ba)`.
+fn fastest_rate(rate_by_state: &[(usize, usize, f64)], first: usize) -> f64 {
+    let rates = || rate_by_state.iter().filter(|(_, other, _)| *other >= first);
+    rates().fold(0.0, |fastest: f64, &(state, other, value)| {
+        if state == other {
+            return fastest.max(value.abs());
+        }
+        let back = rates().filter(|(a, b, _)| (*a, *b) == (other, state)).map(|(.., back)| *back).sum::<f64>();
+        fastest.max((value * back).abs().sqrt())
+    })
 }

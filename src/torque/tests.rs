@@ -1,9 +1,12 @@
 use std::f64::consts::PI;
 
+use dynid_model::Scope;
+
 use super::*;
 use crate::{
     experiment::{Hold, Role, Run, Settings},
     log::Log,
+    model::Model,
     system::tests::{ARM, GAIN, INPUT_COUPLING, LUGRE, ROTOR_INERTIA, SPRING, VISCOUS, placed},
 };
 
@@ -143,6 +146,86 @@ fn gradients_agree_with_differences() {
             }
         }
     }
+}
+
+#[path = "../../tests/library_effects/values.rs"]
+mod values;
+
+/// The two-link arm with an effect of the library, springs and viscous friction.
+fn arm_with(effect: &dynid_model::Effect) -> System {
+    let mut model = Model::of_device(dynid_model::device("planar2r").expect("a shipped device"));
+    model.effects.clear();
+    for joint in [0, 1] {
+        for id in ["spring", "viscous"] {
+            model.add_effect(id, Some(joint), None).expect("an effect of the library");
+        }
+    }
+    let (joint, from) = match effect.scope {
+        Scope::Joint => (Some(1), None),
+        Scope::Pair => (Some(0), Some(1)),
+        Scope::Device => (None, None),
+    };
+    if !model.effects.iter().any(|own| own.effect.id == effect.id && own.joint == joint) {
+        model.add_effect(&effect.id, joint, from).expect("an effect of the library");
+    }
+    for own in model.effects.iter_mut().filter(|own| own.effect.id == effect.id && own.joint == joint) {
+        for (parameter, about) in own.parameters.iter_mut().zip(&effect.parameters) {
+            let value = values::VALUES.iter().find(|(id, symbol, _)| *id == effect.id && *symbol == about.symbol);
+            parameter.value = value.map_or(parameter.value, |(.., value)| *value);
+        }
+    }
+    System::of_model(&model, &[0, 1], |_| 0.0).expect("a configuration of the device")
+}
+
+/// Torque error and its derivatives with every effect of the library, also those of the drive path whose states follow
+/// command and motion.
+#[test]
+fn gradients_by_every_effect_agree_with_differences() {
+    let mut run = run();
+    run.log.tau.iter_mut().flatten().for_each(|torque| *torque *= 4.0);
+    let motion = Motion::of(&run).expect("long enough");
+    let mut wrong = Vec::new();
+    for effect in dynid_model::effects() {
+        // What the sensor shows is taken for the motion; the torque error does not know its parameters.
+        if effect.place == dynid_model::Place::Sensor {
+            continue;
+        }
+        let system = arm_with(effect);
+        let rigid = rigid_columns(&system, &motion);
+        let linear = linearise(&system, &motion, &rigid);
+        let links = system.link_parameters().to_vec();
+        let parameters = system.effect_parameters().to_vec();
+        let mut met = 0;
+        for (parameter, name) in system.effect_names().iter().enumerate() {
+            let at = |change: f64| {
+                let mut moved = parameters.clone();
+                moved[parameter] += change;
+                let mut system = system.clone();
+                system.set_parameters(&links, &moved);
+                along(&system, &motion)
+            };
+            // Impacts amplify a change: it must stay small in the torque too.
+            let exact = linear.iter().filter_map(|joint| joint.by_parameter[parameter].as_ref()).flatten();
+            let largest = exact.fold(1e-3_f64, |size, value| size.max(value.abs()));
+            let step = (1e-6 / largest).min(1e-5 * parameters[parameter].abs().max(1e-2));
+            let (low, high) = (at(-step), at(step));
+            for slot in 0..2 {
+                let pairs = low[slot].residual.iter().zip(&high[slot].residual);
+                let difference: Vec<f64> = pairs.map(|(low, high)| (high - low) / (2.0 * step)).collect();
+                let zeros = vec![0.0; difference.len()];
+                let exact = linear[slot].by_parameter[parameter].as_ref().unwrap_or(&zeros);
+                let size = difference.iter().fold(0.0_f64, |size, value| size.max(value.abs()));
+                let errors = difference.iter().zip(exact).map(|(a, b)| (a - b).abs());
+                let error = errors.fold(0.0_f64, f64::max);
+                met += usize::from(size > 0.0 && name.contains(&format!(".{}.", effect.id)));
+                if error > 1e-5 * size.max(1e-3) {
+                    wrong.push(format!("with {}: {name} at {slot}: {error:.2e} of {size:.2e}", effect.id));
+                }
+            }
+        }
+        assert!(met > 0, "{} does not enter the torque error", effect.id);
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]

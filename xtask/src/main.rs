@@ -1,8 +1,9 @@
-//! The project's own commands: `cargo xtask gen`, `cargo xtask ci`, `cargo xtask bench`.
+//! The project's own commands: `cargo xtask gen`, `cargo xtask ci`, `cargo xtask bench`, `cargo xtask hidden-effects`.
 
 mod bench;
 mod ci;
 mod generate;
+mod hidden_effects;
 mod licences;
 mod shell;
 mod snapshots;
@@ -28,6 +29,8 @@ enum Command {
     Ci(ci::Arguments),
     /// Runs the benchmarks.
     Bench(bench::Arguments),
+    /// Hides one effect after another from the program and prints what it finds.
+    HiddenEffects(hidden_effects::Arguments),
 }
 
 /// What was asked for does not exist; like clap's errors, it ends with 2.
@@ -47,6 +50,7 @@ fn main() -> ExitCode {
         Command::Gen(arguments) => generate::run(&arguments),
         Command::Ci(arguments) => ci::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

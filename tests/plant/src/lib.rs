@@ -5,6 +5,7 @@
 //! entry per joint of the device, matrices are row-major, units are SI.
 
 pub mod effects;
+pub mod hidden;
 pub mod jet;
 pub mod mechanism;
 pub mod random;

@@ -34,11 +34,140 @@ struct Row {
     alpha: Entry,
 }
 
+#[derive(Debug, Clone, Copy)]
+enum Elementary {
+    Turn,
+    Shift,
+}
+
+impl Row {
+    /// About and along which axes it goes, in order.
+    fn motions(&self, convention: Convention) -> [(Elementary, usize, &Entry); 4] {
+        use Elementary::{Shift, Turn};
+        match convention {
+            Convention::Standard => {
+                [(Turn, Z, &self.theta), (Shift, Z, &self.d), (Shift, X, &self.a), (Turn, X, &self.alpha)]
+            }
+            Convention::Modified => {
+                [(Turn, X, &self.alpha), (Shift, X, &self.a), (Turn, Z, &self.theta), (Shift, Z, &self.d)]
+            }
+        }
+    }
+}
+
 /// An entry of the frames table, with lengths put in.
 #[derive(Debug, Clone)]
 enum Entry {
     Constant(f64),
+    /// A constant, and factors of joint variables.
+    Affine(f64, Vec<(usize, f64)>),
     Moving(Expression),
+}
+
+impl Entry {
+    /// Value, rate and acceleration while the `free` joints move at constant speeds.
+    fn jet(&self, free: &[usize], q: &[f64], dq_free: &[f64]) -> Jet {
+        let speed = |joint: usize| free.iter().position(|&own| own == joint).map_or(0.0, |slot| dq_free[slot]);
+        match self {
+            Self::Constant(value) => Jet::constant(*value),
+            Self::Affine(constant, factors) => {
+                let mut jet = Jet::constant(*constant);
+                for &(joint, factor) in factors {
+                    jet.value += factor * q[joint];
+                    jet.rate += factor * speed(joint);
+                }
+                jet
+            }
+            Self::Moving(expression) => jet::evaluate(expression, &|name| {
+                let joint = joint_variable(name).expect("lengths are already numbers, so only joints are left");
+                Jet { value: q[joint], rate: speed(joint), acceleration: 0.0 }
+            }),
+        }
+    }
+
+    /// Tells the derivative by every free joint that the entry depends on.
+    fn for_each_factor(&self, free: &[usize], q: &[f64], tell: &mut dyn FnMut(usize, f64)) {
+        match self {
+            Self::Constant(_) => {}
+            Self::Affine(_, factors) => {
+                for &(joint, factor) in factors {
+                    if let Some(slot) = free.iter().position(|&own| own == joint) {
+                        tell(slot, factor);
+                    }
+                }
+            }
+            Self::Moving(_) => {
+                for slot in 0..free.len() {
+                    tell(slot, self.jet(free, q, &unit(free.len(), slot)).rate);
+                }
+            }
+        }
+    }
+
+    /// An expression of joint variables; affine where its derivatives are constant.
+    fn of(expression: Expression, n_joints: usize) -> Self {
+        if !moves(&expression) {
+            return Self::Constant(jet::evaluate(&expression, &|_| Jet::default()).value);
+        }
+        let joints: Vec<usize> = (0..n_joints).collect();
+        let factors_at = |entry: &Self, place: f64| -> Vec<f64> {
+            let mut factors = vec![0.0; n_joints];
+            // at different angles, or a difference of two would stand still
+            let q: Vec<f64> = joints.iter().map(|&joint| place * (joint + 1) as f64).collect();
+            entry.for_each_factor(&joints, &q, &mut |joint, factor| factors[joint] = factor);
+            factors
+        };
+        let moving = Self::Moving(expression);
+        let factors = factors_at(&moving, 0.0);
+        if [0.7, -1.3].iter().any(|place| factors_at(&moving, *place) != factors) {
+            return moving;
+        }
+        let constant = moving.jet(&[], &vec![0.0; n_joints], &[]).value;
+        Self::Affine(constant, factors.into_iter().enumerate().filter(|(_, factor)| *factor != 0.0).collect())
+    }
+}
+
+/// What of a frame's motion its bodies' dynamics need, in base coordinates.
+#[derive(Debug, Clone, Copy)]
+struct Sweep {
+    rotation: Matrix3<f64>,
+    /// Angular velocity (rad/s).
+    spin: Vector3<f64>,
+    /// Angular acceleration (rad/s^2).
+    spin_rate: Vector3<f64>,
+    /// Of the origin (m/s^2).
+    acceleration: Vector3<f64>,
+}
+
+impl Sweep {
+    fn at_rest() -> Self {
+        let zero = Vector3::zeros();
+        Self { rotation: Matrix3::identity(), spin: zero, spin_rate: zero, acceleration: zero }
+    }
+
+    /// Turns about an axis of its own, and tells which way that axis points.
+    fn turn(&mut self, axis: usize, angle: Jet) -> Vector3<f64> {
+        let direction = self.rotation.column(axis).into_owned();
+        let (s, c) = angle.value.sin_cos();
+        let (one, two) = if axis == X { (1, 2) } else { (0, 1) };
+        let (first, second) = (self.rotation.column(one).into_owned(), self.rotation.column(two).into_owned());
+        self.rotation.set_column(one, &(first * c + second * s));
+        self.rotation.set_column(two, &(second * c - first * s));
+        self.spin_rate += direction * angle.acceleration + self.spin.cross(&direction) * angle.rate;
+        self.spin += direction * angle.rate;
+        direction
+    }
+
+    /// Moves along an axis of its own, and tells which way that axis points and how far it went.
+    fn shift(&mut self, axis: usize, distance: Jet) -> (Vector3<f64>, Vector3<f64>) {
+        let direction = self.rotation.column(axis).into_owned();
+        let offset = direction * distance.value;
+        self.acceleration += self.spin_rate.cross(&offset)
+            + self.spin.cross(&self.spin.cross(&offset))
+            + direction * distance.acceleration
+            + self.spin.cross(&direction) * (2.0 * distance.rate);
+        (direction, offset)
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -122,14 +251,8 @@ impl Motion {
 impl Mechanism {
     /// Puts numbers into `device`: `parameters` is asked for `link.*`, `length.*` and `base.*` by name.
     pub fn new(device: &Device, parameters: &dyn Fn(&str) -> f64) -> Self {
-        let entry = |expression: &Expression| {
-            let expression = with_lengths(expression, parameters);
-            if moves(&expression) {
-                Entry::Moving(expression)
-            } else {
-                Entry::Constant(jet::evaluate(&expression, &|_| Jet::default()).value)
-            }
-        };
+        let n_joints = device.joints.len();
+        let entry = |expression: &Expression| Entry::of(with_lengths(expression, parameters), n_joints);
         let rows = device
             .frames
             .iter()
@@ -158,7 +281,7 @@ impl Mechanism {
             .collect();
         let component = |axis: usize, name: &str| if device.up[axis] == 0.0 { 0.0 } else { parameters(name) };
         let gravity = Vector3::new(component(0, "base.gx"), component(1, "base.gy"), component(2, "base.gz"));
-        Self { n_joints: device.joints.len(), convention: device.convention, rows, bodies, gravity }
+        Self { n_joints, convention: device.convention, rows, bodies, gravity }
     }
 
     /// Number of joint variables.
@@ -177,6 +300,13 @@ impl Mechanism {
         };
         let value = |entry: &Entry| match entry {
             Entry::Constant(value) => Jet::constant(*value),
+            Entry::Affine(constant, factors) => {
+                factors.iter().fold(Jet::constant(*constant), |sum, &(joint, factor)| Jet {
+                    value: sum.value + factor * q[joint],
+                    rate: sum.rate + factor * dq[joint],
+                    acceleration: sum.acceleration + factor * ddq[joint],
+                })
+            }
             Entry::Moving(expression) => jet::evaluate(expression, &symbol),
         };
         let mut motions: Vec<Motion> = Vec::with_capacity(self.rows.len());
@@ -255,14 +385,74 @@ impl Mechanism {
     }
 
     /// `D` and `C dq + phi` of the `free` joints while all others stand still; `q` is every joint's.
+    ///
+    /// The same sums as [`Mechanism::inertia`] and [`Mechanism::bias`], in one sweep over the frames: a played run asks for
+    /// them a million times.
     pub fn inertia_and_bias(&self, free: &[usize], q: &[f64], dq_free: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let partial = self.partial_velocities(free, q);
-        let mut dq = vec![0.0; self.n_joints];
-        for (slot, &joint) in free.iter().enumerate() {
-            dq[joint] = dq_free[slot];
+        let n = free.len();
+        let mut sweeps: Vec<Sweep> = Vec::with_capacity(self.rows.len());
+        // velocity of the origin and angular velocity of each frame when only one joint moves, at unit speed
+        let mut partial = vec![(Vector3::zeros(), Vector3::zeros()); n * self.rows.len()];
+        for (index, row) in self.rows.iter().enumerate() {
+            let mut sweep = row.parent.map_or_else(Sweep::at_rest, |parent| sweeps[parent]);
+            let (before, after) = partial.split_at_mut(n * index);
+            let of_frame = &mut after[..n];
+            if let Some(parent) = row.parent {
+                of_frame.copy_from_slice(&before[n * parent..n * (parent + 1)]);
+            }
+            for (elementary, axis, entry) in row.motions(self.convention) {
+                let jet = entry.jet(free, q, dq_free);
+                match elementary {
+                    Elementary::Turn => {
+                        let direction = sweep.turn(axis, jet);
+                        entry.for_each_factor(free, q, &mut |slot, factor| of_frame[slot].1 += direction * factor);
+                    }
+                    Elementary::Shift => {
+                        let (direction, offset) = sweep.shift(axis, jet);
+                        for (velocity, angular_velocity) in of_frame.iter_mut() {
+                            *velocity += angular_velocity.cross(&offset);
+                        }
+                        entry.for_each_factor(free, q, &mut |slot, factor| of_frame[slot].0 += direction * factor);
+                    }
+                }
+            }
+            sweeps.push(sweep);
         }
-        let bias = self.torque(free, &partial, q, &dq, &vec![0.0; self.n_joints], self.gravity);
-        (self.inertia_of(free, &partial, q), bias)
+        let (mut inertia, mut bias) = (vec![0.0; n * n], vec![0.0; n]);
+        let mut of_body = vec![(Vector3::zeros(), Vector3::zeros(), Vector3::zeros()); n];
+        for body in &self.bodies {
+            let of_frame = &partial[n * body.frame..n * (body.frame + 1)];
+            if of_frame.iter().all(|(velocity, angular)| *velocity == Vector3::zeros() && *angular == Vector3::zeros())
+            {
+                continue;
+            }
+            let sweep = &sweeps[body.frame];
+            let arm = sweep.rotation * body.centroid;
+            let spin = sweep.spin;
+            let acceleration = sweep.acceleration + sweep.spin_rate.cross(&arm) + spin.cross(&spin.cross(&arm));
+            let force = (acceleration + self.gravity) * body.mass;
+            // turning is counted in the body's own axes, where its inertia stands still
+            let (own_spin, own_rate) = (sweep.rotation.tr_mul(&spin), sweep.rotation.tr_mul(&sweep.spin_rate));
+            let moment = body.inertia * own_rate + own_spin.cross(&(body.inertia * own_spin));
+            for (of_joint, (velocity, angular)) in of_body.iter_mut().zip(of_frame) {
+                let own = sweep.rotation.tr_mul(angular);
+                *of_joint = (velocity + angular.cross(&arm), own, body.inertia * own);
+            }
+            for row in 0..n {
+                let (velocity, own, _) = of_body[row];
+                bias[row] += velocity.dot(&force) + own.dot(&moment);
+                for column in 0..=row {
+                    inertia[row * n + column] +=
+                        body.mass * velocity.dot(&of_body[column].0) + own.dot(&of_body[column].2);
+                }
+            }
+        }
+        for row in 0..n {
+            for column in 0..row {
+                inertia[column * n + row] = inertia[row * n + column];
+            }
+        }
+        (inertia, bias)
     }
 
     /// Per given joint, per body: velocity of the centroid and angular velocity when only that joint moves, at unit

@@ -32,14 +32,14 @@ use std::fmt::Write;
 
 use dynid_model::{Device, Link};
 use nalgebra::{DMatrix, DVector};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::Mechanism;
-use crate::effects::{self, EffectEntry, JointEffects};
+use crate::effects::{self, EffectEntry, JointEffects, Moment};
 use crate::random::Noise;
 
 /// What to make.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
     /// Id of the device.
@@ -68,7 +68,7 @@ pub struct Recipe {
 }
 
 /// One log.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunEntry {
     /// Its file name.
@@ -84,7 +84,7 @@ pub struct RunEntry {
 }
 
 /// `amplitude * cos(2 pi (hz + hz_per_s / 2 * t) t + phase)` at one joint.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cosine {
     /// The joint commanded.
@@ -106,31 +106,9 @@ pub type Files = BTreeMap<String, String>;
 
 /// Plays the recipe on `device`.
 pub fn make(recipe: &Recipe, device: &Device) -> Result<Files, String> {
-    if recipe.device != device.id {
-        return Err(format!("the recipe is for device `{}`, not `{}`", recipe.device, device.id));
-    }
-    if recipe.start.len() != device.joints.len() {
-        return Err(format!("`start` has {} positions for {} joints", recipe.start.len(), device.joints.len()));
-    }
-    let values = true_values(recipe, device)?;
-    let mechanism = Mechanism::new(device, &|name| values.get(name).copied().unwrap_or(f64::NAN));
-    let effects = effects::by_joint(&recipe.effects, device.joints.len())?;
-    let mut noise = Noise::new(recipe.seed);
-    let mut files = Files::new();
-    let mut experiment = format!(
-        "# Made by dynid-plant: seed {}, position noise {} rms, quantum {}.\n\
-         # tau is held from its row to the next. Every run starts at rest with undeflected bristles.\n\
-         device = \"{}\"\n",
-        recipe.seed, recipe.noise_rms, recipe.quantum, recipe.device
-    );
-    for run in &recipe.runs {
-        let log = play(recipe, run, &mechanism, &effects, &mut noise)?;
-        let _ =
-            write!(experiment, "\n[[run]]\nfile = \"{}\"\nfree = {:?}\nrole = \"{}\"\n", run.file, run.free, run.role);
-        files.insert(run.file.clone(), log);
-    }
-    files.insert("experiment.toml".to_owned(), experiment);
-    Ok(files)
+    let plant = Plant::new(recipe, device)?;
+    let traces = recipe.runs.iter().map(|run| plant.play(run)).collect::<Result<Vec<Trace>, String>>()?;
+    Ok(plant.files(&traces))
 }
 
 fn true_values(recipe: &Recipe, device: &Device) -> Result<BTreeMap<String, f64>, String> {
@@ -155,57 +133,106 @@ fn true_values(recipe: &Recipe, device: &Device) -> Result<BTreeMap<String, f64>
     Ok(values)
 }
 
-/// Everything that moves: positions and speeds of the free joints, then all bristle states.
-struct Play<'a> {
-    mechanism: &'a Mechanism,
-    effects: &'a [JointEffects],
-    free: &'a [usize],
-    start: &'a [f64],
+/// A recipe with its numbers put in, ready to be played.
+#[derive(Debug)]
+pub struct Plant<'a> {
+    recipe: &'a Recipe,
+    mechanism: Mechanism,
+    effects: Vec<JointEffects>,
 }
 
-fn play(
-    recipe: &Recipe,
-    run: &RunEntry,
-    mechanism: &Mechanism,
-    effects: &[JointEffects],
-    noise: &mut Noise,
-) -> Result<String, String> {
-    let n_joints = mechanism.n_joints();
-    if let Some(joint) = run.free.iter().chain(run.torque.iter().map(|wave| &wave.joint)).find(|&&j| j >= n_joints) {
-        return Err(format!("{}: the device has no joint {joint}", run.file));
-    }
-    let play = Play { mechanism, effects, free: &run.free, start: &recipe.start };
-    let n_states: usize = run.free.iter().map(|&joint| effects[joint].n_states()).sum();
-    let mut state = vec![0.0; 2 * run.free.len() + n_states];
-    for (slot, &joint) in run.free.iter().enumerate() {
-        state[slot] = recipe.start[joint];
-    }
-    let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();
-    let mut log = format!("t{}{}\n", names("tau"), names("q"));
-    let n_rows = (run.duration_s / recipe.sample_s).round() as usize + 1;
-    let step = recipe.sample_s / recipe.steps_per_sample as f64;
-    for row in 0..n_rows {
-        let time = row as f64 * recipe.sample_s;
-        let commands: Vec<f64> = (0..n_joints).map(|joint| command(run, joint, time)).collect();
-        let _ = write!(log, "{}", trimmed(time, 6));
-        for command in &commands {
-            let _ = write!(log, ",{}", trimmed(*command, 6));
+/// What one run did.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trace {
+    /// Commanded torque of every joint, a row per sample.
+    pub commands: Vec<Vec<f64>>,
+    /// What the encoders of the free joints would show without noise and quantisation, a row per sample.
+    pub seen: Vec<Vec<f64>>,
+}
+
+impl<'a> Plant<'a> {
+    /// Puts the recipe's numbers into `device`.
+    pub fn new(recipe: &'a Recipe, device: &Device) -> Result<Self, String> {
+        if recipe.device != device.id {
+            return Err(format!("the recipe is for device `{}`, not `{}`", recipe.device, device.id));
         }
-        for joint in 0..n_joints {
-            // a locked joint is held by its brake: its encoder shows one angle
-            let q = match run.free.iter().position(|&free| free == joint) {
-                Some(slot) => state[slot] + recipe.noise_rms * noise.gaussian(),
-                None => recipe.start[joint],
-            };
-            let seen = if recipe.quantum > 0.0 { (q / recipe.quantum).round() * recipe.quantum } else { q };
-            let _ = write!(log, ",{}", trimmed(seen, 9));
+        if recipe.start.len() != device.joints.len() {
+            return Err(format!("`start` has {} positions for {} joints", recipe.start.len(), device.joints.len()));
         }
-        log.push('\n');
-        for _ in 0..recipe.steps_per_sample {
-            play.step(&mut state, &commands, step)?;
-        }
+        let effects = effects::by_joint(&recipe.effects, device.joints.len())?;
+        let mut values = true_values(recipe, device)?;
+        effects::carry(&effects, device, &mut values)?;
+        let mechanism = Mechanism::new(device, &|name| values.get(name).copied().unwrap_or(f64::NAN));
+        Ok(Self { recipe, mechanism, effects })
     }
-    Ok(log)
+
+    /// Plays one run.
+    pub fn play(&self, run: &RunEntry) -> Result<Trace, String> {
+        let n_joints = self.mechanism.n_joints();
+        let named = run.free.iter().chain(run.torque.iter().map(|wave| &wave.joint));
+        if let Some(joint) = named.copied().find(|&joint| joint >= n_joints) {
+            return Err(format!("{}: the device has no joint {joint}", run.file));
+        }
+        let sample_s = self.recipe.sample_s;
+        let n_rows = (run.duration_s / sample_s).round() as usize + 1;
+        let commands: Vec<Vec<f64>> = (0..n_rows)
+            .map(|row| (0..n_joints).map(|joint| command(run, joint, row as f64 * sample_s)).collect())
+            .collect();
+        let mut play = Play::new(self, &run.free);
+        let mut seen = Vec::with_capacity(n_rows);
+        for row in 0..n_rows {
+            seen.push(play.seen());
+            if row + 1 < n_rows {
+                play.sample(&commands, row)?;
+            }
+        }
+        Ok(Trace { commands, seen })
+    }
+
+    /// The logs that its runs leave, and `experiment.toml`.
+    pub fn files(&self, traces: &[Trace]) -> Files {
+        let recipe = self.recipe;
+        let mut noise = Noise::new(recipe.seed);
+        let mut files = Files::new();
+        let mut experiment = format!(
+            "# Made by dynid-plant: seed {}, position noise {} rms, quantum {}.\n\
+             # tau is held from its row to the next. Every run starts at rest with undeflected bristles.\n\
+             device = \"{}\"\n",
+            recipe.seed, recipe.noise_rms, recipe.quantum, recipe.device
+        );
+        for (run, trace) in recipe.runs.iter().zip(traces) {
+            let RunEntry { file, free, role, .. } = run;
+            let _ = write!(experiment, "\n[[run]]\nfile = \"{file}\"\nfree = {free:?}\nrole = \"{role}\"\n");
+            files.insert(file.clone(), self.log(run, trace, &mut noise));
+        }
+        files.insert("experiment.toml".to_owned(), experiment);
+        files
+    }
+
+    /// The log that a run leaves.
+    fn log(&self, run: &RunEntry, trace: &Trace, noise: &mut Noise) -> String {
+        let recipe = self.recipe;
+        let n_joints = self.mechanism.n_joints();
+        let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();
+        let mut log = format!("t{}{}\n", names("tau"), names("q"));
+        for (row, (commands, seen)) in trace.commands.iter().zip(&trace.seen).enumerate() {
+            let _ = write!(log, "{}", trimmed(row as f64 * recipe.sample_s, 6));
+            for command in commands {
+                let _ = write!(log, ",{}", trimmed(*command, 6));
+            }
+            for joint in 0..n_joints {
+                // a locked joint is held by its brake: its encoder shows one angle
+                let q = match run.free.iter().position(|&free| free == joint) {
+                    Some(slot) => seen[slot] + recipe.noise_rms * noise.gaussian(),
+                    None => self.effects[joint].seen(recipe.start[joint]),
+                };
+                let shown = if recipe.quantum > 0.0 { (q / recipe.quantum).round() * recipe.quantum } else { q };
+                let _ = write!(log, ",{}", trimmed(shown, 9));
+            }
+            log.push('\n');
+        }
+        log
+    }
 }
 
 /// Commanded torque, rounded as the log shows it.
@@ -227,39 +254,118 @@ fn trimmed(value: f64, decimals: usize) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
-impl Play<'_> {
-    /// One step of the classical fourth-order Runge-Kutta method.
-    fn step(&self, state: &mut [f64], commands: &[f64], step: f64) -> Result<(), String> {
+/// Everything that moves.
+struct Play<'a> {
+    plant: &'a Plant<'a>,
+    free: &'a [usize],
+    /// Positions and speeds of the free joints, then the states of all effects.
+    state: Vec<f64>,
+    /// What leaves the lag of every free joint's drive.
+    lagged: Vec<f64>,
+}
+
+/// A stretch of time over which nothing arrives anew at any drive.
+struct Stretch<'a> {
+    /// s
+    start: f64,
+    /// As the log shows them.
+    commands: &'a [f64],
+    /// What enters the lag of every free joint's drive.
+    entering: &'a [f64],
+    /// What left the lag at the start.
+    before: &'a [f64],
+}
+
+impl<'a> Play<'a> {
+    fn new(plant: &'a Plant<'a>, free: &'a [usize]) -> Self {
+        let n_states: usize = free.iter().map(|&joint| plant.effects[joint].n_states()).sum();
+        let mut state = vec![0.0; 2 * free.len() + n_states];
+        for (slot, &joint) in free.iter().enumerate() {
+            state[slot] = plant.recipe.start[joint];
+        }
+        Self { plant, free, state, lagged: vec![0.0; free.len()] }
+    }
+
+    /// What the encoders would show without noise.
+    fn seen(&self) -> Vec<f64> {
+        self.free.iter().zip(&self.state).map(|(&joint, &q)| self.plant.effects[joint].seen(q)).collect()
+    }
+
+    /// From one row to the next, in stretches that end where a delayed command arrives: a staircase stays a staircase.
+    fn sample(&mut self, commands: &[Vec<f64>], row: usize) -> Result<(), String> {
+        let recipe = self.plant.recipe;
+        let (sample_s, start) = (recipe.sample_s, row as f64 * recipe.sample_s);
+        let mut ends: Vec<f64> =
+            self.free.iter().map(|&joint| self.plant.effects[joint].drive.delay.rem_euclid(sample_s)).collect();
+        ends.push(sample_s);
+        ends.retain(|end| *end > 1e-9 * sample_s);
+        ends.sort_by(f64::total_cmp);
+        ends.dedup();
+        let mut from = 0.0;
+        for end in ends {
+            let middle = start + 0.5 * (from + end);
+            let entering: Vec<f64> = self
+                .free
+                .iter()
+                .map(|&joint| {
+                    let drive = &self.plant.effects[joint].drive;
+                    let arrived = (middle - drive.delay) / sample_s;
+                    // before the log its first command stands; the cast takes what is negative to row 0
+                    drive.before_lag(commands[arrived as usize][joint])
+                })
+                .collect();
+            let before = self.lagged.clone();
+            let stretch =
+                Stretch { start: start + from, commands: &commands[row], entering: &entering, before: &before };
+            let steps = ((end - from) / sample_s * recipe.steps_per_sample as f64 - 1e-6).ceil().max(1.0);
+            let step = (end - from) / steps;
+            for k in 0..steps as usize {
+                self.step(&stretch, k as f64 * step, step)?;
+            }
+            for (slot, &joint) in self.free.iter().enumerate() {
+                self.lagged[slot] = self.plant.effects[joint].drive.lagged(before[slot], entering[slot], end - from);
+            }
+            from = end;
+        }
+        Ok(())
+    }
+
+    /// One step of the classical fourth-order Runge-Kutta method, `elapsed` seconds into the stretch.
+    fn step(&mut self, stretch: &Stretch<'_>, elapsed: f64, step: f64) -> Result<(), String> {
+        let state = &self.state;
         let ahead = |slope: &[f64], part: f64| -> Vec<f64> {
             state.iter().zip(slope).map(|(x, k)| x + part * step * k).collect()
         };
-        let k1 = self.rates(state, commands)?;
-        let k2 = self.rates(&ahead(&k1, 0.5), commands)?;
-        let k3 = self.rates(&ahead(&k2, 0.5), commands)?;
-        let k4 = self.rates(&ahead(&k3, 1.0), commands)?;
-        for (index, x) in state.iter_mut().enumerate() {
+        let k1 = self.rates(state, stretch, elapsed)?;
+        let k2 = self.rates(&ahead(&k1, 0.5), stretch, elapsed + 0.5 * step)?;
+        let k3 = self.rates(&ahead(&k2, 0.5), stretch, elapsed + 0.5 * step)?;
+        let k4 = self.rates(&ahead(&k3, 1.0), stretch, elapsed + step)?;
+        for (index, x) in self.state.iter_mut().enumerate() {
             *x += step / 6.0 * (k1[index] + 2.0 * (k2[index] + k3[index]) + k4[index]);
         }
         Ok(())
     }
 
-    fn rates(&self, state: &[f64], commands: &[f64]) -> Result<Vec<f64>, String> {
+    fn rates(&self, state: &[f64], stretch: &Stretch<'_>, elapsed: f64) -> Result<Vec<f64>, String> {
         let n = self.free.len();
-        let (mut q, mut dq) = (self.start.to_vec(), vec![0.0; self.start.len()]);
+        let (mut q, mut dq) = (self.plant.recipe.start.clone(), vec![0.0; self.plant.recipe.start.len()]);
         for (slot, &joint) in self.free.iter().enumerate() {
             q[joint] = state[slot];
             dq[joint] = state[n + slot];
         }
-        let (mut inertia, bias) = self.mechanism.inertia_and_bias(self.free, &q, &state[n..2 * n]);
+        let (mut inertia, bias) = self.plant.mechanism.inertia_and_bias(self.free, &q, &state[n..2 * n]);
         let mut rates = vec![0.0; state.len()];
         let mut force = DVector::zeros(n);
-        let mut bristle = 2 * n;
+        let mut used = 2 * n;
         for (slot, &joint) in self.free.iter().enumerate() {
-            let effects = &self.effects[joint];
-            let end = bristle + effects.n_states();
-            let load = effects.load(joint, &q, &dq, &state[bristle..end], &mut rates[bristle..end]);
-            bristle = end;
-            force[slot] = effects.drive(joint, commands) - load - bias[slot];
+            let effects = &self.plant.effects[joint];
+            let own = used..used + effects.n_states();
+            used = own.end;
+            let time = stretch.start + elapsed;
+            let lagged = effects.drive.lagged(stretch.before[slot], stretch.entering[slot], elapsed);
+            let motor = effects.drive.torque(lagged, stretch.commands, q[joint], time);
+            let moment = Moment { joint, q: &q, dq: &dq, time, torque: motor, commands: stretch.commands };
+            force[slot] = effects.torque(&moment, motor, &state[own.clone()], &mut rates[own]) - bias[slot];
             inertia[slot * n + slot] += effects.rotor_inertia;
             for &(other, rotor) in &effects.rotor_couplings {
                 if let Some(other) = self.free.iter().position(|&free| free == other) {
@@ -272,6 +378,9 @@ impl Play<'_> {
             .cholesky()
             .ok_or("the inertia matrix is not positive: no body has these parameters")?;
         let acceleration = factors.solve(&force);
+        if !acceleration.iter().all(|a| a.is_finite()) {
+            return Err("the motion diverges: take more steps per sample".to_owned());
+        }
         rates[..n].copy_from_slice(&state[n..2 * n]);
         rates[n..2 * n].copy_from_slice(acceleration.as_slice());
         Ok(rates)

@@ -291,12 +291,17 @@ fn christoffel_matrix_passes_the_skew_test() {
 /// With every other joint still, a part of the joints obeys the rows and columns of the whole.
 #[test]
 fn locked_joints_leave_a_part_of_the_equations() {
-    let (_, tree) = tree(Convention::Modified);
-    let (d, h) = tree.inertia_and_bias(&[1, 3], &Q, &[0.8, -0.5]);
-    let whole = tree.inertia(&Q);
-    assert_close(&d, &[whole[5], whole[7], whole[13], whole[15]], 1e-14);
-    let bias = tree.bias(&Q, &[0.0, 0.8, 0.0, -0.5]);
-    assert_close(&h, &[bias[1], bias[3]], 1e-14);
+    for convention in [Convention::Standard, Convention::Modified] {
+        let (_, tree) = tree(convention);
+        let whole = tree.inertia(&Q);
+        let (d, h) = tree.inertia_and_bias(&[1, 3], &Q, &[0.8, -0.5]);
+        assert_close(&d, &[whole[5], whole[7], whole[13], whole[15]], 1e-14);
+        let bias = tree.bias(&Q, &[0.0, 0.8, 0.0, -0.5]);
+        assert_close(&h, &[bias[1], bias[3]], 1e-14);
+        let (d, h) = tree.inertia_and_bias(&[0, 1, 2, 3], &Q, &DQ);
+        assert_close(&d, &whole, 1e-14);
+        assert_close(&h, &tree.bias(&Q, &DQ), 1e-14);
+    }
 }
 
 /// Left to itself the tree keeps its energy.

@@ -1,0 +1,1 @@
+//! Putting the program through a case, as a user would.

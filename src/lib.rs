@@ -2,6 +2,7 @@
 
 pub mod checkpoint;
 pub mod compare;
+pub mod diagnose;
 pub mod error;
 pub mod excite;
 pub mod experiment;
@@ -13,6 +14,7 @@ pub mod model;
 pub mod output;
 pub mod plan;
 pub mod plot;
+pub mod quality;
 pub mod random;
 pub mod report;
 pub mod signal;

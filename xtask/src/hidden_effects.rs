@@ -28,6 +28,9 @@ pub struct Arguments {
     /// Only fit the machines' own models: do plant and program agree about every effect?
     #[arg(long, conflicts_with = "write")]
     truth: bool,
+    /// The program to put to the test, instead of the one that is built from here.
+    #[arg(long, value_name = "FILE")]
+    program: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -49,8 +52,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         })?;
         return Ok(());
     }
-    shell::succeed(&mut shell::cargo(&["build", "--release", "--locked", "--package", "dynid"]))?;
-    let program = shell::root().join("target/release").join(format!("dynid{}", std::env::consts::EXE_SUFFIX));
+    let program = match &arguments.program {
+        Some(program) => program.canonicalize().with_context(|| program.display().to_string())?,
+        None => {
+            shell::succeed(&mut shell::cargo(&["build", "--release", "--locked", "--package", "dynid"]))?;
+            shell::root().join("target/release").join(format!("dynid{}", std::env::consts::EXE_SUFFIX))
+        }
+    };
     let folder = shell::root().join("target/hidden-effects");
     if arguments.truth {
         return fit_the_truths(&cases, arguments.jobs, &folder, &program);

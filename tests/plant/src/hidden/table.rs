@@ -108,9 +108,9 @@ fn plans() -> Vec<Plan> {
         hidden(DOUBLE, &[0, 1], "coulomb", "rotor_inertia@1 Ia=0.006").no("rotor_inertia@1").links_within(0.05),
         hidden(PLANAR, &[0, 1], "coulomb", "rotor_coupling@1<0 Ia=0.01").links_within(0.03),
         // sensors
-        hidden(SERVO, &[0], "coulomb", "sensor_offset@0 shift=0.06").drive(1.6),
+        hidden(SERVO, &[0], "coulomb", "sensor_offset@0 shift=0.06").drive(1.15),
         hidden(PLANAR, &[0, 1], "coulomb", "sensor_offset@1 shift=0.05").drive(1.3).links_within(0.03),
-        hidden(SERVO, &[0], "coulomb", "sensor_scale@0 scale=0.06").drive(1.6),
+        hidden(SERVO, &[0], "coulomb", "sensor_scale@0 scale=0.06").drive(1.15),
         hidden(PLANAR, &[0, 1], "coulomb", "sensor_scale@0 scale=0.03").drive(1.3),
         // nothing
         nothing(ARM, &[0], "lugre"),
@@ -141,7 +141,7 @@ fn plans() -> Vec<Plan> {
         outside(ARM, &[3, 4, 5], "viscous", "gyroscopic@3<4 other=5 G=0.004").term("dq4*dq5"),
         outside(ARM, &[3], "coulomb", "gain_ripple@3 a=0.15 k=9").term("tau3*sin(q3)"),
         outside(ARM, &[4], "viscous", "command_root@4 c0=0.004"),
-        outside(SERVO, &[0], "coulomb", "command_cubic@0 k3=0.012").term("tau0*tau0*tau0"),
+        outside(SERVO, &[0], "coulomb", "command_cubic@0 k3=0.012").drive(0.75).term("tau0*tau0*tau0"),
         outside(ARM, &[0, 1], "viscous", "friction_position_from@0<1 F=0.02 q0=0.1 v_eps=0.01").term("q1*sign(dq0)"),
         outside(ARM, &[4, 5], "viscous", "spring_between@4<5 K=0.008 ratio=1").term("q5"),
         outside(SERVO, &[0], "coulomb", "resonance@0 J=0.002 K=1.2 d=0.004"),

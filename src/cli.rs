@@ -14,6 +14,7 @@ mod interrupt;
 mod ladder;
 mod plan;
 mod progress;
+mod report;
 mod simulate;
 mod table;
 mod tabulate;
@@ -44,6 +45,7 @@ The loop, all of it plain files:
   dynid diagnose experiment.toml --model fitted.toml             which effect is missing
   dynid add      coulomb --joint 2 --model fitted.toml --out better.toml
   dynid ladder   experiment.toml believed.toml fitted.toml       models of a lineage on the same runs
+  dynid report   experiment.toml fitted.toml --out report.html   one page that opens with no network
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
 
@@ -72,6 +74,8 @@ enum Verb {
     Add(add::Arguments),
     /// The models of a lineage on the same runs: watch the error fall.
     Ladder(ladder::Arguments),
+    /// One page with all that is known of a model and its logs.
+    Report(report::Arguments),
     /// Parameters of several models side by side.
     Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
@@ -108,6 +112,7 @@ pub fn main() -> ExitCode {
         Verb::Diagnose(arguments) => diagnose::run(arguments),
         Verb::Add(arguments) => add::run(arguments),
         Verb::Ladder(arguments) => ladder::run(arguments),
+        Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
     };

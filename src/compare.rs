@@ -314,14 +314,19 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
 
 /// The noise of a logged position: what its fourth differences show, at least that of its last digit, `digit / sqrt(12)`,
 /// which a position at rest does not show.
-fn noise_of_log(measured: &[f64]) -> f64 {
+pub(crate) fn noise_of_log(measured: &[f64]) -> f64 {
+    noise_floor(measured).max(last_digit(measured) / 12.0_f64.sqrt())
+}
+
+/// The smallest step between samples that is not rounding of the decimal text: the last digit of the log. Zero for a
+/// position that does not move.
+pub(crate) fn last_digit(measured: &[f64]) -> f64 {
     /// Smaller differences are rounding of the decimal text, not digits.
     const ROUNDING: f64 = 1e-9;
     let size = measured.iter().fold(0.0_f64, |size, q| size.max(q.abs()));
     let steps = measured.windows(2).map(|pair| (pair[1] - pair[0]).abs());
     let digit = steps.filter(|step| *step > ROUNDING * size).fold(f64::INFINITY, f64::min);
-    let of_digit = if digit.is_finite() { digit / 12.0_f64.sqrt() } else { 0.0 };
-    noise_floor(measured).max(of_digit)
+    if digit.is_finite() { digit } else { 0.0 }
 }
 
 fn rms(values: &[f64]) -> f64 {

@@ -14,6 +14,7 @@ pub mod model;
 pub mod output;
 pub mod plan;
 pub mod plot;
+pub mod quality;
 pub mod random;
 pub mod report;
 pub mod signal;

@@ -5,6 +5,7 @@
 //! It carries no font, no script and no reference to anything outside itself.
 
 pub mod steps;
+pub mod terms;
 
 use std::fmt::Write;
 
@@ -49,6 +50,9 @@ const GAP: f64 = 18.0;
 const RESIDUAL: f64 = 90.0;
 const FOOT: f64 = 40.0;
 
+/// What a vertical axis has above and below its values, as a share of their range.
+const MARGIN: f64 = 0.06;
+
 /// Rules for every picture on a page; [`standalone`] brings them along.
 pub const STYLE: &str = "\
 .dynid-plot{font:12px system-ui,sans-serif;--ink:#1b1f24;--faint:#6a737d;--grid:#dfe3e8;--paper:#ffffff;\
@@ -61,6 +65,7 @@ pub const STYLE: &str = "\
 .dynid-plot .grid{stroke:var(--grid);stroke-width:1}.dynid-plot .frame{stroke:var(--faint);stroke-width:1;fill:none}\
 .dynid-plot .measured{stroke:var(--measured);stroke-width:5;fill:none;stroke-linejoin:round}\
 .dynid-plot .predicted{stroke:var(--predicted);stroke-width:1.4;fill:none;stroke-linejoin:round}\
+.dynid-plot .curve{vector-effect:non-scaling-stroke}.dynid-plot .view{overflow:hidden}\
 .dynid-plot .residual{stroke:var(--ink);stroke-width:1;fill:none}\
 .dynid-plot{--hue0:#0072b2;--hue1:#b84a00;--hue2:#00775a;--hue3:#a8326f;--hue4:#7a5c00;--hue5:#3d3d3d}\
 @media screen and (prefers-color-scheme:dark){.dynid-plot{--hue0:#56b4e9;--hue1:#ffa94d;--hue2:#3ecfa3;--hue3:#e79cc2;\
@@ -73,55 +78,61 @@ stroke-dasharray:2 4;fill:none}\
 .dynid-plot .mark.hue2,.dynid-plot text.hue2{fill:var(--hue2)}.dynid-plot .mark.hue3,.dynid-plot text.hue3{fill:var(--hue3)}\
 .dynid-plot .mark.hue4,.dynid-plot text.hue4{fill:var(--hue4)}.dynid-plot .mark.hue5,.dynid-plot text.hue5{fill:var(--hue5)}";
 
+/// What a picture on a page can do where scripts run: zoom and pan. It needs nothing but the page.
+pub const SCRIPT: &str = include_str!("plot/zoom.js");
+
 /// A picture that stands alone as an `.svg` file: all panels below each other.
 pub fn standalone(panels: &[Panel]) -> String {
-    let each = panel_height();
-    let height = each * panels.len() as f64;
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" \
-         width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n<style>{STYLE}</style>\n"
-    );
-    for (index, panel) in panels.iter().enumerate() {
-        let _ = writeln!(svg, "<g transform=\"translate(0 {})\">", each * index as f64);
-        draw(&mut svg, panel);
-        svg.push_str("</g>\n");
-    }
-    svg.push_str("</svg>\n");
-    svg
+    stacked(panels.len(), panel_height(), |svg, index| draw(svg, &panels[index]))
 }
 
 /// Curves below each other, as an `.svg` file.
 pub fn curves(curves: &[Curve]) -> String {
-    let each = TITLE + OVERLAY + FOOT;
-    let height = each * curves.len() as f64;
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" \
-         width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n<style>{STYLE}</style>\n\
-         <rect class=\"paper\" width=\"{WIDTH}\" height=\"{height}\"/>\n"
-    );
-    for (index, own) in curves.iter().enumerate() {
-        let _ = writeln!(svg, "<g transform=\"translate(0 {})\">", each * index as f64);
+    stacked(curves.len(), TITLE + OVERLAY + FOOT, |svg, index| {
+        let own = &curves[index];
+        let _ = writeln!(svg, "<rect class=\"paper\" width=\"{WIDTH}\" height=\"{}\"/>", TITLE + OVERLAY + FOOT);
         let _ = writeln!(svg, "<text class=\"title\" x=\"{LEFT}\" y=\"20\">{}</text>", escaped(&own.title));
         let area = Area { top: TITLE, height: OVERLAY };
         let time = Axis::around(&[&own.time], 8, Margin::None);
         let values = Axis::around(&[&own.values], 6, Margin::Some);
-        frame(&mut svg, &area, &time, &values, &own.quantity);
-        curve(&mut svg, "predicted", &area, &time, &values, &own.time, &own.values);
-        foot(&mut svg, &time, TITLE + OVERLAY);
+        frame(svg, &area, &time, &values, &own.quantity);
+        view(svg, &area, &values, |svg| curve(svg, "predicted", "", &area, &time, &values, &own.time, &own.values));
+        foot(svg, &time, TITLE + OVERLAY);
+    })
+}
+
+/// Pictures of one height below each other, as an `.svg` file.
+fn stacked(count: usize, each: f64, draw: impl Fn(&mut String, usize)) -> String {
+    let height = each * count as f64;
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" \
+         width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n<style>{STYLE}</style>\n"
+    );
+    for index in 0..count {
+        let _ = writeln!(svg, "<g transform=\"translate(0 {})\">", each * index as f64);
+        draw(&mut svg, index);
         svg.push_str("</g>\n");
     }
     svg.push_str("</svg>\n");
     svg
 }
 
-/// A picture for a page that has [`STYLE`] in its head.
+/// A picture for a page that has [`STYLE`] in its head; with [`SCRIPT`] at its end it can be zoomed.
 pub fn inline(panel: &Panel) -> String {
-    let height = panel_height();
+    on_page(&panel.title, &panel.time, panel_height(), |svg| draw(svg, panel))
+}
+
+/// The frame of a picture over time on a page.
+fn on_page(title: &str, time: &[f64], height: f64, draw: impl Fn(&mut String)) -> String {
+    let time = Axis::around(&[time], 8, Margin::None);
     let mut svg = format!(
-        "<svg class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"{}\">\n",
-        escaped(&panel.title)
+        "<svg class=\"dynid-plot\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"{}\" \
+         data-from=\"{}\" data-to=\"{}\">\n",
+        escaped(title),
+        time.from,
+        time.to
     );
-    draw(&mut svg, panel);
+    draw(&mut svg);
     svg.push_str("</svg>\n");
     svg
 }
@@ -158,27 +169,32 @@ fn draw(svg: &mut String, panel: &Panel) {
 
     let top = Area { top: TITLE, height: OVERLAY };
     frame(svg, &top, &time, &upper, &format!("{} [{}]", panel.quantity, panel.unit));
-    curve(svg, "measured", &top, &time, &upper, &panel.time, &panel.measured);
-    curve(svg, "predicted", &top, &time, &upper, &panel.time, &panel.predicted);
+    view(svg, &top, &upper, |svg| {
+        curve(svg, "measured", "", &top, &time, &upper, &panel.time, &panel.measured);
+        curve(svg, "predicted", "", &top, &time, &upper, &panel.time, &panel.predicted);
+    });
 
     let bottom = Area { top: TITLE + OVERLAY + GAP, height: RESIDUAL };
-    if band > 0.0 {
-        let (high, low) = (bottom.y(&lower, band), bottom.y(&lower, -band));
-        let _ = writeln!(
-            svg,
-            "<rect class=\"band\" x=\"{LEFT}\" y=\"{high:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
-            WIDTH - LEFT - RIGHT,
-            low - high
-        );
-    }
     frame(svg, &bottom, &time, &lower, &format!("residual [{}]", panel.unit));
-    curve(svg, "residual", &bottom, &time, &lower, &panel.time, &residual);
+    view(svg, &bottom, &lower, |svg| {
+        if band > 0.0 {
+            let (high, low) = (bottom.y(&lower, band), bottom.y(&lower, -band));
+            let _ = writeln!(
+                svg,
+                "<rect class=\"band\" x=\"0\" y=\"{high:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
+                WIDTH - LEFT - RIGHT,
+                low - high
+            );
+        }
+        curve(svg, "residual", "", &bottom, &time, &lower, &panel.time, &residual);
+    });
 
     foot(svg, &time, bottom.top + bottom.height);
 }
 
 /// The labels of the time axis below `y`.
 fn foot(svg: &mut String, time: &Axis, y: f64) {
+    let _ = writeln!(svg, "<g class=\"foot\" data-y=\"{y}\">");
     for &tick in &time.ticks {
         let x = time.place(tick, LEFT, WIDTH - RIGHT);
         let label = time.label(tick);
@@ -188,6 +204,7 @@ fn foot(svg: &mut String, time: &Axis, y: f64) {
             y + 15.0
         );
     }
+    svg.push_str("</g>\n");
     let _ = writeln!(
         svg,
         "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">time [s]</text>",
@@ -215,15 +232,30 @@ struct Area {
 }
 
 impl Area {
+    /// From the area's own upper edge.
     fn y(&self, axis: &Axis, value: f64) -> f64 {
-        axis.place(value, self.top + self.height, self.top)
+        axis.place(value, self.height, 0.0)
     }
+}
+
+/// What moves when the picture is zoomed: a picture within the picture, in the area's own coordinates.
+fn view(svg: &mut String, place: &Area, values: &Axis, draw: impl FnOnce(&mut String)) {
+    let (width, height, top) = (WIDTH - LEFT - RIGHT, place.height, place.top);
+    let _ = writeln!(
+        svg,
+        "<svg class=\"view\" data-view=\"{top}\" data-low=\"{}\" data-high=\"{}\" data-margin=\"{MARGIN}\" x=\"{LEFT}\" \
+         y=\"{top}\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" preserveAspectRatio=\"none\">",
+        values.from, values.to
+    );
+    draw(svg);
+    svg.push_str("</svg>\n");
 }
 
 fn frame(svg: &mut String, place: &Area, time: &Axis, values: &Axis, label: &str) {
     let right = WIDTH - RIGHT;
+    let _ = writeln!(svg, "<g class=\"grid-of\" data-view=\"{}\">", place.top);
     for &tick in &values.ticks {
-        let y = place.y(values, tick);
+        let y = place.top + place.y(values, tick);
         let _ = writeln!(
             svg,
             "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{right}\"/>\
@@ -237,6 +269,7 @@ fn frame(svg: &mut String, place: &Area, time: &Axis, values: &Axis, label: &str
         let x = time.place(tick, LEFT, right);
         let _ = writeln!(svg, "<path class=\"grid\" d=\"M{x:.1} {}v{}\"/>", place.top, place.height);
     }
+    svg.push_str("</g>\n");
     let middle = place.top + 0.5 * place.height;
     let _ = writeln!(
         svg,
@@ -249,11 +282,22 @@ fn frame(svg: &mut String, place: &Area, time: &Axis, values: &Axis, label: &str
     );
 }
 
-fn curve(svg: &mut String, class: &str, place: &Area, time: &Axis, axis: &Axis, times: &[f64], values: &[f64]) {
+/// A curve in the coordinates of a [`view`]; `more` is further attributes.
+#[expect(clippy::too_many_arguments, reason = "two signals with an axis each, in a place, in a style")]
+fn curve(
+    svg: &mut String,
+    class: &str,
+    more: &str,
+    place: &Area,
+    time: &Axis,
+    axis: &Axis,
+    times: &[f64],
+    values: &[f64],
+) {
     let points: Vec<(f64, f64)> = times
         .iter()
         .zip(values)
-        .map(|(&t, &value)| (time.place(t, LEFT, WIDTH - RIGHT), place.y(axis, value)))
+        .map(|(&t, &value)| (time.place(t, 0.0, WIDTH - LEFT - RIGHT), place.y(axis, value)))
         .collect();
     let mut path = String::new();
     // what is not a number leaves a gap
@@ -262,7 +306,7 @@ fn curve(svg: &mut String, class: &str, place: &Area, time: &Axis, axis: &Axis, 
             let _ = write!(path, "{}{x:.1} {y:.1}", if index == 0 { 'M' } else { 'L' });
         }
     }
-    let _ = writeln!(svg, "<path class=\"{class}\" d=\"{path}\"/>");
+    let _ = writeln!(svg, "<path class=\"{class} curve\"{more} d=\"{path}\"/>");
 }
 
 /// At most four points per half pixel: first, lowest, highest, last. The drawn line is the same, the file small.
@@ -307,7 +351,7 @@ impl Axis {
             (from, to) = (from - half, to + half);
         }
         if margin == Margin::Some {
-            let extra = 0.06 * (to - from);
+            let extra = MARGIN * (to - from);
             (from, to) = (from - extra, to + extra);
         }
         let step = round_step((to - from) / n_ticks as f64);
@@ -381,7 +425,7 @@ mod tests {
         let time = (0..5).map(f64::from).collect();
         let panel = Panel { time, measured: values.clone(), predicted: values, ..Panel::default() };
         let svg = inline(&panel);
-        let measured = svg.lines().rfind(|line| line.starts_with("<path class=\"measured\"")).unwrap();
+        let measured = svg.lines().rfind(|line| line.starts_with("<path class=\"measured ")).unwrap();
         assert_eq!(measured.matches('M').count(), 2, "{measured}");
         assert!(!svg.contains("NaN"));
     }

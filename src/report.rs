@@ -1,15 +1,21 @@
 //! A report is a list of sections on one page that opens with no network: no font, script, style or picture comes
 //! from anywhere but the page itself.
 
+mod diagnosis;
+mod findings;
 mod ladder;
 mod models;
 mod sections;
+mod sheet;
 
 use std::fmt::Write;
 
+pub use diagnosis::{Ranking, placed, sentences};
+pub use findings::{TorqueTerms, Where};
 pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
-pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Verdict};
+pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
+pub use sheet::{DataQuality, Sheet};
 
 use crate::plot;
 
@@ -36,7 +42,19 @@ th{color:var(--faint);font-weight:600}th.word,td.word{text-align:left}\
 figure{margin:1rem 0}figure svg{width:100%;height:auto;display:block}\
 dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1rem}dt{color:var(--faint)}\
 dd{margin:0;overflow-wrap:anywhere}\
-@media print{body{margin:0;max-width:none}figure,table{break-inside:avoid}}";
+h3{font-size:1rem;margin:1.2rem 0 .3rem}ul{margin:.2rem 0;padding-left:1.2rem}summary{cursor:pointer;margin:.6rem 0}\
+.columns{display:grid;grid-template-columns:repeat(auto-fit,minmax(16rem,1fr));gap:0 2rem}\
+table.prose td{vertical-align:top}table.prose td:last-child{white-space:normal;min-width:16rem}\
+.bar{position:relative;display:inline-block;width:5rem;height:.8rem;background:var(--line)}\
+.bar span{position:absolute;left:0;top:0;bottom:0;background:#0072b2}\
+.bar i{position:absolute;top:-.15rem;bottom:-.15rem;width:2px;background:var(--ink)}\
+.zoom-buttons{display:flex;gap:.3rem;justify-content:flex-end}.zoom-buttons button{font:inherit;min-width:2rem;padding:.1rem .4rem;\
+color:var(--ink);background:var(--paper);border:1px solid var(--line);border-radius:.25rem;cursor:pointer}\
+pre{overflow-x:auto;font:.85em/1.5 ui-monospace,monospace;margin:.5rem 0;white-space:pre-wrap;overflow-wrap:anywhere}\
+nav{font-size:.92rem;margin:0 0 1rem}nav a{color:inherit;margin-right:1rem;white-space:nowrap}\
+@media print{body{margin:0;max-width:none;font-size:10pt}figure,tr,h2,h3{break-inside:avoid}h2,h3{break-after:avoid}\
+.wide{overflow:visible}table{font-size:7.5pt}th,td{padding:.1rem .25rem}.zoom-buttons,nav{display:none}\
+.bar,.bar *{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// The page.
 pub fn page(title: &str, sections: &[&dyn Section]) -> String {
@@ -49,6 +67,9 @@ pub fn page(title: &str, sections: &[&dyn Section]) -> String {
     );
     for section in sections {
         let _ = write!(html, "<section>\n<h2>{}</h2>\n{}</section>\n", plot::escaped(section.title()), section.html());
+    }
+    if html.contains("<svg class=\"view\"") {
+        let _ = write!(html, "<script>\n{}</script>\n", plot::SCRIPT);
     }
     html.push_str("</body>\n</html>\n");
     html
@@ -106,7 +127,8 @@ mod tests {
         let verdict = Verdict { sentences: vec!["The <model> explains the log.".to_owned()] };
         let figures = Figures { title: "Where".to_owned(), panels: vec![plot::Panel::default()], note: String::new() };
         let html = page("A & B", &[&verdict, &figures]);
-        for outside in ["http", "src=", "href=", "@import", "url("] {
+        assert!(html.contains("<script>"), "pictures can be zoomed");
+        for outside in ["http", "src=", "href=", "@import", "url(", "import "] {
             assert!(!html.contains(outside), "{outside} in the page");
         }
         assert!(html.contains("The &lt;model&gt; explains"));

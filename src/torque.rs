@@ -8,10 +8,12 @@
 
 mod motion;
 mod states;
+mod terms;
 
 use rayon::prelude::*;
 
 pub use motion::{Motion, MotionError};
+pub use terms::{JointTerms, terms};
 
 use crate::{
     experiment::Run,

@@ -54,8 +54,9 @@ pub struct Arguments {
     force: bool,
 }
 
+/// Which of the two errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Shown {
+pub enum Shown {
     Torque,
     Position,
     Both,
@@ -232,7 +233,7 @@ fn page(
     if let Some(fit) = &model.fit {
         entries.push(("fitted to".to_owned(), format!("logs with sha256 {}", fit.data_digest)));
     }
-    let provenance = Provenance { entries };
+    let provenance = Provenance { entries, ..Provenance::default() };
     let mut sections: Vec<&dyn Section> = vec![&verdict, &accuracy];
     sections.extend(figures.iter().map(|figures| figures as &dyn Section));
     if !models.rows.is_empty() {
@@ -266,7 +267,8 @@ fn sentences(comparison: &Comparison) -> Vec<String> {
     sentences
 }
 
-fn run_panels(device: &Device, run: &Run, compared: &RunComparison, shown: Shown) -> Vec<Panel> {
+/// Pictures of a run: position and torque of each joint.
+pub fn run_panels(device: &Device, run: &Run, compared: &RunComparison, shown: Shown) -> Vec<Panel> {
     let mut panels = Vec::new();
     for (slot, joint) in compared.joints.iter().enumerate() {
         let kind = device.joints[joint.joint].kind;

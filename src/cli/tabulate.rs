@@ -153,7 +153,7 @@ fn page(models: &[(String, Model)], table: &Models, paths: &[PathBuf]) -> String
         }
     }
     entries.push(("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))));
-    let provenance = Provenance { entries };
+    let provenance = Provenance { entries, ..Provenance::default() };
     let budgets: Vec<Budget> = models
         .iter()
         .filter_map(|(name, model)| {

@@ -375,6 +375,7 @@ impl Tour<'_> {
                 ("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))),
                 ("command".to_owned(), "dynid tour".to_owned()),
             ],
+            ..Provenance::default()
         };
         report::page(
             "One joint of a robot, identified from its logs",

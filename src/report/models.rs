@@ -78,7 +78,7 @@ impl Standing {
         }
     }
 
-    fn of(fit: &FitRecord, name: &str) -> Self {
+    pub(super) fn of(fit: &FitRecord, name: &str) -> Self {
         if fit.at_bound.iter().any(|other| other == name) {
             Self::HeldByBound
         } else if fit.not_identifiable.iter().any(|other| other == name) {

@@ -29,6 +29,27 @@ impl Section for Verdict {
     }
 }
 
+/// Sentences, one a line.
+#[derive(Debug, Clone, Default)]
+pub struct Sentences {
+    /// Heading.
+    pub title: String,
+    /// Each a line of a list.
+    pub sentences: Vec<String>,
+}
+
+impl Section for Sentences {
+    fn title(&self) -> &str {
+        &self.title
+    }
+
+    fn html(&self) -> String {
+        let lines: Vec<String> =
+            self.sentences.iter().map(|sentence| format!("<li>{}</li>", escaped(sentence))).collect();
+        format!("<ul>\n{}\n</ul>\n", lines.join("\n"))
+    }
+}
+
 /// Error per run and joint, for one model after the other: a ladder that should lead down.
 #[derive(Debug, Clone, Default)]
 pub struct Errors {
@@ -165,6 +186,8 @@ impl Section for Parameters {
 pub struct Provenance {
     /// What and its value, e.g. `log`, `sha256 3f..`.
     pub entries: Vec<(String, String)>,
+    /// Commands that lead here.
+    pub commands: Vec<String>,
 }
 
 impl Provenance {
@@ -187,7 +210,7 @@ impl Provenance {
         }
         entries.push(("device".to_owned(), experiment.device.id.clone()));
         entries.push(("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))));
-        Self { entries }
+        Self { entries, commands: Vec::new() }
     }
 }
 
@@ -202,6 +225,9 @@ impl Section for Provenance {
             let _ = writeln!(html, "<dt>{}</dt><dd>{}</dd>", escaped(what), escaped(value));
         }
         html.push_str("</dl>\n");
+        if !self.commands.is_empty() {
+            let _ = writeln!(html, "<p>Commands:</p>\n<pre>{}</pre>", escaped(&self.commands.join("\n")));
+        }
         html
     }
 }

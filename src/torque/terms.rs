@@ -1,0 +1,109 @@
+//! The torque of a measured motion, taken apart into physical terms.
+//!
+//! `command = D ddq + C dq + phi + effects + what is left`, all brought to the unit of the command and through the filter
+//! that the torque error passes. The term of an effect is what the torque error has more without it.
+
+use dynid_model::{Place, Stage};
+
+use super::{Motion, Sample, along, typical_commands};
+use crate::{error::Error, experiment::Run, model::Model, system::System};
+
+/// The terms of one free joint. Vectors hold one entry a kept sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointTerms {
+    /// The device's joint index.
+    pub joint: usize,
+    /// s
+    pub time: Vec<f64>,
+    /// Commanded torque [unit of the command].
+    pub command: Vec<f64>,
+    /// What each term is called, and it [unit of the command]; the last one is what is left.
+    pub terms: Vec<(String, Vec<f64>)>,
+    /// Whether the sample counts.
+    pub used: Vec<bool>,
+}
+
+impl JointTerms {
+    /// Root mean square of `values` where samples count.
+    pub fn rms(&self, values: &[f64]) -> f64 {
+        let n_used = self.used.iter().filter(|used| **used).count().max(1);
+        (super::square_sum(values, &self.used) / n_used as f64).sqrt()
+    }
+}
+
+/// The terms along the motion of `run`, for each of its free joints. Terms that vanish are left out.
+///
+/// # Errors
+/// A model that makes no equations for the run; a motion that cannot be filtered.
+pub fn terms(model: &Model, run: &Run) -> Result<Vec<JointTerms>, Error> {
+    let of_model = |model: &Model| System::of_model(model, &run.free, |joint| run.log.mean_position(joint));
+    let system = of_model(model)?;
+    let motion = Motion::of(run)?;
+    let whole = along(&system, &motion);
+    let slopes = system.drive_slope(&typical_commands(&system, &motion)).0;
+    let rigid = rigid(&system, &motion, &slopes);
+    let mut joints: Vec<JointTerms> = whole
+        .iter()
+        .zip(rigid)
+        .map(|(error, rigid)| JointTerms {
+            joint: error.joint,
+            time: error.time.clone(),
+            command: error.torque.clone(),
+            terms: rigid.into_iter().map(|(name, values)| (name.to_owned(), motion.filtered(&values))).collect(),
+            used: error.used.clone(),
+        })
+        .collect();
+    for effect in &model.effects {
+        // The gain is the scale of all terms; a sensor's effect changes the motion itself.
+        if effect.effect.place == Place::Sensor || effect.effect.stage == Some(Stage::Gain) {
+            continue;
+        }
+        let mut without = model.clone();
+        without.remove_effect(&effect.effect.id, effect.joint, effect.from)?;
+        let name = match effect.from {
+            Some(from) => format!("{} from {from}", effect.effect.id),
+            None => effect.effect.id.clone(),
+        };
+        // What others build on cannot be taken out alone.
+        let Ok(without) = of_model(&without) else { continue };
+        for ((joint, with), without) in joints.iter_mut().zip(&whole).zip(along(&without, &motion)) {
+            let term: Vec<f64> = without.residual.iter().zip(&with.residual).map(|(more, left)| more - left).collect();
+            // A pair's law may act on both joints; what an actuator delivers acts on its own.
+            let other = effect.from.filter(|_| effect.effect.place != Place::Actuator);
+            let own = effect.joint.is_none_or(|own| own == joint.joint) || other == Some(joint.joint);
+            if own && term.iter().any(|value| *value != 0.0) {
+                joint.terms.push((name.clone(), term));
+            }
+        }
+    }
+    for (joint, error) in joints.iter_mut().zip(&whole) {
+        joint.terms.retain(|(_, values)| values.iter().any(|value| *value != 0.0));
+        joint.terms.push(("what is left".to_owned(), error.residual.clone()));
+    }
+    Ok(joints)
+}
+
+/// Inertia, Coriolis and centrifugal, and gravity torque of each free joint on the grid, in the unit of the command.
+fn rigid(system: &System, motion: &Motion, slopes: &[f64]) -> Vec<[(&'static str, Vec<f64>); 3]> {
+    let n = system.n_free();
+    let mut columns: Vec<[(&'static str, Vec<f64>); 3]> = (0..n)
+        .map(|_| ["inertia", "Coriolis", "gravity"].map(|name| (name, Vec::with_capacity(motion.len()))))
+        .collect();
+    let mut sample = Sample::new(system);
+    let (mut needed, mut bias, mut gravity) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    for k in 0..motion.len() {
+        sample.load(motion, None, k);
+        let (q, dq) = (&sample.x[..n], &sample.x[n..2 * n]);
+        let kernel = system.kernel();
+        (kernel.inverse_dynamics)(system.prepared(), q, dq, &sample.ddq, &mut needed);
+        (kernel.bias)(system.prepared(), q, dq, &mut bias);
+        (kernel.gravity)(system.prepared(), q, &mut gravity);
+        for slot in 0..n {
+            let [inertia, coriolis, weight] = &mut columns[slot];
+            inertia.1.push((needed[slot] - bias[slot]) / slopes[slot]);
+            coriolis.1.push((bias[slot] - gravity[slot]) / slopes[slot]);
+            weight.1.push(gravity[slot] / slopes[slot]);
+        }
+    }
+    columns
+}

@@ -98,7 +98,7 @@ fn plans() -> Vec<Plan> {
         // the transmission
         hidden(SERVO, &[0], "coulomb", "joint_elasticity@0 compliance=0.3 damping=0.01 Jm=0.002"),
         hidden(PLANAR, &[0, 1], "viscous", "joint_elasticity@1 compliance=0.06 damping=0.05 Jm=0.02"),
-        hidden(SERVO, &[0], "viscous", "backlash@0 gap=0.03 Jm=0.002"),
+        hidden(SERVO, &[0], "viscous", "backlash@0 gap=0.04 Jm=0.0005"),
         hidden(ARM, &[3], "viscous", "backlash@3 gap=0.03 Jm=0.0002"),
         // links
         hidden(PLANAR, &[0, 1], "coulomb", "payload@1 m=0.15 x=0.03 y=0.02 z=0").links_within(0.03),

@@ -80,7 +80,7 @@ pub struct Case {
     pub without: Recipe,
     /// Answers that are right, the hidden effect first.
     pub accepted: Vec<Spot>,
-    /// Products of signals that a discovered formula must hold, where one can.
+    /// Products of signals of which a discovered formula must hold one; none where no sum of products says the law.
     pub terms: Vec<String>,
     /// `model.toml` of what is believed.
     pub believed: String,
@@ -213,7 +213,7 @@ impl Plan {
         self
     }
 
-    /// A product of signals that a discovered formula must hold.
+    /// A product of signals that shows that a discovered formula has found the law.
     #[must_use]
     fn term(mut self, what: &'static str) -> Self {
         self.terms.push(what);

@@ -89,7 +89,13 @@ pub(super) fn shortlist(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Score>
             let (torque, position) = scored[index].clone();
             // The estimate on simulations is the nearer to what a refit will find; the other is another start.
             match (torque, position) {
-                (Some(torque), Some(position)) => Some(Score { second: Some(torque.estimate), ..position }),
+                (Some(torque), Some(position)) => {
+                    let mut others = position.others;
+                    if !torque.others.is_empty() {
+                        others.insert(others.len().min(1), torque.estimate);
+                    }
+                    Some(Score { others, ..position })
+                }
                 (torque, position) => position.or(torque),
             }
         })

@@ -24,7 +24,6 @@ use dynid_model::Device;
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub(super) use statistics::autocorrelation;
 pub use statistics::effective_samples;
 use trace::Trace;
 

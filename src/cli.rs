@@ -3,8 +3,10 @@
 //! A verb returns an [`Outcome`]: text for people, one JSON object for programs, and whether the answer is yes. Results
 //! go to stdout, progress and errors to stderr.
 
+mod add;
 mod compare;
 mod devices;
+mod diagnose;
 mod excite;
 mod fit;
 mod inputs;
@@ -40,6 +42,8 @@ The loop, all of it plain files:
   dynid excite   freedom6s --list                                what to play on the robot
   dynid fit      experiment.toml --out fitted.toml               parameters from logs
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
+  dynid diagnose experiment.toml --model fitted.toml             which effect is missing
+  dynid add      coulomb --joint 2 --model fitted.toml --out better.toml
   dynid ladder   experiment.toml believed.toml fitted.toml       models of a lineage on the same runs
   dynid report   experiment.toml fitted.toml --out report.html   one page that opens with no network
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
@@ -64,6 +68,10 @@ enum Verb {
     Fit(fit::Arguments),
     /// How far a model is from the logs, and where.
     Compare(compare::Arguments),
+    /// Which physical effect a model lacks, and where.
+    Diagnose(diagnose::Arguments),
+    /// A model with one effect more.
+    Add(add::Arguments),
     /// The models of a lineage on the same runs: watch the error fall.
     Ladder(ladder::Arguments),
     /// One page with all that is known of a model and its logs.
@@ -101,6 +109,8 @@ pub fn main() -> ExitCode {
         Verb::Simulate(arguments) => simulate::run(arguments),
         Verb::Fit(arguments) => fit::run(arguments),
         Verb::Compare(arguments) => compare::run(arguments),
+        Verb::Diagnose(arguments) => diagnose::run(arguments),
+        Verb::Add(arguments) => add::run(arguments),
         Verb::Ladder(arguments) => ladder::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),

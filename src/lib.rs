@@ -2,6 +2,7 @@
 
 pub mod checkpoint;
 pub mod compare;
+pub mod diagnose;
 pub mod error;
 pub mod excite;
 pub mod experiment;

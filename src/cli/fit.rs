@@ -7,6 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
 use dynid::checkpoint::{self, CheckpointError, Identity};
+use dynid::diagnose::with_first_estimates;
 use dynid::error::Error;
 use dynid::experiment::{Experiment, Run};
 use dynid::fit::budget::Share;
@@ -151,8 +152,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
     let interrupt = if how.error == ErrorKind::Torque { None } else { Some(Interrupt::listen()?) };
     let mut unsaved = None;
+    let (start, estimated) = with_first_estimates(&model, &runs, how.error);
+    for label in &estimated {
+        eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
+    }
     let found = progress::shown(|told| {
-        identify::identify_as(&model, &experiment, &runs, &how, state, &mut |progress, state| {
+        identify::identify_as(&start, &experiment, &runs, &how, state, &mut |progress, state| {
             told(progress);
             let saved = state.map_or(Ok(()), |state| checkpoint.keep(state));
             if let Err(error) = saved {
@@ -165,12 +170,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(error) = unsaved {
         return Err(error.into());
     }
-    let found = match found {
+    let mut found = match found {
         Err(Error::PositionFit(PositionFitError::Interrupted { iterations })) => {
             return Ok(checkpoint.interrupted(iterations, started.elapsed().as_secs_f64()));
         }
         found => found?,
     };
+    if let Some(record) = &mut found.model.fit {
+        // The parent is what the user handed in, not the estimate that the search began with.
+        record.parent_digest = model.digest();
+    }
     let judged = dynid::compare::compare(&found.model, &runs)?;
 
     let may_write = found.status.may_update_model();

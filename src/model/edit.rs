@@ -78,6 +78,35 @@ impl Model {
         Ok(Added { label, replaced, parameters })
     }
 
+    /// As [`Model::add_effect`], the effect standing where it vanishes: every parameter that has a null value and is not
+    /// taken over from an effect that it replaces is there.
+    ///
+    /// # Errors
+    /// As [`Model::add_effect`].
+    pub fn add_effect_at_null(&mut self, id: &str, joint: Option<usize>, from: Option<usize>) -> Result<Added, Error> {
+        let before = self.clone();
+        let added = self.add_effect(id, joint, from)?;
+        let shared = |effect: &Effect, symbol: &str| {
+            effect.replaces.iter().any(|replaced| {
+                replaced.carry.iter().any(|(own, _)| own == symbol)
+                    && before.effects.iter().any(|other| other.is(&replaced.id, joint, from))
+            })
+        };
+        if let Some(instance) = self.effects.iter_mut().find(|own| own.is(id, joint, from)) {
+            let effect = instance.effect;
+            let mut carried = vec![false; effect.parameters.len()];
+            for (index, own) in effect.parameters.iter().enumerate() {
+                carried[index] = shared(effect, &own.symbol);
+                if let Some(null) = own.null.filter(|_| !carried[index]) {
+                    let default = instance.parameters[index];
+                    instance.parameters[index] = holding(default, null);
+                }
+            }
+            keep_inequalities(instance, &carried);
+        }
+        Ok(added)
+    }
+
     /// Takes an effect out.
     ///
     /// # Errors

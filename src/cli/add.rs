@@ -1,0 +1,107 @@
+//! `dynid add`: a model with one effect more.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use anyhow::{anyhow, bail};
+use dynid::model::{Added, Model};
+use dynid::output::{Overwrite, check_output, write_new};
+use dynid::report::number;
+use dynid_model::Parameter;
+use serde_json::json;
+
+use super::{Answer, Outcome};
+
+/// Add a physical effect to a model, where it does nothing yet; a fit then finds its values.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  dynid add coulomb --joint 2 --model fitted.toml --out better.toml
+  dynid add coulomb --joint 0,1,2 --model fitted.toml --out better.toml          at each of these joints
+  dynid add input_coupling --from 5 --joint 4 --model fitted.toml --out better.toml
+  dynid add lugre --joint 3 --set sigma0=6.7 --model fitted.toml --out better.toml
+
+The effect starts where it vanishes, so that the model does what it did; `dynid fit` gives such an effect a first estimate
+from the logs before it moves everything. A law that contains another takes its place (lugre that of coulomb) and keeps
+what they share. Comments and order of the model file stay.")]
+pub struct Arguments {
+    /// The effect; `dynid devices --effects` lists them.
+    effect: String,
+    /// The joint it acts on, or several, each of which gets one.
+    #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
+    joint: Option<Vec<usize>>,
+    /// The other joint of a pair.
+    #[arg(long, value_name = "JOINT")]
+    from: Option<usize>,
+    /// The model to add it to.
+    #[arg(long)]
+    model: PathBuf,
+    /// Where to write the model with it.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Values to start from, e.g. `--set Fc=0.02`; without them the effect starts where it vanishes.
+    #[arg(long, value_delimiter = ',', value_name = "SYMBOL=VALUE")]
+    set: Vec<String>,
+    /// Overwrite the output if it is there.
+    #[arg(long)]
+    force: bool,
+}
+
+/// Adds and writes.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    check_output(&arguments.out, overwrite)?;
+    let mut model = Model::load(&arguments.model)?;
+    let joints: Vec<Option<usize>> = match &arguments.joint {
+        Some(joints) => joints.iter().copied().map(Some).collect(),
+        None => vec![None],
+    };
+    let mut text = String::new();
+    let mut told = Vec::new();
+    for joint in joints {
+        let added = model.add_effect_at_null(&arguments.effect, joint, arguments.from)?;
+        for setting in &arguments.set {
+            set(&mut model, &added, setting)?;
+        }
+        let _ = writeln!(text, "added: {}", added.label);
+        for replaced in &added.replaced {
+            let _ = writeln!(text, "  in place of {replaced}, whose values it keeps where they share them");
+        }
+        let mut values = Vec::new();
+        for name in &added.parameters {
+            let Parameter { value, lower, upper, fixed } = model.require(name)?;
+            let unit = model.unit(name).unwrap_or_default();
+            let range = if fixed { "fixed".to_owned() } else { format!("from {} to {}", number(lower), number(upper)) };
+            let _ = writeln!(text, "  {name} = {} {unit} ({range})", number(value));
+            values.push(json!({ "name": name, "value": value, "unit": unit, "fixed": fixed }));
+        }
+        told.push(json!({ "added": added.label, "replaced": added.replaced, "parameters": values }));
+    }
+    write_new(&arguments.out, &model.to_toml(), overwrite)?;
+    let _ = writeln!(text, "written: {}; `dynid fit` finds its values", arguments.out.display());
+    let json = json!({ "added": told, "out": arguments.out.display().to_string() });
+    Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// Takes `SYMBOL=VALUE` over.
+fn set(model: &mut Model, added: &Added, setting: &str) -> anyhow::Result<()> {
+    let (symbol, value) = setting
+        .split_once('=')
+        .ok_or_else(|| anyhow!("--set {setting}: give a symbol and its value, e.g. --set Fc=0.02"))?;
+    let symbols: Vec<&str> = added.parameters.iter().filter_map(|name| name.rsplit('.').next()).collect();
+    let Some(name) = added.parameters.iter().find(|name| name.rsplit('.').next() == Some(symbol.trim())) else {
+        bail!("--set {setting}: {} has no `{}`; it has {}", added.label, symbol.trim(), symbols.join(", "));
+    };
+    let value: f64 = value
+        .trim()
+        .parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite())
+        .ok_or_else(|| anyhow!("--set {setting}: `{}` is not a number", value.trim()))?;
+    let Parameter { lower, upper, .. } = model.require(name)?;
+    if !(lower..=upper).contains(&value) {
+        bail!("--set {setting}: {name} lies between {} and {}", number(lower), number(upper));
+    }
+    model.set_value(name, value)?;
+    Ok(())
+}

@@ -1,0 +1,324 @@
+//! `dynid diagnose`: which physical effect is missing, and where.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+use dynid::diagnose::{self, Diagnosis, Event, Finished, Options, Ranked, Verdict};
+use dynid::error::Error;
+use dynid::experiment::{Experiment, Run};
+use dynid::fit::position::PositionFitError;
+use dynid::identify::ErrorKind;
+use dynid::model::Model;
+use dynid::output::{Overwrite, check_output, write_new};
+use dynid::report::number;
+use dynid_model::sha256_hex;
+use indicatif::ProgressBar;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::inputs;
+use super::interrupt::Interrupt;
+use super::table::{Align, Table};
+use super::{Answer, Outcome};
+
+/// Say which physical effect a model lacks, at which joint, and how sure that is.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  dynid diagnose experiment.toml --model fitted.toml
+  dynid diagnose experiment.toml --model fitted.toml --out better.toml      write the model with what is missing
+  dynid diagnose experiment.toml --model fitted.toml --depth 3              up to three effects, one after the other
+  dynid diagnose experiment.toml --model fitted.toml --free 4,5             only runs with just these joints free
+
+The model is fitted first. Every effect of the library is then tried at every place without a fit: how much of what is left
+would it explain if the model's own parameters may make up for it? The best are fitted for good, and the runs that were
+not fitted (role \"validate\") decide. Ctrl-C keeps the fits that are done; the same command goes on from them.
+
+Verdicts: missing_effect, nothing_missing (what is left is noise), unexplained (no effect of the library explains it).
+delta BIC below 0 means that an effect is worth its parameters.")]
+pub struct Arguments {
+    /// The experiment: which logs there are and what was free in each.
+    experiment: PathBuf,
+    /// The model; without it, the device's default.
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
+    #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
+    free: Option<Vec<usize>>,
+    /// Which error decides; without it, the one that `dynid fit` would make small.
+    #[arg(long, value_enum)]
+    error: Option<Kind>,
+    /// Look for so many effects, one after the other.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    depth: usize,
+    /// Fit so many suspects for good at most.
+    #[arg(long, value_name = "N", default_value_t = Options::default().refits)]
+    refits: usize,
+    /// Write the fitted model with the effects that were found.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write the diagnosis as JSON, e.g. for `dynid report`.
+    #[arg(long, value_name = "FILE")]
+    save: Option<PathBuf>,
+    /// Overwrite outputs that are there.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    Torque,
+    Position,
+    Both,
+}
+
+/// Diagnoses.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let started = Instant::now();
+    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    for output in [&arguments.out, &arguments.save].into_iter().flatten() {
+        check_output(output, overwrite)?;
+    }
+    let experiment = inputs::experiment(&arguments.experiment)?;
+    let model = inputs::model(arguments.model.as_deref(), &experiment)?;
+    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
+    let options = Options {
+        error: arguments.error.map(|kind| match kind {
+            Kind::Torque => ErrorKind::Torque,
+            Kind::Position => ErrorKind::Position,
+            Kind::Both => ErrorKind::Both,
+        }),
+        depth: arguments.depth.max(1),
+        refits: arguments.refits.max(1),
+        ..Options::default()
+    };
+    let kept = Kept::new(arguments, &experiment, &model, &runs, &options);
+    let finished = kept.read();
+    let so_far = Mutex::new(finished.clone());
+    let unsaved: Mutex<Option<Error>> = Mutex::new(None);
+    let interrupt = Interrupt::listen()?;
+    let bar = ProgressBar::new_spinner();
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let tell = |event: &Event<'_>| {
+        bar.set_message(message(event, started.elapsed().as_secs_f64()));
+        if std::env::var_os("DYNID_TRACE").is_some() && !matches!(event, Event::Screened(..)) { eprintln!("{}", message(event, started.elapsed().as_secs_f64())); }
+        if let Event::Refitted(key, refit) = event
+            && let Ok(mut so_far) = so_far.lock()
+        {
+            so_far.insert((*key).to_owned(), (*refit).clone());
+            if let Err(error) = kept.write(&so_far)
+                && let Ok(mut unsaved) = unsaved.lock()
+            {
+                *unsaved = Some(error);
+            }
+        }
+    };
+    let stop = || interrupt.is_asked() || unsaved.lock().is_ok_and(|unsaved| unsaved.is_some());
+    let found = diagnose::diagnose(&model, &experiment, &runs, &options, &finished, &tell, &stop);
+    bar.finish_and_clear();
+    if let Ok(Some(error)) = unsaved.into_inner() {
+        return Err(error.into());
+    }
+    let found = match found {
+        Err(Error::PositionFit(PositionFitError::Interrupted { .. })) => {
+            let count = so_far.lock().map_or(0, |so_far| so_far.len());
+            return Ok(interrupted(&kept.path, count));
+        }
+        found => found?,
+    };
+    kept.remove()?;
+    let wall_seconds = started.elapsed().as_secs_f64();
+    let mut json = serde_json::to_value(&found)?;
+    if let Some(object) = json.as_object_mut() {
+        object.insert("wall_seconds".to_owned(), json!(wall_seconds));
+    }
+    let mut text = told(&found, wall_seconds);
+    if let Some(out) = &arguments.out {
+        if let Some(better) = &found.better {
+            write_new(out, &better.to_toml(), overwrite)?;
+            let _ = writeln!(text, "written: {}", out.display());
+        } else {
+            let _ = writeln!(text, "nothing to add, so {} was not written", out.display());
+        }
+    }
+    if let Some(save) = &arguments.save {
+        write_new(save, &format!("{}\n", serde_json::to_string_pretty(&json)?), overwrite)?;
+        let _ = writeln!(text, "written: {}", save.display());
+    }
+    text.push_str(&next(arguments, &found));
+    Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+fn message(event: &Event<'_>, seconds: f64) -> String {
+    match event {
+        Event::FittingModel => format!("fitting the model itself, {seconds:.0} s"),
+        Event::Screened(done, of) => format!("screening: {done} of {of} suspects, {seconds:.0} s"),
+        Event::Refitting(suspect) => format!("fitting with {suspect}, {seconds:.0} s"),
+        Event::Refitted(_, refit) => match &refit.suspect {
+            Some(suspect) => format!("fitted with {suspect}, {seconds:.0} s"),
+            None => format!("fitted the model itself, {seconds:.0} s"),
+        },
+    }
+}
+
+fn told(found: &Diagnosis, wall_seconds: f64) -> String {
+    let mut text = String::new();
+    for sentence in &found.sentences {
+        let _ = writeln!(text, "{sentence}");
+    }
+    let _ = writeln!(text, "({} error, {wall_seconds:.1} s)", found.error);
+    for note in &found.notes {
+        let _ = writeln!(text, "note: {note}");
+    }
+    if !found.ranking.is_empty() {
+        text.push('\n');
+        text.push_str(&table(found));
+        for ranked in found.ranking.iter().take(3) {
+            text.push_str(&evidence(ranked));
+        }
+    }
+    if !found.refused.is_empty() {
+        let _ = writeln!(text, "\nNo credit:");
+        for refused in &found.refused {
+            let _ = writeln!(text, "  {}: {}", refused.suspect, refused.reason);
+        }
+    }
+    if !found.moved.is_empty() {
+        let _ = writeln!(text, "\nMoved between runs:");
+        for moved in &found.moved {
+            let change = moved.change_in_std_errors;
+            let _ = writeln!(text, "  {} in {}: by {change:+.1} standard errors", moved.parameter, moved.run);
+        }
+    }
+    if !found.places.is_empty() {
+        let _ = writeln!(text, "\nWhere the model fails:");
+        for place in &found.places {
+            let _ = writeln!(text, "  {}, joint {}: {}", place.run, place.joint, place.what);
+        }
+    }
+    text
+}
+
+fn table(found: &Diagnosis) -> String {
+    let mut table = Table::new(&[
+        ("effect", Align::Left),
+        ("held-out position before", Align::Right),
+        ("after", Align::Right),
+        ("held-out torque before", Align::Right),
+        ("after", Align::Right),
+        ("delta BIC", Align::Right),
+        ("fits as well", Align::Left),
+    ]);
+    let position = |rmse: Option<f64>| rmse.map_or("-".to_owned(), number);
+    let torque = |percent: Option<f64>| percent.map_or("-".to_owned(), |percent| format!("{percent:.1} %"));
+    for ranked in &found.ranking {
+        let others: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
+        table.row([
+            ranked.suspect.to_string(),
+            position(ranked.rmse_validate_before),
+            position(ranked.rmse_validate_after),
+            torque(ranked.torque_percent_before),
+            torque(ranked.torque_percent_after),
+            format!("{:+.0}", ranked.delta_bic),
+            others.join(", "),
+        ]);
+    }
+    table.text()
+}
+
+fn evidence(ranked: &Ranked) -> String {
+    let mut text = format!("\n{}\n", ranked.suspect);
+    for own in &ranked.parameters {
+        let error = own.std_error.map_or(String::new(), |error| format!(" +- {}", number(error)));
+        let _ = writeln!(text, "  {} = {}{error}", own.name, number(own.value));
+    }
+    for line in &ranked.evidence_for {
+        let _ = writeln!(text, "  for: {line}");
+    }
+    for line in &ranked.evidence_against {
+        let _ = writeln!(text, "  against: {line}");
+    }
+    if let Some(experiment) = &ranked.experiment {
+        let _ = writeln!(text, "  to tell it from the others: {experiment}");
+    }
+    text
+}
+
+/// The commands that come next.
+fn next(arguments: &Arguments, found: &Diagnosis) -> String {
+    if found.verdict != Verdict::MissingEffect {
+        return String::new();
+    }
+    let Some(best) = found.ranking.first() else { return String::new() };
+    let model = arguments.model.as_deref().map_or("fitted.toml".to_owned(), |path| path.display().to_string());
+    let joint = best.suspect.joint.map_or(String::new(), |joint| format!(" --joint {joint}"));
+    let from = best.suspect.from.map_or(String::new(), |from| format!(" --from {from}"));
+    let experiment = arguments.experiment.display();
+    format!(
+        "\nNext:\n  dynid add {}{joint}{from} --model {model} --out better.toml\n  dynid fit {experiment} --model \
+         better.toml --out better-fitted.toml\n",
+        best.suspect.effect
+    )
+}
+
+fn interrupted(path: &Path, count: usize) -> Outcome {
+    Outcome {
+        text: format!("stopped; {count} fits are kept in {}: the same command goes on from there\n", path.display()),
+        json: json!({ "interrupted": true, "checkpoint": path.display().to_string(), "fits": count }),
+        answer: Answer::Interrupted,
+    }
+}
+
+/// Fits that are done, beside the model, for a diagnosis that is stopped.
+struct Kept {
+    path: PathBuf,
+    identity: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct File {
+    identity: String,
+    fits: Finished,
+}
+
+impl Kept {
+    fn new(arguments: &Arguments, experiment: &Experiment, model: &Model, runs: &[&Run], options: &Options) -> Self {
+        let mut text = format!("{} {} {} {options:?}", env!("CARGO_PKG_VERSION"), experiment.digest, model.digest());
+        for run in runs {
+            let _ = write!(text, "\n{} {} {:?} {:?}", run.file, run.role, run.free, run.settings);
+        }
+        // What is looked for depends on the library as well.
+        for effect in dynid_model::effects() {
+            let _ = write!(text, "\n{effect:?}");
+        }
+        let identity = sha256_hex(text.as_bytes());
+        let mut name = arguments.model.as_ref().unwrap_or(&arguments.experiment).as_os_str().to_owned();
+        name.push(format!(".diagnosis-{}.checkpoint", &identity[..8]));
+        Self { path: PathBuf::from(name), identity }
+    }
+
+    /// What an earlier, stopped diagnosis of the same left.
+    fn read(&self) -> Finished {
+        let file = std::fs::read_to_string(&self.path).ok().and_then(|text| toml::from_str::<File>(&text).ok());
+        file.filter(|file| file.identity == self.identity).map(|file| file.fits).unwrap_or_default()
+    }
+
+    fn write(&self, fits: &Finished) -> Result<(), Error> {
+        let file = File { identity: self.identity.clone(), fits: fits.clone() };
+        let unwritable = |reason: String| Error::Unwritable {
+            path: self.path.clone(),
+            source: std::io::Error::new(std::io::ErrorKind::InvalidData, reason),
+        };
+        let text = toml::to_string(&file).map_err(|error| unwritable(error.to_string()))?;
+        let text =
+            format!("# Fits of a stopped diagnosis; the same `dynid diagnose` goes on from it and removes it.\n{text}");
+        write_new(&self.path, &text, Overwrite::Force)
+    }
+
+    fn remove(&self) -> Result<(), Error> {
+        dynid::checkpoint::remove(&self.path).map_err(|source| Error::Unwritable { path: self.path.clone(), source })
+    }
+}

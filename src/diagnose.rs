@@ -1,0 +1,416 @@
+//! Which physical effect is missing, where, and how sure is that?
+//!
+//! The model is fitted first, so that what is left is not the fault of its values. A screening then asks of every effect of
+//! the library at every place how much of what is left it would explain, the model's own parameters being free to
+//! make up for it; it needs no fit ([`Screen`]), and looks at two signals: the torque error along the measured motion, and
+//! the position error of simulations on a tether. The best suspects are fitted for good, and what they leave of the
+//! held-out runs decides ([`Refit`]).
+
+mod candidate;
+mod estimate;
+mod refit;
+mod screen;
+mod verdict;
+mod view;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
+pub use estimate::with_first_estimates;
+pub use refit::{Judge, Left, Own, Refit};
+pub use screen::{Score, Screen};
+pub use view::{Block, TetheredView, TorqueView, View};
+
+use estimate::Screening;
+
+use crate::{
+    error::Error,
+    experiment::{Experiment, Role, Run},
+    fit::position,
+    identify::{ErrorKind, default_error},
+    model::Model,
+};
+
+/// What a diagnosis says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// An effect of the library explains what is left.
+    MissingEffect,
+    /// Nothing but noise is left, or the parameters moved between runs.
+    NothingMissing,
+    /// Something is left that no effect of the library explains.
+    Unexplained,
+}
+
+/// What a diagnosis found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Diagnosis {
+    /// The answer.
+    pub verdict: Verdict,
+    /// The answer in words.
+    pub sentences: Vec<String>,
+    /// Which error it is about: `position` or `torque`.
+    pub error: String,
+    /// Effects that were fitted and may be given credit, best first; with several found one after the other, those first.
+    pub ranking: Vec<Ranked>,
+    /// Effects that were fitted and are given none.
+    pub refused: Vec<Refused>,
+    /// What the screening said of every suspect, most promising first.
+    pub screening: Vec<Screened>,
+    /// Where the model fails.
+    #[serde(rename = "where")]
+    pub places: Vec<Place>,
+    /// Parameters that differ between runs.
+    pub moved: Vec<Moved>,
+    /// What should be known besides.
+    pub notes: Vec<String>,
+    /// How far the model is from its logs, refitted: the largest error of a joint over its noise.
+    pub worst_ratio: Option<f64>,
+    /// The refitted model that was diagnosed.
+    #[serde(skip)]
+    pub base: Option<Model>,
+    /// The fitted model with everything added that was found; `None` where nothing was.
+    #[serde(skip)]
+    pub better: Option<Model>,
+}
+
+/// An effect that explains something.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ranked {
+    /// Which, and where.
+    #[serde(flatten)]
+    pub suspect: Suspect,
+    /// Position error of the held-out runs without it [rad or m].
+    pub rmse_validate_before: Option<f64>,
+    /// With it, after a fit.
+    pub rmse_validate_after: Option<f64>,
+    /// Torque error of the held-out runs without it (%).
+    pub torque_percent_before: Option<f64>,
+    /// With it, after a fit.
+    pub torque_percent_after: Option<f64>,
+    /// Change of the Bayesian information criterion on the runs fitted to: below 0 the effect is worth its parameters.
+    pub delta_bic: f64,
+    /// Effects that fit as well.
+    pub confounded_with: Vec<Suspect>,
+    /// Its parameters.
+    pub parameters: Vec<Own>,
+    /// What speaks for it.
+    pub evidence_for: Vec<String>,
+    /// What speaks against it.
+    pub evidence_against: Vec<String>,
+    /// What would tell it from the effects that fit as well.
+    pub experiment: Option<String>,
+    /// Which step of a search for several it belongs to, from 1.
+    pub depth: usize,
+    /// The largest error of a joint over its noise, with it.
+    pub worst_ratio_after: Option<f64>,
+}
+
+/// What the screening says of a suspect, before any fit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Screened {
+    /// Which, and where.
+    #[serde(flatten)]
+    pub suspect: Suspect,
+    /// Change of the information criterion of the torque error: below 0 it explains something.
+    pub torque: Option<f64>,
+    /// Share of the squared torque error that it would explain.
+    pub torque_explained: Option<f64>,
+    /// The same of simulations that are held to the log.
+    pub position: Option<f64>,
+    /// Share of their squared error.
+    pub position_explained: Option<f64>,
+}
+
+/// An effect that is given no credit.
+#[derive(Debug, Clone, Serialize)]
+pub struct Refused {
+    /// Which, and where.
+    #[serde(flatten)]
+    pub suspect: Suspect,
+    /// Why.
+    pub reason: String,
+}
+
+/// Where the model fails.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Place {
+    /// The run.
+    pub run: String,
+    /// The device's joint index.
+    pub joint: usize,
+    /// In words.
+    pub what: String,
+}
+
+/// A parameter that differs between runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Moved {
+    /// Its name.
+    pub parameter: String,
+    /// The run.
+    pub run: String,
+    /// By how much it differs from the fit of all runs, in standard errors.
+    pub change_in_std_errors: f64,
+}
+
+/// How to diagnose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Which error; by default the one that a fit would make small.
+    pub error: Option<ErrorKind>,
+    /// How many effects are looked for, one after the other.
+    pub depth: usize,
+    /// How many suspects are fitted for good at most, per step.
+    pub refits: usize,
+    /// How finely fits integrate.
+    pub fit: position::Options,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let fit = position::Options { iterations: 50, tolerance: 1e-5, ..position::Options::default() };
+        Self { error: None, depth: 1, refits: 12, fit }
+    }
+}
+
+/// What a diagnosis tells while it works.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// The model itself is being fitted.
+    FittingModel,
+    /// So many suspects of so many are screened.
+    Screened(usize, usize),
+    /// A suspect's fit begins.
+    Refitting(&'a Suspect),
+    /// A fit is done; its key and what it found are worth keeping.
+    Refitted(&'a str, &'a Refit),
+}
+
+/// Finished fits by their keys: a diagnosis that was stopped goes on from them.
+pub type Finished = BTreeMap<String, Refit>;
+
+/// Suspects that are fitted at the same time; the result does not depend on the number of threads, but on this.
+const AT_ONCE: usize = 2;
+/// Longest integration step of the screening (s): eight steps per 10 ms matched 24 in the feasibility study.
+const SCREENING_STEP: f64 = 0.01 / 8.0;
+/// Longest integration step of a refit (s), as `compare` judges.
+const LONGEST_STEP: f64 = 0.01 / 60.0;
+
+/// Diagnoses `model` by `runs`. `tell` hears of every step and may be asked to stop with `stop`; `finished` are fits that
+/// an earlier, stopped call told.
+///
+/// # Errors
+/// No run to fit to; a model that makes no equations for a run; a fit of the model that cannot start; interrupted.
+pub fn diagnose(
+    model: &Model,
+    experiment: &Experiment,
+    runs: &[&Run],
+    options: &Options,
+    finished: &Finished,
+    tell: &(dyn Fn(&Event<'_>) + Sync),
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Diagnosis, Error> {
+    let mut notes = Vec::new();
+    let held_out;
+    let mut runs = runs.to_vec();
+    if !runs.iter().any(|run| run.role == Role::Validate) {
+        held_out = verdict::hold_out(&runs);
+        runs = held_out.iter().collect();
+        notes.push(
+            "no run has the role \"validate\": the last third of every run is held out instead; a run of its own would be \
+             surer"
+                .to_owned(),
+        );
+    }
+    let error = match options.error {
+        Some(ErrorKind::Both) | None => match default_error(model, &runs) {
+            ErrorKind::Torque => ErrorKind::Torque,
+            _ => ErrorKind::Position,
+        },
+        Some(error) => error,
+    };
+    let judge = Judge { error, experiment, runs: &runs, options: fit_options(options, &runs) };
+    let work = Work { judge: &judge, options, finished, tell, stop };
+    let mut steps = Vec::new();
+    let mut base = work.base(model)?;
+    let first = base.clone();
+    for depth in 1..=options.depth.max(1) {
+        let parsed = base.parsed()?;
+        let step = work.step(&parsed, &base, depth, &steps)?;
+        let next = step.best().cloned();
+        let goes_on = step.verdict == Verdict::MissingEffect;
+        steps.push(step);
+        match next {
+            Some(next) if goes_on && depth < options.depth => base = next,
+            _ => break,
+        }
+    }
+    verdict::conclude(&work, &first, steps, notes)
+}
+
+/// Steps per sample that the runs ask for.
+fn fit_options(options: &Options, runs: &[&Run]) -> position::Options {
+    let sample = runs.iter().map(|run| run.log.sample_time()).fold(0.0, f64::max);
+    let substeps = (sample / LONGEST_STEP).round().clamp(1.0, 600.0) as usize;
+    position::Options { substeps, ..options.fit }
+}
+
+/// What every step of a diagnosis needs.
+struct Work<'a> {
+    judge: &'a Judge<'a>,
+    options: &'a Options,
+    finished: &'a Finished,
+    tell: &'a (dyn Fn(&Event<'_>) + Sync),
+    stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// One effect's search.
+struct Step {
+    verdict: Verdict,
+    base: Refit,
+    screening: Vec<Screened>,
+    /// All that were fitted, best first.
+    fitted: Vec<verdict::Judged>,
+    /// Those whose fit came to nothing.
+    failed: Vec<Refused>,
+}
+
+impl Step {
+    /// The best of those that may be given credit.
+    fn best(&self) -> Option<&Refit> {
+        self.fitted.iter().find(|judged| judged.reason.is_none()).map(|judged| &judged.refit)
+    }
+}
+
+impl Work<'_> {
+    fn asked_to_stop(&self) -> Result<(), Error> {
+        if (self.stop)() { Err(position::PositionFitError::Interrupted { iterations: 0 }.into()) } else { Ok(()) }
+    }
+
+    /// The model itself, fitted.
+    fn base(&self, model: &Model) -> Result<Refit, Error> {
+        (self.tell)(&Event::FittingModel);
+        self.remembered("base", None, model, std::slice::from_ref(model), None)
+    }
+
+    /// A fit from several starts, the lowest cost kept; from memory where it is there.
+    fn remembered(
+        &self,
+        key: &str,
+        suspect: Option<&Suspect>,
+        base: &Model,
+        starts: &[Model],
+        reached: Option<f64>,
+    ) -> Result<Refit, Error> {
+        if let Some(refit) = self.finished.get(key) {
+            return Ok(refit.clone());
+        }
+        let fits: Vec<Result<Refit, Error>> =
+            starts.par_iter().map(|start| self.judge.refit(suspect, base, start, reached, self.stop)).collect();
+        let cost = |refit: &Refit| {
+            let fitted = refit.left.iter().filter(|left| !left.held_out);
+            fitted.map(|left| left.samples * left.squares.max(f64::MIN_POSITIVE).ln()).sum::<f64>()
+        };
+        let mut best: Option<Refit> = None;
+        let mut failure = None;
+        for fit in fits {
+            match fit {
+                Ok(fit) => {
+                    if best.as_ref().is_none_or(|best| cost(&fit) < cost(best)) {
+                        best = Some(fit);
+                    }
+                }
+                Err(error) => failure = failure.or(Some(error)),
+            }
+        }
+        self.asked_to_stop()?;
+        match (best, failure) {
+            (Some(best), _) => {
+                (self.tell)(&Event::Refitted(key, &best));
+                Ok(best)
+            }
+            (None, Some(error)) => Err(error),
+            (None, None) => Err(position::PositionFitError::NoRun.into()),
+        }
+    }
+
+    /// Screens, fits the best suspects and judges them.
+    fn step(&self, base: &Model, refit: &Refit, depth: usize, before: &[Step]) -> Result<Step, Error> {
+        if let Some(ratio) = refit.worst_ratio()
+            && (ratio < verdict::AT_THE_FLOOR || (ratio < verdict::NEAR_THE_FLOOR && refit.is_white()))
+        {
+            return Ok(Step {
+                verdict: Verdict::NothingMissing,
+                base: refit.clone(),
+                screening: Vec::new(),
+                fitted: Vec::new(),
+                failed: Vec::new(),
+            });
+        }
+        let scored = self.screening(base)?;
+        let screening = verdict::screened(&scored);
+        let shortlist = verdict::shortlist(&scored);
+        let found = before.iter().filter_map(Step::best).filter_map(|best| best.suspect.as_ref());
+        let path: Vec<String> = found.map(ToString::to_string).collect();
+        let mut fitted: Vec<Refit> = Vec::new();
+        let mut failed = Vec::new();
+        let mut waiting = shortlist;
+        waiting.truncate(self.options.refits);
+        while !waiting.is_empty() {
+            let later = waiting.split_off(AT_ONCE.min(waiting.len()));
+            let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
+            let fits: Vec<Result<Refit, Error>> = waiting
+                .par_iter()
+                .map(|score| {
+                    self.asked_to_stop()?;
+                    (self.tell)(&Event::Refitting(&score.suspect));
+                    let mut starts = vec![score.estimate.clone()];
+                    starts.extend(score.second.clone());
+                    let key = format!("{depth}: {} > {}", path.join(" > "), score.suspect);
+                    self.remembered(&key, Some(&score.suspect), base, &starts, reached)
+                })
+                .collect();
+            self.asked_to_stop()?;
+            for (fit, score) in fits.into_iter().zip(&waiting) {
+                match fit {
+                    Ok(fit) => fitted.push(fit),
+                    Err(error) => failed.push(verdict::failed(&score.suspect, &error)),
+                }
+            }
+            waiting = later;
+            // Where one leaves nothing but noise, only those are fitted that may do so as well.
+            if let Some(best) = fitted.iter().find(|fit| verdict::reaches_the_floor(fit)) {
+                waiting.retain(|score| verdict::may_rival(score, best, &scored));
+            }
+        }
+        let fitted = verdict::judge(refit, fitted);
+        Ok(Step { verdict: verdict::of(refit, &fitted), base: refit.clone(), screening, fitted, failed })
+    }
+
+    /// What the screening says of every suspect: by the torque error, and by simulations.
+    fn screening(&self, base: &Model) -> Result<Vec<(Option<Score>, Option<Score>)>, Error> {
+        let screening = Screening::new(base, self.judge.runs, self.judge.error);
+        let suspects = suspects(base, screening.runs());
+        let done = AtomicUsize::new(0);
+        let told = || {
+            let count = 1 + done.fetch_add(1, Ordering::Relaxed);
+            (self.tell)(&Event::Screened(count, suspects.len()));
+            !(self.stop)()
+        };
+        let scored = screening.scores(base, &suspects, &told);
+        self.asked_to_stop()?;
+        Ok(scored)
+    }
+}
+
+/// Steps per sample of simulations that only screen.
+fn screening_substeps(runs: &[&Run]) -> usize {
+    let sample = runs.iter().map(|run| run.log.sample_time()).fold(0.0, f64::max);
+    (sample / SCREENING_STEP).ceil().clamp(1.0, 60.0) as usize
+}

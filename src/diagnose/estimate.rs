@@ -1,0 +1,128 @@
+//! A first estimate for an effect that stands where it vanishes: what a fit starts from.
+
+use rayon::prelude::*;
+
+use super::{Probe, Score, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screening_substeps, verdict};
+use crate::{
+    experiment::{Role, Run},
+    identify::ErrorKind,
+    model::{EffectInstance, Model},
+    torque::Motion,
+};
+
+/// The logs that a screening looks at, with the sizes of what their joints do.
+pub(super) struct Screening<'a> {
+    runs: Vec<&'a Run>,
+    torque: TorqueView,
+    sizes: Vec<Sizes>,
+    typical: Sizes,
+    error: ErrorKind,
+}
+
+/// Rate of the tether that holds simulations to the log [1/s].
+const TETHER: f64 = 4.0;
+
+impl<'a> Screening<'a> {
+    /// Of those of `runs` that are for fitting.
+    pub(super) fn new(model: &Model, runs: &[&'a Run], error: ErrorKind) -> Self {
+        let runs: Vec<&Run> = runs.iter().copied().filter(|run| run.role == Role::Fit).collect();
+        let motions: Vec<Option<Motion>> = runs.par_iter().map(|run| Motion::of(run).ok()).collect();
+        let (with_motion, motions): (Vec<&Run>, Vec<Motion>) =
+            runs.iter().zip(motions).filter_map(|(run, motion)| Some((*run, motion?))).unzip();
+        let sizes =
+            (0..model.device.joints.len()).map(|joint| Sizes::of(model, &with_motion, &motions, joint)).collect();
+        Self {
+            torque: TorqueView::new(&with_motion, &motions),
+            typical: Sizes::of(model, &[], &[], 0),
+            sizes,
+            runs,
+            error,
+        }
+    }
+
+    /// The runs to fit to.
+    pub(super) fn runs(&self) -> &[&'a Run] {
+        &self.runs
+    }
+
+    /// Scores suspects against `base`: by the torque error, and by simulations where the position error counts. `told`
+    /// hears of every suspect and says whether to go on.
+    pub(super) fn scores(
+        &self,
+        base: &Model,
+        suspects: &[Suspect],
+        told: &(dyn Fn() -> bool + Sync),
+    ) -> Vec<(Option<Score>, Option<Score>)> {
+        let moving: Vec<_> = base.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).collect();
+        let torque = Screen::new(&self.torque, base, &moving);
+        let view = (self.error == ErrorKind::Position)
+            .then(|| TetheredView::new(base, &self.runs, TETHER, screening_substeps(&self.runs)).ok())
+            .flatten();
+        let tethered = view.as_ref().and_then(|view| Screen::new(view, base, &moving));
+        suspects
+            .par_iter()
+            .map(|suspect| {
+                if !told() {
+                    return (None, None);
+                }
+                let size = suspect.joint.and_then(|joint| self.sizes.get(joint)).unwrap_or(&self.typical);
+                let probes: Vec<Probe> = probes(base, suspect, size);
+                let by_torque = torque.as_ref().and_then(|screen| screen.score(suspect, &probes));
+                let by_position = tethered.as_ref().and_then(|screen| {
+                    // Where the torque error has told which values are worth a simulation, few are left to try.
+                    screen.score(suspect, &verdict::worth_simulating(&probes, by_torque.as_ref()))
+                });
+                (by_torque, by_position)
+            })
+            .collect()
+    }
+}
+
+/// `model` with a first estimate for every effect that stands where it vanishes, from those of `runs` that are for
+/// fitting; and the labels of the effects that got one.
+///
+/// The estimate is the one that a screening finds ([`Screen`]); where it finds none the effect stays.
+pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> (Model, Vec<String>) {
+    let new: Vec<EffectInstance> = model.effects.iter().filter(|own| vanishes(own)).cloned().collect();
+    if new.is_empty() {
+        return (model.clone(), Vec::new());
+    }
+    let screening = Screening::new(model, runs, error);
+    let mut estimated = model.clone();
+    let mut told = Vec::new();
+    for instance in new {
+        let suspect = Suspect { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
+        let mut without = estimated.clone();
+        if without.remove_effect(&suspect.effect, suspect.joint, suspect.from).is_err() {
+            continue;
+        }
+        let scores = screening.scores(&without, std::slice::from_ref(&suspect), &|| true);
+        let Some(score) = scores.into_iter().next().and_then(|(torque, position)| position.or(torque)) else {
+            continue;
+        };
+        for index in 0..instance.parameters.len() {
+            let name = instance.parameter_name(index);
+            let own = instance.parameters[index];
+            if let Some(found) = score.estimate.parameter(&name)
+                && !own.fixed
+            {
+                // The name is the model's own.
+                let _ = estimated.set_value(&name, found.value.clamp(own.lower, own.upper));
+            }
+        }
+        told.push(instance.label());
+    }
+    (estimated, told)
+}
+
+/// Whether an effect does nothing: every parameter that has a null value is there, and at least one has one.
+fn vanishes(instance: &EffectInstance) -> bool {
+    let mut nulls = instance
+        .effect
+        .parameters
+        .iter()
+        .zip(&instance.parameters)
+        .filter_map(|(own, parameter)| Some((own.null?, parameter)))
+        .peekable();
+    nulls.peek().is_some() && nulls.all(|(null, parameter)| parameter.value == null && !parameter.fixed)
+}

@@ -1,0 +1,254 @@
+//! Real fits of a suspect, judged on the held-out runs: only these decide.
+
+use std::collections::BTreeMap;
+
+use dynid_model::Parameter;
+use serde::{Deserialize, Serialize};
+
+use super::candidate::Suspect;
+use crate::{
+    compare::{Comparison, compare},
+    error::Error,
+    experiment::{Experiment, Role, Run},
+    fit::sqp::Watch,
+    fit::{FitStatus, identifiability::correlation_time, position},
+    identify::{self, ErrorKind, How},
+    model::Model,
+};
+
+/// A model that was fitted, and what it leaves.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Refit {
+    /// What was added to the model that is diagnosed; `None` for that model itself.
+    pub suspect: Option<Suspect>,
+    /// The fitted model, as a file.
+    pub model: String,
+    /// How the fit ended.
+    pub status: FitStatus,
+    /// The suspect's own parameters.
+    pub parameters: Vec<Own>,
+    /// Number of unknowns that the suspect brings beyond those that it takes the place of.
+    pub unknowns: f64,
+    /// Root mean square of the position error over the runs to fit to [rad or m].
+    pub rmse_fit: Option<f64>,
+    /// The same over the held-out runs.
+    pub rmse_validate: Option<f64>,
+    /// `100 |torque error| / |torque|` over the runs to fit to.
+    pub torque_percent_fit: Option<f64>,
+    /// The same over the held-out runs.
+    pub torque_percent_validate: Option<f64>,
+    /// What is left at each joint, of the error that was fitted.
+    pub left: Vec<Left>,
+}
+
+/// A suspect's parameter after the refit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Own {
+    /// Its name.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// One standard deviation.
+    pub std_error: Option<f64>,
+    /// On a bound where the effect does not vanish.
+    pub at_bound: bool,
+}
+
+/// What is left at a joint over the runs of one role.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Left {
+    /// The device's joint index.
+    pub joint: usize,
+    /// Whether the runs are held out.
+    pub held_out: bool,
+    /// Sum of squared errors.
+    pub squares: f64,
+    /// Samples.
+    pub samples: f64,
+    /// Successive samples that share one independent error.
+    pub correlation: f64,
+    /// Sum of squares that noise alone would leave; `None` where it is not known.
+    pub noise_squares: Option<f64>,
+    /// Whether every run's error is white.
+    pub white: bool,
+}
+
+impl Refit {
+    /// The fitted model.
+    ///
+    /// # Errors
+    /// Never for a refit of this program; a checkpoint that was tampered with.
+    pub fn parsed(&self) -> Result<Model, Error> {
+        Ok(Model::parse(&self.model, std::path::Path::new("refitted.toml"))?)
+    }
+
+    /// What is left on the held-out runs, or where there are none on those that were fitted.
+    pub fn judged(&self) -> impl Iterator<Item = &Left> {
+        let held_out = self.left.iter().any(|left| left.held_out);
+        self.left.iter().filter(move |left| left.held_out == held_out)
+    }
+
+    /// Cost per sample and joint of the runs fitted to, as a fit tells it; `None` where the noise is not known.
+    pub fn cost(&self) -> Option<f64> {
+        let (mut cost, mut samples) = (0.0, 0.0);
+        for left in self.left.iter().filter(|left| !left.held_out) {
+            cost += 0.5 * left.samples * left.squares / left.noise_squares?.max(f64::MIN_POSITIVE);
+            samples += left.samples;
+        }
+        (samples > 0.0).then(|| cost / samples)
+    }
+
+    /// The largest error of any judged joint, in units of its noise; `None` where the noise is not known.
+    pub fn worst_ratio(&self) -> Option<f64> {
+        let ratio = |left: &Left| left.noise_squares.map(|noise| (left.squares / noise.max(f64::MIN_POSITIVE)).sqrt());
+        self.judged().map(ratio).try_fold(0.0_f64, |worst, ratio| Some(worst.max(ratio?)))
+    }
+
+    /// Whether nothing but white noise is left.
+    pub fn is_white(&self) -> bool {
+        self.judged().all(|left| left.white)
+    }
+}
+
+/// How to refit.
+#[derive(Debug, Clone, Copy)]
+pub struct Judge<'a> {
+    /// Which error.
+    pub error: ErrorKind,
+    /// Its experiment.
+    pub experiment: &'a Experiment,
+    /// All runs, those to fit to and those held out.
+    pub runs: &'a [&'a Run],
+    /// How finely.
+    pub options: position::Options,
+}
+
+impl Judge<'_> {
+    /// Fits `start` and tells what is left. `base` is the model that the suspect was added to. A fit that stays far above
+    /// `reached`, the cost per sample of another, is given up.
+    ///
+    /// # Errors
+    /// The model makes no equations, the fit cannot start, it is given up or `stop` says so.
+    pub fn refit(
+        &self,
+        suspect: Option<&Suspect>,
+        base: &Model,
+        start: &Model,
+        reached: Option<f64>,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Refit, Error> {
+        /// A fit that can reach what another reached is not so far from it after so many iterations.
+        const PATIENCE: usize = 15;
+        const FAR: f64 = 30.0;
+        let how = How::plain(self.error, self.options);
+        let mut free_iterations = 0;
+        let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
+            free_iterations += usize::from(told.tether == 0.0);
+            let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
+            if stop() || (is_far && free_iterations >= PATIENCE) { Watch::Stop } else { Watch::Continue }
+        };
+        let found =
+            identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)?;
+        let own = |name: &str| suspect.is_some_and(|suspect| is_own(suspect, start, name));
+        let parameters: Vec<Own> = found
+            .parameters
+            .iter()
+            .filter(|parameter| own(&parameter.name))
+            .map(|parameter| Own {
+                name: parameter.name.clone(),
+                value: parameter.value,
+                std_error: parameter.std_error,
+                at_bound: parameter.held && !is_null(start, &parameter.name, parameter.value),
+            })
+            .collect();
+        let unknowns = count(&found.model, self.runs) - count(base, self.runs);
+        let comparison = compare(&found.model, self.runs)?;
+        Ok(Refit {
+            suspect: suspect.cloned(),
+            status: found.status,
+            parameters,
+            unknowns,
+            rmse_fit: comparison.rmse_fit,
+            rmse_validate: comparison.rmse_validate,
+            torque_percent_fit: comparison.torque_percent_fit,
+            torque_percent_validate: comparison.torque_percent_validate,
+            left: left(&comparison, self.runs, self.error),
+            model: found.model.to_toml(),
+        })
+    }
+}
+
+/// Number of unknown effect parameters that the runs depend on.
+fn count(model: &Model, runs: &[&Run]) -> f64 {
+    let free = |joint: usize| runs.iter().any(|run| run.free.contains(&joint));
+    let effects = model.effects.iter().filter(|own| own.joint.is_none_or(free));
+    effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
+}
+
+fn instance<'m>(suspect: &Suspect, model: &'m Model) -> Option<&'m crate::model::EffectInstance> {
+    let Suspect { effect, joint, from } = suspect;
+    model.effects.iter().find(|own| own.effect.id == *effect && own.joint == *joint && own.from == *from)
+}
+
+fn is_own(suspect: &Suspect, model: &Model, name: &str) -> bool {
+    instance(suspect, model).is_some_and(|own| (0..own.parameters.len()).any(|index| own.parameter_name(index) == name))
+}
+
+/// Whether the parameter of that name is where its effect vanishes.
+fn is_null(model: &Model, name: &str, value: f64) -> bool {
+    model.effects.iter().any(|own| {
+        own.effect.parameters.iter().enumerate().any(|(index, parameter)| {
+            let Parameter { lower, upper, .. } = own.parameters[index];
+            let near = 1e-3 * if (upper - lower).is_finite() { upper - lower } else { 1.0 };
+            own.parameter_name(index) == name && parameter.null.is_some_and(|null| (value - null).abs() <= near)
+        })
+    })
+}
+
+/// What `comparison` leaves at each joint.
+fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> Vec<Left> {
+    let mut sums: BTreeMap<(usize, bool), Left> = BTreeMap::new();
+    let mut add = |joint: usize,
+                   held_out: bool,
+                   squares: f64,
+                   samples: f64,
+                   correlation: f64,
+                   noise: Option<f64>,
+                   white: bool| {
+        let sum = sums.entry((joint, held_out)).or_insert(Left {
+            joint,
+            held_out,
+            squares: 0.0,
+            samples: 0.0,
+            correlation: 1.0,
+            noise_squares: Some(0.0),
+            white: true,
+        });
+        sum.correlation = (sum.correlation * sum.samples + correlation * samples) / (sum.samples + samples).max(1.0);
+        sum.squares += squares;
+        sum.samples += samples;
+        sum.noise_squares = sum.noise_squares.zip(noise).map(|(sum, noise)| sum + noise * noise * samples);
+        sum.white &= white;
+    };
+    for (told, run) in comparison.runs.iter().zip(runs) {
+        let held_out = run.role == Role::Validate;
+        for (slot, joint) in told.joints.iter().enumerate() {
+            if error == ErrorKind::Torque {
+                let Some(torque) = told.torque.get(slot) else { continue };
+                let used = torque.residual.iter().zip(&torque.used).filter(|(_, used)| **used);
+                let squares: f64 = used.map(|(value, _)| value * value).sum();
+                let correlation = correlation_time(&torque.residual, &torque.used);
+                add(joint.joint, held_out, squares, torque.n_used() as f64, correlation, None, false);
+            } else if let (Some(rmse), Some(simulated)) = (joint.rmse, &told.simulated) {
+                let measured = &run.log.q[joint.joint];
+                let residual: Vec<f64> =
+                    measured.iter().zip(&simulated[slot]).map(|(measured, model)| measured - model).collect();
+                let samples = residual.len() as f64;
+                let correlation = correlation_time(&residual, &vec![true; residual.len()]);
+                let noise = Some(joint.noise_floor);
+                add(joint.joint, held_out, rmse * rmse * samples, samples, correlation, noise, joint.white);
+            }
+        }
+    }
+    sums.into_values().collect()
+}

@@ -1,0 +1,292 @@
+//! Score tests: how much of what a model leaves would a suspect explain, the model's own parameters being free to make up
+//! for it? No refit is needed: the own parameters are projected out to first order.
+
+use dynid_model::Parameter;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::{
+    candidate::{Probe, Suspect},
+    view::{Block, View},
+};
+use crate::model::Model;
+
+/// What a suspect would explain, at the best of its tried values.
+#[derive(Debug, Clone)]
+pub struct Score {
+    /// Who.
+    pub suspect: Suspect,
+    /// `sum n_eff ln(after / before) + k ln n_eff`: lower is better, 0 is nothing gained.
+    pub information: f64,
+    /// Share of the squared error that it explains, over all joints (each weighed alike).
+    pub explained: f64,
+    /// The model with the suspect at its first estimate.
+    pub estimate: Model,
+    /// Another estimate, by the next best of the tried values.
+    pub second: Option<Model>,
+}
+
+/// The model's own parameters, ready to be projected out of an error signal.
+pub struct Screen<'a> {
+    view: &'a dyn View,
+    base: &'a Model,
+    /// Errors of the base, each weighed by its joint's, what the own parameters can take away taken away.
+    left: Vec<f64>,
+    /// The errors as they are.
+    raw: Vec<Block>,
+    weights: Vec<f64>,
+    own: DMatrix<f64>,
+    information: Option<Cholesky<f64, Dyn>>,
+    /// Joint and independent samples of each block, and where it ends.
+    blocks: Vec<(usize, f64, usize)>,
+}
+
+impl<'a> Screen<'a> {
+    /// Of what `base` leaves of the view's logs; `None` where it cannot be evaluated or leaves nothing.
+    pub fn new(view: &'a dyn View, base: &'a Model, moving: &[(String, Parameter)]) -> Option<Self> {
+        let raw = view.errors(base)?;
+        let mut end = 0;
+        let blocks: Vec<(usize, f64, usize)> = raw
+            .iter()
+            .map(|block| {
+                end += block.values.len();
+                (block.joint, block.independent, end)
+            })
+            .collect();
+        let columns: Vec<(f64, Vec<f64>)> =
+            moving.par_iter().filter_map(|(name, parameter)| own_column(view, base, &raw, name, parameter)).collect();
+        let errors: Vec<f64> = raw.iter().flat_map(|block| block.values.iter().copied()).collect();
+        let n = errors.len();
+        if n == 0 {
+            return None;
+        }
+        let matrix = DMatrix::from_fn(n, columns.len(), |row, column| columns[column].1[row]);
+        let spreads: Vec<f64> = columns.iter().map(|(spread, _)| *spread).collect();
+        let mut screen = Self {
+            view,
+            base,
+            left: errors.clone(),
+            raw,
+            weights: vec![1.0; n],
+            own: matrix.clone(),
+            information: None,
+            blocks,
+        };
+        // Each joint counts by what is left of it, which the projection finds.
+        for _ in 0..2 {
+            let deviations = screen.deviations();
+            let mut from = 0;
+            for (index, &(.., end)) in screen.blocks.iter().enumerate() {
+                for row in from..end {
+                    screen.weights[row] /= deviations[index];
+                }
+                from = end;
+            }
+            screen.own = DMatrix::from_fn(n, columns.len(), |row, column| matrix[(row, column)] * screen.weights[row]);
+            let mut information = screen.own.tr_mul(&screen.own);
+            let largest = information.diagonal().iter().copied().fold(0.0, f64::max);
+            for (index, spread) in spreads.iter().enumerate() {
+                // A parameter's own range is all that is known of it beforehand.
+                information[(index, index)] += spread.powi(-2).max(1e-13 * largest).max(f64::MIN_POSITIVE);
+            }
+            screen.information = Cholesky::new(information);
+            let weighed: Vec<f64> = errors.iter().zip(&screen.weights).map(|(error, weight)| error * weight).collect();
+            screen.left = screen.projected(weighed);
+        }
+        Some(screen)
+    }
+
+    /// Root mean square of what is left, per block, pooled over each joint's blocks.
+    fn deviations(&self) -> Vec<f64> {
+        let mut sums: std::collections::BTreeMap<usize, (f64, f64)> = std::collections::BTreeMap::new();
+        let mut from = 0;
+        for &(joint, _, end) in &self.blocks {
+            let sum = sums.entry(joint).or_insert((0.0, 0.0));
+            sum.0 += self.left[from..end].iter().map(|value| value * value).sum::<f64>();
+            sum.1 += (end - from) as f64;
+            from = end;
+        }
+        let deviation = |joint: &usize| {
+            let (sum, count) = sums[joint];
+            (sum / f64::max(count, 1.0)).sqrt().max(f64::MIN_POSITIVE.sqrt())
+        };
+        self.blocks.iter().map(|(joint, ..)| deviation(joint)).collect()
+    }
+
+    /// What the own parameters leave of a weighed signal.
+    fn projected(&self, mut signal: Vec<f64>) -> Vec<f64> {
+        if let Some(information) = &self.information {
+            let right = self.own.tr_mul(&DVector::from_column_slice(&signal));
+            let steps = information.solve(&right);
+            let taken = &self.own * steps;
+            signal.iter_mut().zip(taken.iter()).for_each(|(value, taken)| *value -= taken);
+        }
+        signal
+    }
+
+    /// How the errors of `model` differ from the base's, weighed and projected.
+    fn change(&self, model: &Model, from: &[Block]) -> Option<Vec<f64>> {
+        let errors = self.view.errors(model)?;
+        let mut change = Vec::with_capacity(self.left.len());
+        for (block, base) in errors.iter().zip(from) {
+            if block.values.len() != base.values.len() {
+                return None;
+            }
+            change.extend(block.values.iter().zip(&base.values).map(|(value, base)| value - base));
+        }
+        change.iter_mut().zip(&self.weights).for_each(|(value, weight)| *value *= weight);
+        Some(self.projected(change))
+    }
+
+    /// Scores a suspect by the best of its probes; `None` where none can be evaluated or none changes anything.
+    pub fn score(&self, suspect: &Suspect, probes: &[Probe]) -> Option<Score> {
+        let mut tried: Vec<(f64, f64, Model)> = probes.par_iter().filter_map(|probe| self.score_probe(probe)).collect();
+        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut tried = tried.into_iter();
+        let (information, explained, estimate) = tried.next()?;
+        let second = tried.next().map(|(.., model)| model);
+        Some(Score { suspect: suspect.clone(), information, explained, estimate, second })
+    }
+
+    fn score_probe(&self, probe: &Probe) -> Option<(f64, f64, Model)> {
+        /// Smaller changes are rounding.
+        const NOTHING: f64 = 1e-9;
+        let size = |column: &[f64]| (column.iter().map(|value| value * value).sum::<f64>()).sqrt();
+        let scale = NOTHING * (self.left.len() as f64).sqrt();
+        let shape = self.view.errors(&probe.model)?;
+        let mut columns = Vec::new();
+        let mut bounds = Vec::new();
+        let whole = self.change(&probe.model, &self.raw)?;
+        let has_whole = size(&whole) > scale;
+        if has_whole {
+            columns.push(whole);
+            // A law that is not proportional to its values holds near where it was tried.
+            bounds.push(if probe.scaled.is_empty() { (0.0, 1.5) } else { (0.0, 20.0) });
+        }
+        let mut stepped = Vec::new();
+        for (index, step) in probe.steps.iter().enumerate() {
+            let mut units = vec![0.0; probe.steps.len()];
+            units[index] = 1.0;
+            let Some(column) = self.change(&probe.at(1.0, &units), &shape) else { continue };
+            if size(&column) > scale {
+                columns.push(column);
+                bounds.push(step.range);
+                stepped.push(index);
+            }
+        }
+        if columns.is_empty() {
+            return None;
+        }
+        // The error is measured minus modelled: adding the effect changes it by these columns.
+        let taken = bounded_least_squares(&columns, &self.left, &bounds);
+        let mut after = self.left.clone();
+        for (column, amount) in columns.iter().zip(&taken) {
+            after.iter_mut().zip(column).for_each(|(value, column)| *value += amount * column);
+        }
+        let mut joints: std::collections::BTreeMap<usize, (f64, f64, f64)> = std::collections::BTreeMap::new();
+        let mut from = 0;
+        for &(joint, independent, end) in &self.blocks {
+            let sum = joints.entry(joint).or_insert((0.0, 0.0, 0.0));
+            sum.0 += self.left[from..end].iter().map(|value| value * value).sum::<f64>();
+            sum.1 += after[from..end].iter().map(|value| value * value).sum::<f64>();
+            sum.2 += independent;
+            from = end;
+        }
+        let independent: f64 = joints.values().map(|(.., independent)| independent).sum();
+        let gain: f64 = joints
+            .values()
+            .filter(|(before, ..)| *before > 0.0)
+            .map(|(before, after, independent)| independent * (after / before).max(f64::MIN_POSITIVE).ln())
+            .sum();
+        let unknowns = columns.len() as f64 + f64::from(u8::from(probe.scaled.len() > 1));
+        let information = gain + unknowns * independent.max(2.0).ln();
+        let (before, rest): (f64, f64) =
+            joints.values().fold((0.0, 0.0), |(before, rest), joint| (before + joint.0, rest + joint.1));
+        let factor = if has_whole { taken[0] } else { 1.0 };
+        let mut units = vec![0.0; probe.steps.len()];
+        for (amount, index) in taken.iter().skip(usize::from(has_whole)).zip(&stepped) {
+            units[*index] = *amount;
+        }
+        information.is_finite().then(|| (information, 1.0 - rest / before, probe.at(factor, &units)))
+    }
+
+    /// The base model.
+    pub fn base(&self) -> &Model {
+        self.base
+    }
+}
+
+/// How the errors change with one of the model's own parameters, and its range; `None` for one that is held or that
+/// changes nothing.
+fn own_column(
+    view: &dyn View,
+    base: &Model,
+    raw: &[Block],
+    name: &str,
+    parameter: &Parameter,
+) -> Option<(f64, Vec<f64>)> {
+    /// A step is this share of the range.
+    const STEP: f64 = 1e-4;
+    /// Nearer to a bound than this share of the range is on it.
+    const ON_BOUND: f64 = 1e-6;
+    let Parameter { value, lower, upper, fixed } = *parameter;
+    let half = 0.5 * (upper - lower);
+    let spread = if half.is_finite() { half } else { (2.0 * value.abs()).max(1.0) };
+    if fixed || spread <= 0.0 || value - lower < ON_BOUND * spread || upper - value < ON_BOUND * spread {
+        return None;
+    }
+    // A wide range is no reason for a large step of a small value.
+    let size = if value == 0.0 { spread } else { spread.min(10.0 * value.abs()) };
+    let step = if value + STEP * size <= upper { STEP * size } else { -STEP * size };
+    let mut moved = base.clone();
+    moved.set_value(name, value + step).ok()?;
+    let errors = view.errors(&moved)?;
+    let mut column = Vec::new();
+    for (block, base) in errors.iter().zip(raw) {
+        column.extend(block.values.iter().zip(&base.values).map(|(value, base)| (value - base) / step));
+    }
+    column.iter().any(|value| *value != 0.0).then_some((spread, column))
+}
+
+/// The amounts within bounds that make `|left + sum amount * column|` smallest.
+fn bounded_least_squares(columns: &[Vec<f64>], left: &[f64], bounds: &[(f64, f64)]) -> Vec<f64> {
+    /// Sweeps over the amounts; there are a handful of them.
+    const SWEEPS: usize = 500;
+    let n = columns.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let hessian = DMatrix::from_fn(n, n, |row, column| dot(&columns[row], &columns[column]));
+    let gradient: Vec<f64> = columns.iter().map(|column| dot(column, left)).collect();
+    let mut amounts = vec![0.0; n];
+    for _ in 0..SWEEPS {
+        let mut moved = 0.0_f64;
+        for index in 0..n {
+            let slope = gradient[index] + (0..n).map(|other| hessian[(index, other)] * amounts[other]).sum::<f64>();
+            if hessian[(index, index)] > 0.0 {
+                let next = (amounts[index] - slope / hessian[(index, index)]).clamp(bounds[index].0, bounds[index].1);
+                moved = moved.max((next - amounts[index]).abs());
+                amounts[index] = next;
+            }
+        }
+        if moved == 0.0 {
+            break;
+        }
+    }
+    amounts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn amounts_stay_within_their_bounds() {
+        let columns = [vec![1.0, 0.0, 1.0], vec![0.0, 1.0, 1.0]];
+        // left + C a = 0 at a = (2, -3)
+        let left = [-2.0, 3.0, 1.0];
+        let free = bounded_least_squares(&columns, &left, &[(-9.0, 9.0), (-9.0, 9.0)]);
+        assert!((free[0] - 2.0).abs() < 1e-9 && (free[1] + 3.0).abs() < 1e-9, "{free:?}");
+        // With a1 >= 0 the second stays at 0 and the first is the best alone: -(c.left)/(c.c) = 0.5.
+        let bound = bounded_least_squares(&columns, &left, &[(-9.0, 9.0), (0.0, 9.0)]);
+        assert!((bound[0] - 0.5).abs() < 1e-9 && bound[1] == 0.0, "{bound:?}");
+    }
+}

@@ -1,0 +1,462 @@
+//! From refits to an answer.
+
+use std::collections::BTreeMap;
+
+use super::{
+    Diagnosis, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work, candidate::is_symmetric,
+};
+use crate::{
+    error::Error,
+    experiment::{Role, Run},
+    fit::position::PositionFitError,
+    log::Log,
+};
+
+/// Below this multiple of the noise at every joint nothing is missing, whatever pattern is left.
+pub(super) const AT_THE_FLOOR: f64 = 1.05;
+/// Below this multiple nothing is missing if what is left is white.
+pub(super) const NEAR_THE_FLOOR: f64 = 1.5;
+/// An effect explains what was left if no joint's error is above this multiple of its noise with it.
+const EXPLAINED: f64 = 1.5;
+/// Where noise is not reached, an effect is named if it explains this share of the squared error above the noise at the
+/// joint that it helps most.
+const SHARE_OF_POSITION: f64 = 0.75;
+/// The same of the torque error, whose noise is not known.
+const SHARE_OF_TORQUE: f64 = 0.3;
+/// An effect is worth its parameters below this change of the information criterion.
+const WORTH: f64 = -20.0;
+/// The held-out error must fall by at least this share.
+const LEAST_GAIN: f64 = 0.01;
+/// Held-out log-likelihoods that differ by less are the same.
+const SAME: f64 = 8.0;
+
+/// A refit with what it is worth.
+#[derive(Debug, Clone)]
+pub(super) struct Judged {
+    pub(super) refit: Refit,
+    /// `sum n_eff ln(after / before)` of the held-out runs.
+    pub(super) held_out: f64,
+    pub(super) delta_bic: f64,
+    /// Why it is given no credit.
+    pub(super) reason: Option<String>,
+}
+
+impl Judged {
+    /// Held-out error and parsimony in one number: lower is better.
+    fn rank(&self) -> f64 {
+        /// What an unknown must gain on held-out data to be worth having.
+        const PER_UNKNOWN: f64 = 3.0;
+        self.held_out + PER_UNKNOWN * self.refit.unknowns
+    }
+}
+
+/// Whether a refit leaves nothing but noise.
+pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
+    refit.worst_ratio().is_some_and(|ratio| ratio < AT_THE_FLOOR)
+}
+
+/// Two screenings' scores of every suspect in one order: who is high in both comes first.
+pub(super) fn shortlist(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Score> {
+    // Each screening in units of its best, so that neither drowns the other.
+    let best = |of: &dyn Fn(&(Option<Score>, Option<Score>)) -> Option<f64>| {
+        scored.iter().filter_map(of).fold(-f64::MIN_POSITIVE, f64::min)
+    };
+    let by_torque = best(&|pair| Some(pair.0.as_ref()?.information));
+    let by_position = best(&|pair| Some(pair.1.as_ref()?.information));
+    let promise = |index: usize| {
+        let (torque, position) = &scored[index];
+        torque.as_ref().map_or(0.0, |score| (score.information / by_torque).max(0.0))
+            + position.as_ref().map_or(0.0, |score| (score.information / by_position).max(0.0))
+    };
+    let mut order: Vec<usize> = (0..scored.len())
+        .filter(|index| {
+            let helps = |score: &Option<Score>| score.as_ref().is_some_and(|score| score.information < 0.0);
+            helps(&scored[*index].0) || helps(&scored[*index].1)
+        })
+        .collect();
+    order.sort_by(|a, b| promise(*b).total_cmp(&promise(*a)).then(a.cmp(b)));
+    let mut list: Vec<Score> = order
+        .into_iter()
+        .filter_map(|index| {
+            let (torque, position) = scored[index].clone();
+            // The estimate on simulations is the nearer to what a refit will find; the other is another start.
+            match (torque, position) {
+                (Some(torque), Some(position)) => Some(Score { second: Some(torque.estimate), ..position }),
+                (torque, position) => position.or(torque),
+            }
+        })
+        .collect();
+    bring_alternatives(&mut list);
+    list
+}
+
+/// What the screening says of every suspect, most promising first.
+pub(super) fn screened(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Screened> {
+    let mut list: Vec<Screened> = scored
+        .iter()
+        .filter_map(|(torque, position)| {
+            let suspect = torque.as_ref().or(position.as_ref())?.suspect.clone();
+            Some(Screened {
+                suspect,
+                torque: torque.as_ref().map(|score| score.information),
+                torque_explained: torque.as_ref().map(|score| score.explained),
+                position: position.as_ref().map(|score| score.information),
+                position_explained: position.as_ref().map(|score| score.explained),
+            })
+        })
+        .collect();
+    let key = |screened: &Screened| screened.position.or(screened.torque).unwrap_or(f64::INFINITY);
+    list.sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.suspect.cmp(&b.suspect)));
+    list
+}
+
+/// Of laws that are alternatives at a joint, all are fitted if one is among the first: only a fit tells them apart.
+fn bring_alternatives(list: &mut Vec<Score>) {
+    /// How far down the list a law brings its alternatives along.
+    const FIRST: usize = 4;
+    let family = |score: &Score| {
+        let word = score.suspect.law()?.alternatives.clone()?;
+        Some((word, score.suspect.joint))
+    };
+    let wanted: Vec<_> = list.iter().take(FIRST).filter_map(family).collect();
+    let (early, late): (Vec<Score>, Vec<Score>) = {
+        let mut early = Vec::new();
+        let mut late = Vec::new();
+        for (place, score) in list.drain(..).enumerate() {
+            let called = family(&score).is_some_and(|family| wanted.contains(&family));
+            if place < FIRST || called { early.push(score) } else { late.push(score) }
+        }
+        (early, late)
+    };
+    list.extend(early);
+    list.extend(late);
+}
+
+/// Whether a suspect may explain as much as `best` does, which leaves nothing: one that the screening finds
+/// nearly as telling.
+pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[(Option<Score>, Option<Score>)]) -> bool {
+    /// Share of the best's score.
+    const NEARLY: f64 = 0.4;
+    let Some(winner) = &best.suspect else { return true };
+    let of = |suspect: &Suspect| {
+        scored.iter().find_map(|(torque, position)| {
+            let any = torque.as_ref().or(position.as_ref())?;
+            (any.suspect == *suspect).then(|| {
+                (
+                    torque.as_ref().map_or(0.0, |score| score.information),
+                    position.as_ref().map_or(0.0, |score| score.information),
+                )
+            })
+        })
+    };
+    let (Some(own), Some(best)) = (of(&score.suspect), of(winner)) else { return true };
+    own.0 < NEARLY * best.0 || own.1 < NEARLY * best.1
+}
+
+/// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate.
+pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>) -> Vec<Probe> {
+    /// As many simulations are cheap.
+    const FEW: usize = 12;
+    if probes.len() <= FEW {
+        return probes.to_vec();
+    }
+    let Some(score) = by_torque else { return probes.iter().step_by(probes.len().div_ceil(FEW)).cloned().collect() };
+    // The estimate, with its amplitudes to be found anew about it.
+    let near = |estimate: &crate::model::Model| {
+        probes.iter().min_by(|a, b| distance(a, estimate).total_cmp(&distance(b, estimate))).cloned()
+    };
+    [Some(&score.estimate), score.second.as_ref()].into_iter().flatten().filter_map(near).collect()
+}
+
+/// How far a probe's tried values are from those of a model.
+fn distance(probe: &Probe, model: &crate::model::Model) -> f64 {
+    let stepped =
+        |name: &str| probe.steps.iter().any(|step| step.name == name) || probe.scaled.iter().any(|own| own == name);
+    let differences =
+        probe.model.parameters().into_iter().filter(|(name, _)| !stepped(name)).filter_map(|(name, own)| {
+            let other = model.parameter(&name)?;
+            Some((own.value - other.value).abs() / (own.value.abs() + other.value.abs()).max(f64::MIN_POSITIVE))
+        });
+    differences.sum()
+}
+
+/// Sum over the joints of `n_eff ln(after / before)`, by what `of` selects.
+fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held_out: bool) -> (f64, f64) {
+    let (mut gain, mut independent) = (0.0, 0.0);
+    for own in after.left.iter().filter(|left| left.held_out == held_out) {
+        let Some(base) = before.left.iter().find(|left| left.held_out == held_out && left.joint == own.joint) else {
+            continue;
+        };
+        let count = own.samples / correlations.get(&own.joint).copied().unwrap_or(1.0).max(1.0);
+        independent += count;
+        gain += count * (own.squares.max(f64::MIN_POSITIVE) / base.squares.max(f64::MIN_POSITIVE)).ln();
+    }
+    (gain, independent)
+}
+
+/// Judges refits against the model without them, best first; those given no credit last.
+pub(super) fn judge(before: &Refit, fitted: Vec<Refit>) -> Vec<Judged> {
+    // Independent samples are counted once, by what the best leaves.
+    let pooled =
+        |refit: &Refit| refit.judged().map(|left| left.samples * left.squares.max(f64::MIN_POSITIVE).ln()).sum::<f64>();
+    let best = fitted.iter().min_by(|a, b| pooled(a).total_cmp(&pooled(b)));
+    let correlations: BTreeMap<usize, f64> =
+        best.map(|best| best.judged().map(|left| (left.joint, left.correlation)).collect()).unwrap_or_default();
+    let mut judged: Vec<Judged> = fitted
+        .into_iter()
+        .map(|refit| {
+            let (held_out, _) = gain(before, &refit, &correlations, true);
+            let (fit, independent) = gain(before, &refit, &correlations, false);
+            let delta_bic = fit + refit.unknowns * independent.max(2.0).ln();
+            let reason = refusal(before, &refit, delta_bic);
+            Judged { refit, held_out, delta_bic, reason }
+        })
+        .collect();
+    judged.sort_by(|a, b| {
+        a.reason
+            .is_some()
+            .cmp(&b.reason.is_some())
+            .then(a.rank().total_cmp(&b.rank()))
+            .then(a.refit.suspect.cmp(&b.refit.suspect))
+    });
+    judged
+}
+
+/// A suspect whose fit came to nothing.
+pub(super) fn failed(suspect: &Suspect, error: &Error) -> Refused {
+    let reason = match error {
+        Error::PositionFit(PositionFitError::Interrupted { iterations }) => {
+            format!("its fit was given up after {iterations} iterations, far above what another effect reaches")
+        }
+        error => format!("it could not be fitted: {error}"),
+    };
+    Refused { suspect: suspect.clone(), reason }
+}
+
+/// Why a refit is given no credit.
+fn refusal(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
+    if let Some(parameter) = refit.parameters.iter().find(|parameter| parameter.at_bound) {
+        return Some(format!("{} ends on its bound ({})", parameter.name, crate::report::number(parameter.value)));
+    }
+    if delta_bic > WORTH {
+        return Some(format!("on the runs fitted to it is not worth its parameters (BIC changes by {delta_bic:+.0})"));
+    }
+    let best = share(before, refit).map_or(0.0, |(_, gain, _)| gain);
+    if best < LEAST_GAIN {
+        return Some(format!(
+            "the gain is not there on the held-out runs (squared error falls by {:.1} % at best)",
+            100.0 * best.max(0.0)
+        ));
+    }
+    None
+}
+
+/// At the joint that a refit helps most: the joint, by what share its held-out squared error falls, and by what share of
+/// what is above the noise.
+fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
+    after
+        .judged()
+        .filter_map(|own| {
+            let base = before.judged().find(|left| left.joint == own.joint)?;
+            let noise = base.noise_squares.unwrap_or(0.0);
+            let gain = 1.0 - own.squares / base.squares.max(f64::MIN_POSITIVE);
+            let excess = (base.squares - own.squares) / (base.squares - noise).max(f64::MIN_POSITIVE);
+            Some((own.joint, gain, if base.squares > noise { excess } else { 0.0 }))
+        })
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// The answer of one step.
+pub(super) fn of(before: &Refit, fitted: &[Judged]) -> Verdict {
+    let best = fitted.iter().find(|judged| judged.reason.is_none());
+    let near_floor = before.worst_ratio().is_some_and(|ratio| ratio < NEAR_THE_FLOOR);
+    let Some(best) = best else {
+        return if near_floor { Verdict::NothingMissing } else { Verdict::Unexplained };
+    };
+    let least = if before.worst_ratio().is_some() { SHARE_OF_POSITION } else { SHARE_OF_TORQUE };
+    let explained = best.refit.worst_ratio().is_some_and(|ratio| ratio < EXPLAINED)
+        || share(before, &best.refit).is_some_and(|(.., excess)| excess >= least);
+    if explained { Verdict::MissingEffect } else { Verdict::Unexplained }
+}
+
+/// Effects that fit as well as `best`.
+fn confounded(best: &Judged, all: &[Judged]) -> Vec<Suspect> {
+    let mut suspects: Vec<Suspect> = all
+        .iter()
+        .filter(|other| other.reason.is_none() && other.refit.suspect != best.refit.suspect)
+        .filter(|other| (other.held_out - best.held_out).abs() < SAME)
+        .filter_map(|other| other.refit.suspect.clone())
+        .collect();
+    if let Some(Suspect { effect, joint: Some(joint), from: Some(from) }) = &best.refit.suspect
+        && dynid_model::effect(effect).is_some_and(is_symmetric)
+    {
+        // The same effect, told from its other end.
+        suspects.insert(0, Suspect { effect: effect.clone(), joint: Some(*from), from: Some(*joint) });
+    }
+    suspects
+}
+
+/// Puts the steps together.
+pub(super) fn conclude(
+    work: &Work<'_>,
+    first: &Refit,
+    steps: Vec<Step>,
+    notes: Vec<String>,
+) -> Result<Diagnosis, Error> {
+    let mut ranking: Vec<Ranked> = Vec::new();
+    let mut refused = Vec::new();
+    let mut found: Vec<Ranked> = Vec::new();
+    let mut better = None;
+    for (index, step) in steps.iter().enumerate() {
+        let ranked = step
+            .fitted
+            .iter()
+            .filter(|judged| judged.reason.is_none())
+            .filter_map(|judged| ranked(step, judged, index + 1));
+        let mut ranked: Vec<Ranked> = ranked.collect();
+        if step.verdict == Verdict::MissingEffect && !ranked.is_empty() {
+            found.push(ranked.remove(0));
+            better = step.best().cloned();
+        }
+        if index == 0 {
+            ranking = ranked;
+            refused.extend(step.fitted.iter().filter_map(|judged| {
+                Some(Refused { suspect: judged.refit.suspect.clone()?, reason: judged.reason.clone()? })
+            }));
+            refused.extend(step.failed.iter().cloned());
+        }
+    }
+    let later = |other: &Ranked| found.iter().any(|found| found.suspect == other.suspect);
+    ranking.retain(|ranked| !later(ranked));
+    let verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
+    let sentences = sentences(verdict, first, &found, &ranking, &steps);
+    ranking.splice(0..0, found);
+    let better = better.map(|better: Refit| better.parsed()).transpose()?;
+    Ok(Diagnosis {
+        verdict,
+        sentences,
+        error: work.judge.error.to_string(),
+        ranking,
+        refused,
+        screening: steps.into_iter().next().map(|step| step.screening).unwrap_or_default(),
+        places: Vec::new(),
+        moved: Vec::new(),
+        notes,
+        worst_ratio: first.worst_ratio(),
+        base: Some(first.parsed()?),
+        better,
+    })
+}
+
+fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
+    let (before, after) = (&step.base, &judged.refit);
+    let suspect = after.suspect.clone()?;
+    let mut evidence_for = Vec::new();
+    let mut evidence_against = Vec::new();
+    if let Some((joint, gain, _)) = share(before, after) {
+        evidence_for.push(format!("the squared held-out error of joint {joint} falls by {:.1} %", 100.0 * gain));
+    }
+    evidence_for.push(format!(
+        "BIC changes by {:+.0} on the runs fitted to, {:.0} unknowns included",
+        judged.delta_bic, after.unknowns
+    ));
+    match after.worst_ratio() {
+        Some(ratio) if ratio < EXPLAINED => {
+            evidence_for.push(format!("what is left is {ratio:.2} times the noise at the worst joint"));
+        }
+        Some(ratio) => {
+            evidence_against.push(format!("what is left is still {ratio:.1} times the noise at the worst joint"))
+        }
+        None => {}
+    }
+    if !after.status.may_update_model() {
+        evidence_against.push(format!("its fit did not converge ({})", after.status.as_str()));
+    }
+    Some(Ranked {
+        rmse_validate_before: before.rmse_validate,
+        rmse_validate_after: after.rmse_validate,
+        torque_percent_before: before.torque_percent_validate,
+        torque_percent_after: after.torque_percent_validate,
+        delta_bic: judged.delta_bic,
+        confounded_with: confounded(judged, &step.fitted),
+        parameters: after.parameters.clone(),
+        evidence_for,
+        evidence_against,
+        experiment: None,
+        depth,
+        worst_ratio_after: after.worst_ratio(),
+        suspect,
+    })
+}
+
+fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked], steps: &[Step]) -> Vec<String> {
+    let left = |refit: &Refit| match (refit.worst_ratio(), refit.torque_percent_validate) {
+        (Some(ratio), _) => format!("{ratio:.2} times the noise at the worst joint"),
+        (None, Some(percent)) => format!("{percent:.1} % of the torque"),
+        _ => "not known".to_owned(),
+    };
+    let mut sentences = vec![format!("Refitted, the model leaves {} on the held-out runs.", left(first))];
+    match verdict {
+        Verdict::NothingMissing => sentences.push("Nothing is missing: what is left is noise.".to_owned()),
+        Verdict::MissingEffect => {
+            for ranked in found {
+                let with = match (ranked.worst_ratio_after, ranked.torque_percent_after) {
+                    (Some(ratio), _) => format!("{ratio:.2} times the noise"),
+                    (None, Some(percent)) => format!("{percent:.1} % of the torque"),
+                    _ => "an error that is not known".to_owned(),
+                };
+                let law = ranked.suspect.law().map_or("", |law| law.title.as_str());
+                sentences.push(format!("Missing: {} ({law}); with it {with} is left.", ranked.suspect));
+                if !ranked.confounded_with.is_empty() {
+                    let names: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
+                    sentences.push(format!("It could as well be {}.", names.join(" or ")));
+                }
+            }
+            if let Some(last) = steps.last()
+                && last.verdict == Verdict::Unexplained
+            {
+                sentences.push("Something more is left that no effect of the library explains.".to_owned());
+            }
+        }
+        Verdict::Unexplained => {
+            let converged = first.status.may_update_model();
+            sentences.push(if converged {
+                "No effect of the library explains it.".to_owned()
+            } else {
+                format!(
+                    "The fit of the model itself did not converge ({}): start it from other values first.",
+                    first.status.as_str()
+                )
+            });
+            if let Some(nearest) = others.first() {
+                sentences.push(format!("The nearest is {}, which explains only part of it.", nearest.suspect));
+            }
+        }
+    }
+    sentences
+}
+
+/// The runs with the last third of each held out as a run of its own.
+pub(super) fn hold_out(runs: &[&Run]) -> Vec<Run> {
+    let mut parts = Vec::with_capacity(2 * runs.len());
+    for run in runs {
+        let cut = run.log.len() * 2 / 3;
+        let part = |rows: std::ops::Range<usize>, role: Role| {
+            let take = |values: &Vec<f64>| values[rows.clone()].to_vec();
+            let mut part = (*run).clone();
+            part.role = role;
+            part.log = Log {
+                t: take(&run.log.t),
+                tau: run.log.tau.iter().map(take).collect(),
+                q: run.log.q.iter().map(take).collect(),
+                reference: run.log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
+                mask: run.log.mask.as_ref().map(|mask| mask[rows.clone()].to_vec()),
+            };
+            part.settings.moving |= role == Role::Validate;
+            part
+        };
+        parts.push(part(0..cut, Role::Fit));
+        parts.push(part(cut..run.log.len(), Role::Validate));
+    }
+    parts
+}

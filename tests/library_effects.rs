@@ -4,10 +4,14 @@
 use dynid::{
     fit::sensitivity::{self, Columns, Lumps},
     model::Model,
-    simulate::{self, Hold, Input, Options},
+    simulate::{
+        self, Hold, Input, Options, SimulationError,
+        control::{self, Controller, Filter},
+    },
     system::System,
 };
 use dynid_model::{Effect, Scope};
+use dynid_plant::random::Noise;
 
 #[path = "library_effects/values.rs"]
 mod values;
@@ -199,4 +203,153 @@ fn derivatives_by_every_effect_are_those_of_central_differences() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+fn effect(id: &str) -> &'static Effect {
+    dynid_model::effect(id).expect("an effect of the library")
+}
+
+/// The case of an effect with one of its parameters set.
+fn case(id: &str, symbol: &str, value: f64, hold: Hold) -> Case {
+    let mut case = Case::new(effect(id), hold);
+    let mut effects = case.system.effect_parameters().to_vec();
+    let named = |name: &String| name.ends_with(&format!(".{id}.{symbol}"));
+    effects[case.system.effect_names().iter().position(named).expect("its own name")] = value;
+    let links = case.system.link_parameters().to_vec();
+    case.system.set_parameters(&links, &effects);
+    case
+}
+
+fn positions(case: &Case) -> Result<Vec<f64>, SimulationError> {
+    simulate::simulate(&case.system, &case.input(), &Case::START, &OPTIONS).map(|trajectory| trajectory.q)
+}
+
+fn difference(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).fold(0.0, |error, (a, b)| error.max((a - b).abs()))
+}
+
+#[test]
+fn a_delay_of_whole_samples_shifts_the_commands() {
+    const SHIFT: usize = 3;
+    for hold in [Hold::Zero, Hold::Linear] {
+        let late = case("input_delay", "delay", SHIFT as f64 * STEP_S, hold);
+        let mut shifted = case("input_delay", "delay", 0.0, hold);
+        // Joint 1 alone is late.
+        for sample in 0..SAMPLES {
+            shifted.command[2 * sample + 1] = late.command[2 * sample.saturating_sub(SHIFT) + 1];
+        }
+        let (late, shifted) = (positions(&late).expect("bounded"), positions(&shifted).expect("bounded"));
+        assert!(difference(&late, &shifted) < 1e-12, "{hold:?}: {:.2e}", difference(&late, &shifted));
+    }
+}
+
+/// What a controller commands arrives as late as what a log does.
+#[test]
+fn a_controller_s_commands_are_late_too() {
+    let late = case("input_delay", "delay", 0.0137, Hold::Zero);
+    let controller = Controller {
+        proportional: vec![4.0, 2.0],
+        derivative: vec![0.1, 0.05],
+        filter: Filter::THESIS,
+        limit: vec![f64::INFINITY; 2],
+        position_quantum: 0.0,
+        torque_quantum: 0.0,
+    };
+    let reference: Vec<f64> = late.time.iter().flat_map(|t| [-1.5 + 0.2 * (6.0 * t).sin(), -0.4]).collect();
+    let start = &Case::START[..2];
+    let run = |case: &Case| {
+        control::simulate(&case.system, &controller, &case.time, &reference, start, &OPTIONS).expect("bounded")
+    };
+    let (motion, command) = run(&late);
+    let input = Input { time: &late.time, command: &command, hold: Hold::Zero };
+    assert_eq!(simulate::simulate(&late.system, &input, start, &OPTIONS).expect("bounded"), motion);
+    let (prompt, _) = run(&case("input_delay", "delay", 0.0, Hold::Zero));
+    assert!(difference(&prompt.q, &motion.q) > 1e-3, "the delay acts");
+}
+
+/// Down to nothing, time constants and gaps do no more than their size, and no step of the integration blows up.
+#[test]
+fn effects_that_are_too_fast_for_a_step_fade() {
+    let cases = [
+        ("input_lag", "T", vec![1e-12, 1e-6, 1e-4, 5e-4, 1e-3, 2e-3], 40.0),
+        ("input_delay", "delay", vec![1e-12, 1e-6, 1e-4, 1e-3], 40.0),
+        ("joint_elasticity", "compliance", vec![1e-15, 1e-12, 1e-9, 1e-7], 2e4),
+        ("backlash", "gap", vec![1e-15, 1e-9, 1e-7, 1e-6], 2e5),
+    ];
+    for (id, symbol, values, slope) in cases {
+        for hold in [Hold::Zero, Hold::Linear] {
+            let null = positions(&case(id, symbol, 0.0, hold)).expect("bounded");
+            for &value in &values {
+                let moved = difference(&positions(&case(id, symbol, value, hold)).expect("bounded"), &null);
+                assert!(moved <= slope * value + 1e-13, "{id} {symbol} = {value:e}: {moved:.2e} rad ({hold:?})");
+            }
+        }
+        for value in [0.01, 0.1, 1.0] {
+            assert!(positions(&case(id, symbol, value, Hold::Zero)).is_ok(), "{id} {symbol} = {value}");
+        }
+    }
+}
+
+/// A motor that no step can resolve is an error that says so, not a panic.
+#[test]
+fn a_motor_without_inertia_diverges() {
+    let error = positions(&case("joint_elasticity", "Jm", 0.0, Hold::Zero)).expect_err("0/0");
+    assert!(matches!(error, SimulationError::Diverged { .. }), "{error}");
+}
+
+/// On every device, at every joint and in every configuration: parallel axes, by hand.
+#[test]
+fn a_payload_is_a_part_of_the_last_link_that_its_joint_moves() {
+    let mut noise = Noise::new(4);
+    for device in dynid_model::devices() {
+        for joint in 0..device.joints.len() {
+            let Some(link) = device.last_link_moved_by(joint) else { continue };
+            let mut with = Model::of_device(device);
+            with.effects.clear();
+            let without = with.clone();
+            with.add_effect("payload", Some(joint), None).expect("an effect of the library");
+            let [m, x, y, z] = [(); 4].map(|()| 0.1 + noise.uniform());
+            for (symbol, value) in [("m", m), ("x", x), ("y", -y), ("z", z)] {
+                with.set_value(&format!("joint.{joint}.payload.{symbol}"), value).expect("within its bounds");
+            }
+            let of_link = |symbol: &str| {
+                without.parameter(&format!("link.{}.{symbol}", link + 1)).expect("a number of the link").value
+            };
+            let (own_m, own) = (of_link("m"), ["x", "y", "z"].map(of_link));
+            let mass = own_m + m;
+            let at = [x, -y, z];
+            let centroid: [f64; 3] = std::array::from_fn(|axis| (own_m * own[axis] + m * at[axis]) / mass);
+            let merged = |symbol: &str| -> f64 {
+                let axes: Vec<usize> = symbol.chars().filter_map(|axis| "xyz".find(axis)).collect();
+                match (symbol, axes.as_slice()) {
+                    ("m", _) => mass,
+                    (_, &[axis]) => centroid[axis],
+                    (_, &[a, b]) => {
+                        let steiner = |mass: f64, place: [f64; 3]| {
+                            let d: [f64; 3] = std::array::from_fn(|axis| place[axis] - centroid[axis]);
+                            let square: f64 = d.iter().map(|d| d * d).sum();
+                            mass * (f64::from(u8::from(a == b)) * square - d[a] * d[b])
+                        };
+                        of_link(symbol) + steiner(own_m, own) + steiner(m, at)
+                    }
+                    _ => unreachable!("no number of a link"),
+                }
+            };
+            for configuration in &device.configurations {
+                let system = |model: &Model| {
+                    System::of_model(model, &configuration.free, |joint| 0.3 + 0.2 * joint as f64).expect("complete")
+                };
+                let with = system(&with);
+                let mut without = system(&without);
+                let prefix = format!("link.{}.", link + 1);
+                let values: Vec<f64> = (without.kernel().parameters.iter().zip(without.link_parameters()))
+                    .map(|(name, value)| name.strip_prefix(&prefix).map_or(*value, merged))
+                    .collect();
+                without.set_parameters(&values, &[]);
+                let size = without.prepared().iter().fold(0.0_f64, |size, lump| size.max(lump.abs()));
+                let error = difference(with.prepared(), without.prepared());
+                assert!(error <= 1e-12 * size, "{} joint {joint} {:?}: {error:.2e}", device.id, configuration.free);
+            }
+        }
+    }
 }

@@ -145,7 +145,7 @@ fn fit_of_a_poor_model_is_located(folder: &Path) {
     assert!(joint["whiteness"].as_f64().unwrap() > 37.6 && joint["white"] == false, "{joint}");
     let along =
         joint["inputs"].as_array().unwrap().iter().find(|own| own["input"] == 5 && own["error"] == "torque").unwrap();
-    assert!(along["value"].as_f64().unwrap() > 0.9 && along["bound"].as_f64().unwrap() < 0.5, "{along}");
+    assert!(along["value"].as_f64().unwrap() > 0.9, "{along}");
 }
 
 #[test]
@@ -174,4 +174,33 @@ fn what_makes_no_page_is_refused_and_nothing_is_written() {
     );
     assert_eq!(fs::read_to_string(folder.path().join("mine.html")).unwrap(), "mine");
     assert!(!folder.path().join("new.html").exists());
+}
+
+#[test]
+fn the_terms_of_the_torque_add_up_to_the_command() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in dynid::tour::FILES {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    let experiment =
+        dynid::experiment::Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices())
+            .unwrap();
+    let mut model = dynid::model::Model::load(&folder.path().join("believed.toml")).unwrap();
+    model.add_effect("input_coupling", Some(4), Some(5)).unwrap();
+    model.set_value("joint.4.input_coupling.5.gain", -0.3).unwrap();
+    model.add_effect("coulomb", Some(5), None).unwrap();
+    let joints = dynid::torque::terms(&model, &experiment.runs[0]).unwrap();
+    assert_eq!(joints.len(), 2);
+    for joint in joints {
+        let names: Vec<&str> = joint.terms.iter().map(|(name, _)| name.as_str()).collect();
+        let own = if joint.joint == 4 { "input_coupling from 5" } else { "coulomb" };
+        for name in ["inertia", "Coriolis", "gravity", "spring", "viscous", own, "what is left"] {
+            assert!(names.contains(&name), "joint {}: {name} is not in {names:?}", joint.joint);
+        }
+        let size = joint.rms(&joint.command);
+        for (k, command) in joint.command.iter().enumerate() {
+            let sum: f64 = joint.terms.iter().map(|(_, values)| values[k]).sum();
+            assert!((sum - command).abs() < 1e-9 * size, "joint {}, sample {k}: {sum} {command}", joint.joint);
+        }
+    }
 }

@@ -34,7 +34,13 @@ fn tour(folder: &TempDir, arguments: &[&str]) -> assert_cmd::assert::Assert {
 
 #[test]
 fn it_finds_what_is_hidden_and_writes_a_page_that_stands_alone() {
+    // A folder that is there is kept, unless it is asked for.
     let folder = TempDir::new().unwrap();
+    fs::create_dir(folder.path().join("dynid-tour")).unwrap();
+    fs::write(folder.path().join("dynid-tour/fitted.toml"), "mine\n").unwrap();
+    let refused = tour(&folder, &["--out-dir", "dynid-tour"]).code(2).get_output().stderr.clone();
+    let refused = String::from_utf8(refused).unwrap();
+    assert!(refused.contains("fitted.toml exists already"), "{refused}");
     let output = tour(&folder, &["--json"]).success().get_output().stdout.clone();
     let told: Value = serde_json::from_slice(&output).unwrap();
     assert_eq!(told["verdict"], "missing_effect");
@@ -49,7 +55,14 @@ fn it_finds_what_is_hidden_and_writes_a_page_that_stands_alone() {
     assert!(ladder["notes"].as_array().unwrap().is_empty(), "each is the child of the one before: {}", ladder["notes"]);
 
     // The commands that it tells work in its folder, and the page is the same.
-    let made = folder.path().join("dynid-tour");
+    assert_eq!(fs::read_to_string(folder.path().join("dynid-tour/fitted.toml")).unwrap(), "mine\n");
+    let mut left: Vec<String> = fs::read_dir(folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    left.sort();
+    assert_eq!(left, ["dynid-tour", "dynid-tour-2"]);
+    let made = folder.path().join("dynid-tour-2");
     let page = fs::read_to_string(made.join("report.html")).unwrap();
     for outside in ["http", "src=", "href=", "@import", "url(", "<link"] {
         assert!(!page.contains(outside), "the page contains `{outside}`");
@@ -63,28 +76,4 @@ fn it_finds_what_is_hidden_and_writes_a_page_that_stands_alone() {
         Command::cargo_bin("dynid").unwrap().args(&arguments).current_dir(&made).assert().success();
         assert_eq!(fs::read(made.join("better.toml")).unwrap(), before);
     }
-}
-
-#[test]
-fn a_second_tour_keeps_the_first() {
-    let folder = TempDir::new().unwrap();
-    fs::create_dir(folder.path().join("dynid-tour")).unwrap();
-    fs::write(folder.path().join("dynid-tour/fitted.toml"), "mine\n").unwrap();
-    let refused = tour(&folder, &["--out-dir", "dynid-tour"]).code(2).get_output().stderr.clone();
-    let refused = String::from_utf8(refused).unwrap();
-    assert!(refused.contains("fitted.toml exists already"), "{refused}");
-
-    let told = tour(&folder, &[]).success().get_output().stdout.clone();
-    assert!(String::from_utf8(told).unwrap().contains("dynid-tour was there already and is kept."));
-    assert_eq!(fs::read_to_string(folder.path().join("dynid-tour/fitted.toml")).unwrap(), "mine\n");
-    assert!(folder.path().join("dynid-tour-2/report.html").is_file());
-
-    tour(&folder, &["--out-dir", "dynid-tour", "--force"]).success();
-    assert_ne!(fs::read_to_string(folder.path().join("dynid-tour/fitted.toml")).unwrap(), "mine\n");
-    let mut left: Vec<String> = fs::read_dir(folder.path())
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-        .collect();
-    left.sort();
-    assert_eq!(left, ["dynid-tour", "dynid-tour-2"]);
 }

@@ -407,7 +407,7 @@ fn told(value: Option<f64>) -> String {
 /// Each line a little to the right.
 fn indented(text: &str) -> String {
     text.lines().fold(String::new(), |mut indented, line| {
-        let _ = writeln!(indented, " {line}");
+        let _ = writeln!(indented, "{}", format!(" {line}").trim_end());
         indented
     })
 }

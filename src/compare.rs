@@ -273,6 +273,28 @@ pub fn closed_loop(system: &System, run: &Run, options: &simulate::Options) -> R
     Ok(Some(control::simulate(system, &controller, &run.log.t, &reference, &first, options)))
 }
 
+/// Whether a simulation of `model` from the run's first positions under its commands shows the motion of the log, not one of
+/// its own.
+pub fn stays_near(model: &Model, run: &Run) -> bool {
+    /// Share of the motion's spread that the error may reach: far from [`LOST`].
+    const NEAR: f64 = 0.3;
+    let Ok(fit_run) = FitRun::of_run(model, run) else { return false };
+    let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
+    let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
+    let options = simulate::Options { substeps, ..simulate::Options::default() };
+    let n = run.free.len();
+    let Some(first) = fit_run.position.get(..n) else { return false };
+    let Ok(trajectory) = simulate::simulate(&fit_run.system, &input, first, &options) else { return false };
+    run.free.iter().enumerate().all(|(slot, &joint)| {
+        let measured = &run.log.q[joint];
+        let model = trajectory.q.iter().skip(slot).step_by(n);
+        let residual: Vec<f64> = measured.iter().zip(model).map(|(y, model)| y - model).collect();
+        let mean = run.log.mean_position(joint);
+        let spread: Vec<f64> = measured.iter().map(|y| y - mean).collect();
+        rms(&residual) <= NEAR * rms(&spread)
+    })
+}
+
 /// Positions of the free joints that `model` shows under the run's commands, or under its controller where it has one: one
 /// vector a joint, or why there are none.
 fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec<f64>>, String>, Error> {

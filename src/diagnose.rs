@@ -174,7 +174,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        let fit = position::Options { iterations: 50, tolerance: 1e-5, ..position::Options::default() };
+        let fit = position::Options { iterations: 40, tolerance: 1e-5, ..position::Options::default() };
         Self { error: None, depth: 1, refits: 12, fit }
     }
 }
@@ -311,8 +311,17 @@ impl Work<'_> {
         if let Some(refit) = self.finished.get(key) {
             return Ok(refit.clone());
         }
-        let fits: Vec<Result<Refit, Error>> =
-            starts.par_iter().map(|start| self.judge.refit(suspect, base, start, reached, self.stop)).collect();
+        let mut fits: Vec<Result<Refit, Error>> = Vec::new();
+        for start in starts {
+            let fit = self.judge.refit(suspect, base, start, reached, self.stop);
+            // Another start is worth its time only while nothing explains the logs.
+            let done = reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR)
+                || fit.as_ref().is_ok_and(verdict::reaches_the_floor);
+            fits.push(fit);
+            if done || (self.stop)() {
+                break;
+            }
+        }
         let cost = |refit: &Refit| {
             let fitted = refit.left.iter().filter(|left| !left.held_out);
             fitted.map(|left| left.samples * left.squares.max(f64::MIN_POSITIVE).ln()).sum::<f64>()

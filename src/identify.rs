@@ -10,6 +10,7 @@ use dynid_model::Parameter;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    compare::stays_near,
     error::Error,
     experiment::{Experiment, Run},
     fit::{
@@ -203,15 +204,31 @@ pub struct Best {
     pub steps: Vec<sequence::Step>,
 }
 
-/// The error that is made small unless the user says which: the position error where a simulation stays near the log,
-/// which it does where the model has a rest position (a spring) at every free joint and no controller moves the log;
-/// else the torque error, which needs no simulation.
+/// The error that is made small unless the user says which.
+///
+/// The position error where a simulation stays near the log: where the model has a rest position (a spring) at every free
+/// joint, or, torque first, where the simulation of the model as it stands does not lose the log. The torque error, which
+/// needs no simulation, where a controller moved the log, or where the experiment says how the torque error is to be
+/// filtered or masked.
 pub fn default_error(model: &Model, runs: &[&Run]) -> ErrorKind {
     let rests = |joint: usize| model.effects_at(joint).any(|instance| instance.effect.parameter("qeq").is_some());
-    let held = |run: &&Run| {
-        run.settings.controller.is_none() && run.log.reference.is_none() && run.free.iter().all(|&joint| rests(joint))
+    let is_open = |run: &&Run| run.settings.controller.is_none() && run.log.reference.is_none();
+    let is_prepared = |run: &&Run| {
+        let settings = &run.settings;
+        settings.cutoff_hz.is_some()
+            || settings.decimate > 1
+            || run.log.mask.is_some()
+            || settings.min_speed.iter().any(|speed| *speed > 0.0)
     };
-    if runs.iter().all(held) { ErrorKind::Position } else { ErrorKind::Torque }
+    if !runs.iter().all(is_open) {
+        ErrorKind::Torque
+    } else if runs.iter().all(|run| run.free.iter().all(|&joint| rests(joint))) {
+        ErrorKind::Position
+    } else if !runs.iter().any(is_prepared) && runs.iter().all(|run| stays_near(model, run)) {
+        ErrorKind::Both
+    } else {
+        ErrorKind::Torque
+    }
 }
 
 /// Fits `model` to those of `runs` that are for it, all at once.

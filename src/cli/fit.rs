@@ -44,8 +44,9 @@ Which error is made small:
   position   measured position minus the one simulated from the commanded torque
   torque     commanded torque minus the one that the measured, filtered motion needs
   both       torque first, then position from there
-Without --error it is position where the model has a rest position (a spring) at every free joint of every run and no
-run is in closed loop, for then the simulation stays near the log; torque otherwise. The result says which it was.
+Without --error it is position where the model has a rest position (a spring) at every free joint of every run, both
+where the simulation of the model as it stands stays near the logs, and torque otherwise: where a run is in closed loop, or
+the experiment filters or masks the torque error. The result says which it was.
 
 A log is taken to begin at rest. One that does not, e.g. a part of a longer one, says moving = true in the experiment,
 beside its file; then its initial speeds are estimated with its initial positions.")]

@@ -203,6 +203,7 @@ impl Probe {
         for (step, units) in self.steps.iter().zip(units) {
             set(&step.name, step.from + units * step.unit);
         }
+        keep_orders(&mut model);
         model
     }
 }

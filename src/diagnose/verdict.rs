@@ -14,6 +14,8 @@ use crate::{
 
 /// Below this multiple of the noise at every joint nothing is missing, whatever pattern is left.
 pub(super) const AT_THE_FLOOR: f64 = 1.05;
+/// Cost per sample and joint of a fit that leaves nothing but noise.
+pub(super) const COST_AT_THE_FLOOR: f64 = 0.5 * AT_THE_FLOOR * AT_THE_FLOOR;
 /// Below this multiple nothing is missing if what is left is white.
 pub(super) const NEAR_THE_FLOOR: f64 = 1.5;
 /// An effect explains what was left if no joint's error is above this multiple of its noise with it.
@@ -136,7 +138,7 @@ fn bring_alternatives(list: &mut Vec<Score>) {
 /// nearly as telling.
 pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[(Option<Score>, Option<Score>)]) -> bool {
     /// Share of the best's score.
-    const NEARLY: f64 = 0.4;
+    const NEARLY: f64 = 0.6;
     let Some(winner) = &best.suspect else { return true };
     let of = |suspect: &Suspect| {
         scored.iter().find_map(|(torque, position)| {

@@ -191,6 +191,7 @@ fn sensitivity(
         }
         let command = random.vector(system.n_joints(), -1.0, 1.0);
         let t = random.between(0.0, 100.0);
+        linear.set_late(random.vector(moved.delays().len(), -1.0, 1.0));
         moved.derivative(&mut scratch, t, &x, &command, &mut dx);
         let ddq = dx[n..2 * n].to_vec();
         linear.along(&moved, t, &x, Some(&ddq), &command, &mut dx);

@@ -54,8 +54,9 @@ pub fn terms(model: &Model, run: &Run) -> Result<Vec<JointTerms>, Error> {
         })
         .collect();
     for effect in &model.effects {
-        // The gain is the scale of all terms; a sensor's effect changes the motion itself.
-        if effect.effect.place == Place::Sensor || effect.effect.stage == Some(Stage::Gain) {
+        // The gain is the scale of all terms; a sensor's effect changes the motion itself; a body is in inertia and gravity.
+        let is_body = effect.effect.outputs.iter().any(|(name, _)| name == "m");
+        if effect.effect.place == Place::Sensor || effect.effect.stage == Some(Stage::Gain) || is_body {
             continue;
         }
         let mut without = model.clone();

@@ -23,6 +23,8 @@ pub struct Mechanism {
     bodies: Vec<Body>,
     /// Up, times the magnitude of gravity (m/s^2), in the base frame.
     gravity: Vector3<f64>,
+    /// How a frame stands that no free joint moves, where that is known.
+    still: Vec<Option<Sweep>>,
 }
 
 #[derive(Debug, Clone)]
@@ -65,6 +67,10 @@ enum Entry {
 }
 
 impl Entry {
+    fn is_constant(&self) -> bool {
+        matches!(self, Self::Constant(_))
+    }
+
     /// Value, rate and acceleration while the `free` joints move at constant speeds.
     fn jet(&self, free: &[usize], q: &[f64], dq_free: &[f64]) -> Jet {
         let speed = |joint: usize| free.iter().position(|&own| own == joint).map_or(0.0, |slot| dq_free[slot]);
@@ -148,6 +154,9 @@ impl Sweep {
     /// Turns about an axis of its own, and tells which way that axis points.
     fn turn(&mut self, axis: usize, angle: Jet) -> Vector3<f64> {
         let direction = self.rotation.column(axis).into_owned();
+        if angle == Jet::default() {
+            return direction;
+        }
         let (s, c) = angle.value.sin_cos();
         let (one, two) = if axis == X { (1, 2) } else { (0, 1) };
         let (first, second) = (self.rotation.column(one).into_owned(), self.rotation.column(two).into_owned());
@@ -161,6 +170,9 @@ impl Sweep {
     /// Moves along an axis of its own, and tells which way that axis points and how far it went.
     fn shift(&mut self, axis: usize, distance: Jet) -> (Vector3<f64>, Vector3<f64>) {
         let direction = self.rotation.column(axis).into_owned();
+        if distance == Jet::default() {
+            return (direction, Vector3::zeros());
+        }
         let offset = direction * distance.value;
         self.acceleration += self.spin_rate.cross(&offset)
             + self.spin.cross(&self.spin.cross(&offset))
@@ -281,7 +293,45 @@ impl Mechanism {
             .collect();
         let component = |axis: usize, name: &str| if device.up[axis] == 0.0 { 0.0 } else { parameters(name) };
         let gravity = Vector3::new(component(0, "base.gx"), component(1, "base.gy"), component(2, "base.gz"));
-        Self { n_joints, convention: device.convention, rows, bodies, gravity }
+        let still = vec![None; device.frames.len()];
+        Self { n_joints, convention: device.convention, rows, bodies, gravity, still }
+    }
+
+    /// The same device with all but the `free` joints held at `q`: frames that then stand still are computed once.
+    #[must_use]
+    pub fn holding(&self, free: &[usize], q: &[f64]) -> Self {
+        let mut holding = self.clone();
+        let held = |entry: &mut Entry| {
+            if let Entry::Affine(constant, factors) = entry {
+                let is_free = |&&(joint, _): &&(usize, f64)| free.contains(&joint);
+                *constant += factors.iter().filter(|of| !is_free(of)).map(|(joint, by)| by * q[*joint]).sum::<f64>();
+                factors.retain(|of| is_free(&of));
+                if factors.is_empty() {
+                    *entry = Entry::Constant(*constant);
+                }
+            }
+        };
+        for row in &mut holding.rows {
+            for entry in [&mut row.theta, &mut row.d, &mut row.a, &mut row.alpha] {
+                held(entry);
+            }
+        }
+        for index in 0..holding.rows.len() {
+            let row = &holding.rows[index];
+            let from = row.parent.map_or_else(|| Some(Sweep::at_rest()), |parent| holding.still[parent]);
+            let motions = row.motions(self.convention);
+            if let (Some(mut sweep), true) = (from, motions.iter().all(|(_, _, entry)| entry.is_constant())) {
+                for (elementary, axis, entry) in motions {
+                    let jet = entry.jet(&[], q, &[]);
+                    match elementary {
+                        Elementary::Turn => sweep.turn(axis, jet),
+                        Elementary::Shift => sweep.shift(axis, jet).0,
+                    };
+                }
+                holding.still[index] = Some(sweep);
+            }
+        }
+        holding
     }
 
     /// Number of joint variables.
@@ -394,6 +444,10 @@ impl Mechanism {
         // velocity of the origin and angular velocity of each frame when only one joint moves, at unit speed
         let mut partial = vec![(Vector3::zeros(), Vector3::zeros()); n * self.rows.len()];
         for (index, row) in self.rows.iter().enumerate() {
+            if let Some(still) = self.still[index] {
+                sweeps.push(still);
+                continue;
+            }
             let mut sweep = row.parent.map_or_else(Sweep::at_rest, |parent| sweeps[parent]);
             let (before, after) = partial.split_at_mut(n * index);
             let of_frame = &mut after[..n];

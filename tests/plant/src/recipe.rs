@@ -257,6 +257,8 @@ fn trimmed(value: f64, decimals: usize) -> String {
 /// Everything that moves.
 struct Play<'a> {
     plant: &'a Plant<'a>,
+    /// With the locked joints held.
+    mechanism: Mechanism,
     free: &'a [usize],
     /// Positions and speeds of the free joints, then the states of all effects.
     state: Vec<f64>,
@@ -283,7 +285,8 @@ impl<'a> Play<'a> {
         for (slot, &joint) in free.iter().enumerate() {
             state[slot] = plant.recipe.start[joint];
         }
-        Self { plant, free, state, lagged: vec![0.0; free.len()] }
+        let mechanism = plant.mechanism.holding(free, &plant.recipe.start);
+        Self { plant, mechanism, free, state, lagged: vec![0.0; free.len()] }
     }
 
     /// What the encoders would show without noise.
@@ -353,7 +356,7 @@ impl<'a> Play<'a> {
             q[joint] = state[slot];
             dq[joint] = state[n + slot];
         }
-        let (mut inertia, bias) = self.plant.mechanism.inertia_and_bias(self.free, &q, &state[n..2 * n]);
+        let (mut inertia, bias) = self.mechanism.inertia_and_bias(self.free, &q, &state[n..2 * n]);
         let mut rates = vec![0.0; state.len()];
         let mut force = DVector::zeros(n);
         let mut used = 2 * n;

@@ -298,6 +298,12 @@ fn locked_joints_leave_a_part_of_the_equations() {
         assert_close(&d, &[whole[5], whole[7], whole[13], whole[15]], 1e-14);
         let bias = tree.bias(&Q, &[0.0, 0.8, 0.0, -0.5]);
         assert_close(&h, &[bias[1], bias[3]], 1e-14);
+        let held = tree.holding(&[1, 3], &Q).inertia_and_bias(&[1, 3], &Q, &[0.8, -0.5]);
+        assert_close(&held.0, &d, 1e-14);
+        assert_close(&held.1, &h, 1e-14);
+        let held = tree.holding(&[3], &Q).inertia_and_bias(&[3], &Q, &[-0.5]);
+        assert_close(&held.0, &[whole[15]], 1e-14);
+        assert_close(&held.1, &[tree.bias(&Q, &[0.0, 0.0, 0.0, -0.5])[3]], 1e-14);
         let (d, h) = tree.inertia_and_bias(&[0, 1, 2, 3], &Q, &DQ);
         assert_close(&d, &whole, 1e-14);
         assert_close(&h, &tree.bias(&Q, &DQ), 1e-14);

@@ -198,6 +198,8 @@ pub enum Event<'a> {
 /// Finished fits by their keys: a diagnosis that was stopped goes on from them.
 pub type Finished = BTreeMap<String, Refit>;
 
+/// Linearisations of a torque fit, which is nearly linear: what takes more is not going anywhere.
+const TORQUE_ITERATIONS: usize = 15;
 /// Suspects that are fitted at the same time; the result does not depend on the number of threads, but on this.
 const AT_ONCE: usize = 2;
 /// Longest integration step of the screening (s): eight steps per 10 ms matched 24 in the feasibility study.
@@ -238,7 +240,7 @@ pub fn diagnose(
         },
         Some(error) => error,
     };
-    let judge = Judge { error, experiment, runs: &runs, options: fit_options(options, &runs) };
+    let judge = Judge { error, experiment, runs: &runs, options: fit_options(options, error, &runs) };
     let work = Work { judge: &judge, options, finished, tell, stop };
     let mut steps = Vec::new();
     let mut base = work.base(model)?;
@@ -258,10 +260,12 @@ pub fn diagnose(
 }
 
 /// Steps per sample that the runs ask for.
-fn fit_options(options: &Options, runs: &[&Run]) -> position::Options {
+fn fit_options(options: &Options, error: ErrorKind, runs: &[&Run]) -> position::Options {
     let sample = runs.iter().map(|run| run.log.sample_time()).fold(0.0, f64::max);
     let substeps = (sample / LONGEST_STEP).round().clamp(1.0, 600.0) as usize;
-    position::Options { substeps, ..options.fit }
+    let iterations =
+        if error == ErrorKind::Torque { options.fit.iterations.min(TORQUE_ITERATIONS) } else { options.fit.iterations };
+    position::Options { substeps, iterations, ..options.fit }
 }
 
 /// What every step of a diagnosis needs.

@@ -25,7 +25,7 @@ The effect starts where it vanishes, so that the model does what it did; `dynid 
 from the logs before it moves everything. A law that contains another takes its place (lugre that of coulomb) and keeps
 what they share. Comments and order of the model file stay.")]
 pub struct Arguments {
-    /// The effect; `dynid devices --effects` lists them.
+    /// The effect, by its name in the library (a file of model/effects without its ending).
     effect: String,
     /// The joint it acts on, or several, each of which gets one.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]

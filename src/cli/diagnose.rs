@@ -104,9 +104,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     bar.enable_steady_tick(Duration::from_millis(200));
     let tell = |event: &Event<'_>| {
         bar.set_message(message(event, started.elapsed().as_secs_f64()));
-        if std::env::var_os("DYNID_TRACE").is_some() && !matches!(event, Event::Screened(..)) {
-            eprintln!("{}", message(event, started.elapsed().as_secs_f64()));
-        }
         if let Event::Refitted(key, refit) = event
             && let Ok(mut so_far) = so_far.lock()
         {

@@ -177,6 +177,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         found => found?,
     };
+    if !found.status.may_update_model() && arguments.error.is_none() && how.method.is_none() {
+        let ended = found.status.as_str();
+        let how = How { error: ErrorKind::Torque, ..how.clone() };
+        let other = progress::shown(|told| {
+            identify::identify_as(&start, &experiment, &runs, &how, State::default(), &mut |progress, _| {
+                told(progress);
+                Watch::Continue
+            })
+        });
+        // Where even that comes to nothing, the first fit says why.
+        if let Ok(mut other) = other
+            && other.status.may_update_model()
+        {
+            other.notes.push(format!(
+                "the fit of the position error came to no minimum ({ended}): the model's simulation does not follow the \
+                 logs. The torque error was fitted instead; `dynid diagnose` may tell what the model lacks"
+            ));
+            found = other;
+        }
+    }
     if let Some(record) = &mut found.model.fit {
         // The parent is what the user handed in, not the estimate that the search began with.
         record.parent_digest = model.digest();

@@ -33,6 +33,10 @@ const SHARE_OF_TORQUE: f64 = 0.3;
 const WORTH: f64 = -20.0;
 /// The held-out error must fall by at least this share.
 const LEAST_GAIN: f64 = 0.01;
+/// A suspect that promises less than this share of the best is not fitted.
+const LEAST_PROMISE: f64 = 0.05;
+/// As many are fitted in any case.
+const FEWEST: usize = 5;
 /// As many places where the model fails are told.
 const PLACES: usize = 12;
 /// Held-out log-likelihoods that differ by less are the same.
@@ -83,6 +87,10 @@ pub(super) fn shortlist(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Score>
         })
         .collect();
     order.sort_by(|a, b| promise(*b).total_cmp(&promise(*a)).then(a.cmp(b)));
+    // What promises a small part of the best is not fitted, but for a few.
+    let most = order.first().map_or(0.0, |index| promise(*index));
+    let enough = order.iter().filter(|index| promise(**index) >= LEAST_PROMISE * most).count();
+    order.truncate(enough.max(FEWEST));
     let mut list: Vec<Score> = order
         .into_iter()
         .filter_map(|index| {

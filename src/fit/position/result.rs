@@ -110,6 +110,9 @@ impl RunError {
     }
 }
 
+/// A residual whose variance is below this multiple of the noise's has nothing left to explain.
+const NOISE_ALONE: f64 = 1.2;
+
 /// A parameter counts as identified when the data narrow its range to less than this share.
 const IDENTIFIED: f64 = 0.5;
 
@@ -184,6 +187,8 @@ pub(super) fn conclude(
             }
         })
         .collect();
+    // Where nothing but noise is left there is nothing to gain, whatever small jumps of the cost stop the search.
+    let ended = if ended == Ended::Stuck && variance_ratio < NOISE_ALONE { Ended::Converged } else { ended };
     let status = match ended {
         Ended::Converged if parameters.iter().any(|parameter| parameter.at_bound) => FitStatus::HeldByBound,
         Ended::Converged if !undetermined.is_empty() => FitStatus::NotIdentifiable,

@@ -9,7 +9,10 @@
 mod candidate;
 mod estimate;
 mod refit;
+mod region;
 mod screen;
+mod sessions;
+mod tell_apart;
 mod verdict;
 mod view;
 
@@ -362,8 +365,8 @@ impl Work<'_> {
                 failed: Vec::new(),
             });
         }
-        let scored = self.screening(base)?;
-        let screening = verdict::screened(&scored);
+        let screening = Screening::new(base, self.judge.runs, self.judge.error);
+        let scored = self.screened(&screening, base)?;
         let shortlist = verdict::shortlist(&scored);
         let found = before.iter().filter_map(Step::best).filter_map(|best| best.suspect.as_ref());
         let path: Vec<String> = found.map(ToString::to_string).collect();
@@ -398,13 +401,19 @@ impl Work<'_> {
                 waiting.retain(|score| verdict::may_rival(score, best, &scored));
             }
         }
-        let fitted = verdict::judge(refit, fitted);
-        Ok(Step { verdict: verdict::of(refit, &fitted), base: refit.clone(), screening, fitted, failed })
+        let torque = screening.torque();
+        let fitted = verdict::judge(refit, fitted, &|fit| region::helps_elsewhere(torque, refit, fit));
+        Ok(Step {
+            verdict: verdict::of(refit, &fitted),
+            base: refit.clone(),
+            screening: verdict::screened(&scored),
+            fitted,
+            failed,
+        })
     }
 
     /// What the screening says of every suspect: by the torque error, and by simulations.
-    fn screening(&self, base: &Model) -> Result<Vec<(Option<Score>, Option<Score>)>, Error> {
-        let screening = Screening::new(base, self.judge.runs, self.judge.error);
+    fn screened(&self, screening: &Screening<'_>, base: &Model) -> Result<Vec<(Option<Score>, Option<Score>)>, Error> {
         let suspects = suspects(base, screening.runs());
         let done = AtomicUsize::new(0);
         let told = || {

@@ -38,11 +38,21 @@ pub struct JointTorqueError {
     pub torque: Vec<f64>,
     /// Commanded torque minus the model's, filtered [unit of the command].
     pub residual: Vec<f64>,
+    /// Torque that the drive path delivers, filtered, brought back like the residual [unit of the command]: the command
+    /// itself, but where a stage of the drive path is not linear.
+    pub delivered: Vec<f64>,
     /// Whether the sample counts.
     pub used: Vec<bool>,
 }
 
 impl JointTorqueError {
+    /// The delivered torque over the commanded one, root mean squares where they count: 1 but where a stage of the drive
+    /// path takes torque away. `None` without torque.
+    pub fn delivered_share(&self) -> Option<f64> {
+        let commanded = square_sum(&self.torque, &self.used);
+        (commanded > 0.0).then(|| (square_sum(&self.delivered, &self.used) / commanded).sqrt())
+    }
+
     /// Number of samples that count.
     pub fn n_used(&self) -> usize {
         self.used.iter().filter(|used| **used).count()
@@ -93,7 +103,7 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
         .map(|range| {
             let mut linear = Linear::new(system);
             let mut sample = Sample::new(system);
-            let mut columns = vec![Vec::with_capacity(range.len()); n];
+            let mut columns = vec![Vec::with_capacity(range.len()); 2 * n];
             let mut needed = vec![0.0; n];
             for k in range {
                 sample.load(motion, states.as_ref(), k);
@@ -102,7 +112,9 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
                 (system.kernel().inverse_dynamics)(system.prepared(), &x[..n], &x[n..2 * n], ddq, &mut needed);
                 system.add_inertia_torque(ddq, &mut needed);
                 for slot in 0..n {
-                    columns[slot].push((linear.drive()[slot] - linear.load()[slot] - needed[slot]) / slopes[slot]);
+                    let drive = linear.drive()[slot];
+                    columns[slot].push((drive - linear.load()[slot] - needed[slot]) / slopes[slot]);
+                    columns[n + slot].push(drive / slopes[slot]);
                 }
             }
             columns
@@ -111,7 +123,9 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
     (0..n)
         .into_par_iter()
         .map(|slot| {
-            let residual: Vec<f64> = chunks.iter().flat_map(|columns| columns[slot].iter().copied()).collect();
+            let whole = |column: usize| -> Vec<f64> {
+                chunks.iter().flat_map(|columns| columns[column].iter().copied()).collect()
+            };
             let joint = system.kernel().free[slot];
             let kept = |values: &[f64]| motion.kept.iter().map(|&k| values[k]).collect();
             JointTorqueError {
@@ -120,7 +134,8 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
                 speed: kept(&motion.dq[slot]),
                 position: kept(&motion.q[slot]),
                 torque: motion.filtered(&motion.command[joint]),
-                residual: motion.filtered(&residual),
+                residual: motion.filtered(&whole(slot)),
+                delivered: motion.filtered(&whole(n + slot)),
                 used: motion.used[slot].clone(),
             }
         })

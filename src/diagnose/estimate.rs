@@ -40,6 +40,11 @@ impl<'a> Screening<'a> {
         }
     }
 
+    /// The torque error of the runs to fit to.
+    pub(super) fn torque(&self) -> &TorqueView {
+        &self.torque
+    }
+
     /// The runs to fit to.
     pub(super) fn runs(&self) -> &[&'a Run] {
         &self.runs

@@ -25,7 +25,7 @@ pub struct Refit {
     pub model: String,
     /// How the fit ended.
     pub status: FitStatus,
-    /// The suspect's own parameters.
+    /// The suspect's own parameters; of the model itself all that moved.
     pub parameters: Vec<Own>,
     /// Number of unknowns that the suspect brings beyond those that it takes the place of.
     pub unknowns: f64,
@@ -52,6 +52,8 @@ pub struct Own {
     pub std_error: Option<f64>,
     /// On a bound where the effect does not vanish.
     pub at_bound: bool,
+    /// Whether the runs determine it.
+    pub identifiable: bool,
 }
 
 /// What is left at a joint over the runs of one role.
@@ -80,6 +82,11 @@ impl Refit {
     /// Never for a refit of this program; a checkpoint that was tampered with.
     pub fn parsed(&self) -> Result<Model, Error> {
         Ok(Model::parse(&self.model, std::path::Path::new("refitted.toml"))?)
+    }
+
+    /// Whether every error is a number.
+    pub fn is_finite(&self) -> bool {
+        self.left.iter().all(|left| left.squares.is_finite())
     }
 
     /// What is left on the held-out runs, or where there are none on those that were fitted.
@@ -149,7 +156,7 @@ impl Judge<'_> {
         };
         let found =
             identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)?;
-        let own = |name: &str| suspect.is_some_and(|suspect| is_own(suspect, start, name));
+        let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
         let parameters: Vec<Own> = found
             .parameters
             .iter()
@@ -159,6 +166,7 @@ impl Judge<'_> {
                 value: parameter.value,
                 std_error: parameter.std_error,
                 at_bound: parameter.held && !is_null(start, &parameter.name, parameter.value),
+                identifiable: parameter.identifiable,
             })
             .collect();
         let unknowns = count(&found.model, self.runs) - count(base, self.runs);
@@ -237,6 +245,12 @@ fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> Vec<Left> {
                 let Some(torque) = told.torque.get(slot) else { continue };
                 let used = torque.residual.iter().zip(&torque.used).filter(|(_, used)| **used);
                 let squares: f64 = used.map(|(value, _)| value * value).sum();
+                if torque.n_used() == 0 {
+                    continue;
+                }
+                // A stage that takes the command away takes the error along; that explains nothing.
+                let share = torque.delivered_share().unwrap_or(1.0).min(1.0);
+                let squares = squares / (share * share).max(f64::MIN_POSITIVE);
                 let correlation = correlation_time(&torque.residual, &torque.used);
                 add(joint.joint, held_out, squares, torque.n_used() as f64, correlation, None, false);
             } else if let (Some(rmse), Some(simulated)) = (joint.rmse, &told.simulated) {

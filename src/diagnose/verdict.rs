@@ -3,13 +3,17 @@
 use std::collections::BTreeMap;
 
 use super::{
-    Diagnosis, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work, candidate::is_symmetric,
+    Diagnosis, Place, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work,
+    candidate::is_symmetric,
 };
 use crate::{
+    compare::{compare, locate::locate},
     error::Error,
     experiment::{Role, Run},
     fit::position::PositionFitError,
+    identify::ErrorKind,
     log::Log,
+    model::Model,
 };
 
 /// Below this multiple of the noise at every joint nothing is missing, whatever pattern is left.
@@ -29,6 +33,8 @@ const SHARE_OF_TORQUE: f64 = 0.3;
 const WORTH: f64 = -20.0;
 /// The held-out error must fall by at least this share.
 const LEAST_GAIN: f64 = 0.01;
+/// As many places where the model fails are told.
+const PLACES: usize = 12;
 /// Held-out log-likelihoods that differ by less are the same.
 const SAME: f64 = 8.0;
 
@@ -164,14 +170,14 @@ pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>) -> V
     }
     let Some(score) = by_torque else { return probes.iter().step_by(probes.len().div_ceil(FEW)).cloned().collect() };
     // The estimate, with its amplitudes to be found anew about it.
-    let near = |estimate: &crate::model::Model| {
+    let near = |estimate: &Model| {
         probes.iter().min_by(|a, b| distance(a, estimate).total_cmp(&distance(b, estimate))).cloned()
     };
     [Some(&score.estimate), score.second.as_ref()].into_iter().flatten().filter_map(near).collect()
 }
 
 /// How far a probe's tried values are from those of a model.
-fn distance(probe: &Probe, model: &crate::model::Model) -> f64 {
+fn distance(probe: &Probe, model: &Model) -> f64 {
     let stepped =
         |name: &str| probe.steps.iter().any(|step| step.name == name) || probe.scaled.iter().any(|own| own == name);
     let differences =
@@ -197,11 +203,16 @@ fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held
 }
 
 /// Judges refits against the model without them, best first; those given no credit last.
-pub(super) fn judge(before: &Refit, fitted: Vec<Refit>) -> Vec<Judged> {
+pub(super) fn judge(
+    before: &Refit,
+    fitted: Vec<Refit>,
+    helps_elsewhere: &dyn Fn(&Refit) -> Option<String>,
+) -> Vec<Judged> {
     // Independent samples are counted once, by what the best leaves.
     let pooled =
         |refit: &Refit| refit.judged().map(|left| left.samples * left.squares.max(f64::MIN_POSITIVE).ln()).sum::<f64>();
-    let best = fitted.iter().min_by(|a, b| pooled(a).total_cmp(&pooled(b)));
+    let finite = fitted.iter().filter(|refit| refit.is_finite());
+    let best = finite.min_by(|a, b| pooled(a).total_cmp(&pooled(b)));
     let correlations: BTreeMap<usize, f64> =
         best.map(|best| best.judged().map(|left| (left.joint, left.correlation)).collect()).unwrap_or_default();
     let mut judged: Vec<Judged> = fitted
@@ -210,7 +221,7 @@ pub(super) fn judge(before: &Refit, fitted: Vec<Refit>) -> Vec<Judged> {
             let (held_out, _) = gain(before, &refit, &correlations, true);
             let (fit, independent) = gain(before, &refit, &correlations, false);
             let delta_bic = fit + refit.unknowns * independent.max(2.0).ln();
-            let reason = refusal(before, &refit, delta_bic);
+            let reason = refusal(before, &refit, delta_bic).or_else(|| helps_elsewhere(&refit));
             Judged { refit, held_out, delta_bic, reason }
         })
         .collect();
@@ -237,6 +248,14 @@ pub(super) fn failed(suspect: &Suspect, error: &Error) -> Refused {
 
 /// Why a refit is given no credit.
 fn refusal(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
+    if !refit.is_finite()
+        || !before
+            .left
+            .iter()
+            .all(|left| refit.left.iter().any(|own| own.joint == left.joint && own.held_out == left.held_out))
+    {
+        return Some("with it a run cannot be evaluated to its end".to_owned());
+    }
     if let Some(parameter) = refit.parameters.iter().find(|parameter| parameter.at_bound) {
         return Some(format!("{} ends on its bound ({})", parameter.name, crate::report::number(parameter.value)));
     }
@@ -330,9 +349,44 @@ pub(super) fn conclude(
     }
     let later = |other: &Ranked| found.iter().any(|found| found.suspect == other.suspect);
     ranking.retain(|ranked| !later(ranked));
-    let verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
-    let sentences = sentences(verdict, first, &found, &ranking, &steps);
+    let base = first.parsed()?;
+    let mut verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
+    let mut moved = Vec::new();
+    if verdict == Verdict::Unexplained && work.judge.error == ErrorKind::Position {
+        moved = super::sessions::moved(work, &base)?;
+        if !moved.is_empty() {
+            verdict = Verdict::NothingMissing;
+        }
+    }
+    let mut sentences = sentences(verdict, first, &found, &ranking, &steps);
+    if let Some(most) = moved.first() {
+        sentences.truncate(1);
+        sentences.push(format!(
+            "No effect is missing: every run by itself is explained to its noise, but not all by the same values; {} \
+             moved most ({} by {:+.0} standard errors).",
+            most.parameter, most.run, most.change_in_std_errors
+        ));
+    }
+    let mut models: BTreeMap<Suspect, Model> = BTreeMap::new();
+    for judged in steps.iter().flat_map(|step| &step.fitted) {
+        if let (Some(suspect), Ok(model)) = (&judged.refit.suspect, judged.refit.parsed()) {
+            models.insert(suspect.clone(), model);
+        }
+    }
+    for ranked in found.iter_mut().chain(ranking.iter_mut().take(1)) {
+        let others: Vec<(&Suspect, &Model)> =
+            ranked.confounded_with.iter().filter_map(|suspect| Some((suspect, models.get(suspect)?))).collect();
+        if let Some(own) = models.get(&ranked.suspect) {
+            ranked.experiment = super::tell_apart::experiment(own, &others, work.judge.runs);
+        }
+    }
     ranking.splice(0..0, found);
+    let comparison = compare(&base, work.judge.runs)?;
+    let places = locate(&base, work.judge.runs, &comparison)
+        .into_iter()
+        .take(PLACES)
+        .map(|finding| Place { run: finding.run, joint: finding.joint, what: finding.what })
+        .collect();
     let better = better.map(|better: Refit| better.parsed()).transpose()?;
     Ok(Diagnosis {
         verdict,
@@ -341,11 +395,11 @@ pub(super) fn conclude(
         ranking,
         refused,
         screening: steps.into_iter().next().map(|step| step.screening).unwrap_or_default(),
-        places: Vec::new(),
-        moved: Vec::new(),
+        places,
+        moved,
         notes,
         worst_ratio: first.worst_ratio(),
-        base: Some(first.parsed()?),
+        base: Some(base),
         better,
     })
 }
@@ -370,6 +424,9 @@ fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
             evidence_against.push(format!("what is left is still {ratio:.1} times the noise at the worst joint"))
         }
         None => {}
+    }
+    for own in after.parameters.iter().filter(|own| !own.identifiable) {
+        evidence_against.push(format!("these runs do not determine {}", own.name));
     }
     if !after.status.may_update_model() {
         evidence_against.push(format!("its fit did not converge ({})", after.status.as_str()));

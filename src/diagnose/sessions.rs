@@ -1,0 +1,66 @@
+//! A change between runs, told from a missing effect: does every run by itself agree with the model, with other values?
+
+use super::{Moved, Work, refit::Judge, verdict};
+use crate::{
+    error::Error,
+    experiment::{Role, Run},
+    model::Model,
+};
+
+/// Parameters that differ between runs which the model explains one by one, largest change first; none where a run is not
+/// explained even by itself, or where there is but one.
+pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, Error> {
+    /// Smaller changes are chance.
+    const LEAST: f64 = 5.0;
+    /// As many are told.
+    const AT_MOST: usize = 12;
+    let runs: Vec<Run> = work.judge.runs.iter().map(|run| Run { role: Role::Fit, ..(*run).clone() }).collect();
+    if runs.len() < 2 {
+        return Ok(Vec::new());
+    }
+    let mut fits = Vec::with_capacity(runs.len());
+    for run in &runs {
+        let alone = [run];
+        let judge = Judge { runs: &alone, ..*work.judge };
+        let Ok(fit) = judge.refit(None, base, base, None, work.stop) else {
+            work.asked_to_stop()?;
+            return Ok(Vec::new());
+        };
+        if fit.worst_ratio().is_none_or(|ratio| ratio > verdict::NEAR_THE_FLOOR) {
+            return Ok(Vec::new());
+        }
+        fits.push(fit);
+    }
+    let mut moved: Vec<Moved> = Vec::new();
+    for parameter in base.names() {
+        // Against the mean over the runs, weighed by what each knows.
+        let known: Vec<(usize, f64, f64)> = fits
+            .iter()
+            .enumerate()
+            .filter_map(|(index, fit)| {
+                let own = fit.parameters.iter().find(|own| own.name == parameter && own.identifiable)?;
+                Some((index, own.value, own.std_error.filter(|error| *error > 0.0)?))
+            })
+            .collect();
+        if known.len() < 2 {
+            continue;
+        }
+        let weight: f64 = known.iter().map(|(.., error)| error.powi(-2)).sum();
+        let mean = known.iter().map(|(_, value, error)| value * error.powi(-2)).sum::<f64>() / weight;
+        let farthest = known
+            .iter()
+            .map(|(index, value, error)| (*index, (value - mean) / error))
+            .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+        if let Some((index, change_in_std_errors)) = farthest.filter(|(_, change)| change.abs() >= LEAST) {
+            moved.push(Moved { parameter, run: runs[index].file.clone(), change_in_std_errors });
+        }
+    }
+    moved.sort_by(|a, b| {
+        b.change_in_std_errors
+            .abs()
+            .total_cmp(&a.change_in_std_errors.abs())
+            .then_with(|| a.parameter.cmp(&b.parameter))
+    });
+    moved.truncate(AT_MOST);
+    Ok(moved)
+}

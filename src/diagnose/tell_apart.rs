@@ -1,0 +1,139 @@
+//! The experiment that would tell effects apart which fit the logs at hand equally well.
+
+use std::f64::consts::TAU;
+
+use rayon::prelude::*;
+
+use super::Suspect;
+use crate::{
+    experiment::Run,
+    fit::position::noise_floor,
+    model::Model,
+    simulate::{self, Hold, Input},
+    system::System,
+};
+
+/// One thing to play: which joints are free, and what is commanded at one of them.
+#[derive(Debug, Clone)]
+struct Trial {
+    free: Vec<usize>,
+    joint: usize,
+    amplitude: f64,
+    hz: f64,
+    /// A quarter period later or not.
+    phase: f64,
+}
+
+/// In words, what to play so that `own` and `others`, models that were fitted to `runs`, differ most from each other, in
+/// units of the noise; `None` where nothing that was tried tells them apart.
+///
+/// Tried are sines at each joint that an effect acts on, of several amplitudes and frequencies about those of the runs, in
+/// every configuration in which that joint is free and at most as many joints as in the runs.
+pub(super) fn experiment(own: &Model, others: &[(&Suspect, &Model)], runs: &[&Run]) -> Option<String> {
+    let (suspect, other) = others.first()?;
+    let best = trials(own, suspect, runs)
+        .into_par_iter()
+        .filter_map(|trial| Some((difference(own, other, &trial, runs)?, trial)))
+        .collect::<Vec<(f64, Trial)>>()
+        .into_iter()
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (noises, Trial { free, joint, amplitude, hz, phase }) = best;
+    let unit = &own.device.joints[joint].command_unit;
+    let wave = if phase == 0.0 { "sin" } else { "cos" };
+    let locked: Vec<String> =
+        (0..own.device.joints.len()).filter(|joint| !free.contains(joint)).map(|joint| joint.to_string()).collect();
+    let lock = if locked.is_empty() {
+        "leave all joints free".to_owned()
+    } else {
+        format!("lock the joints {}", locked.join(", "))
+    };
+    if noises < 3.0 {
+        return Some(format!(
+            "none of the sines tried tells it from {suspect}: at best they differ by {noises:.1} times the noise"
+        ));
+    }
+    Some(format!(
+        "{lock} and command {} {unit} * {wave}(2 pi * {hz:.2} Hz * t) at joint {joint}: there it differs from {suspect} by \
+         {noises:.0} times the noise (root mean square over {DURATION_S} s)",
+        crate::report::number(amplitude)
+    ))
+}
+
+/// Length of a trial (s).
+const DURATION_S: f64 = 20.0;
+/// Time from sample to sample (s).
+const SAMPLE_S: f64 = 0.01;
+
+fn trials(model: &Model, suspect: &Suspect, runs: &[&Run]) -> Vec<Trial> {
+    let most = runs.iter().map(|run| run.free.len()).max().unwrap_or(1);
+    let joints: Vec<usize> = [suspect.joint, suspect.from].into_iter().flatten().collect();
+    let mut trials = Vec::new();
+    for configuration in &model.device.configurations {
+        let free = &configuration.free;
+        if free.len() > most || !joints.iter().any(|joint| free.contains(joint)) {
+            continue;
+        }
+        for &joint in free {
+            let commands = runs.iter().filter(|run| run.free.contains(&joint)).flat_map(|run| &run.log.tau[joint]);
+            let (sum, count) = commands.fold((0.0, 0.0), |(sum, count), tau| (sum + tau * tau, count + 1.0));
+            let size = (2.0 * sum / f64::max(count, 1.0)).sqrt();
+            if size == 0.0 {
+                continue;
+            }
+            for share in [0.2, 0.5, 1.0, 1.5] {
+                for hz in [0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0] {
+                    for phase in [0.0, 0.25] {
+                        trials.push(Trial { free: free.clone(), joint, amplitude: share * size, hz, phase });
+                    }
+                }
+            }
+        }
+    }
+    trials
+}
+
+/// Root mean square of the difference of two models' motions in units of the noise; `None` where one of them leaves what
+/// the runs have seen.
+fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Option<f64> {
+    /// A motion beyond this multiple of the range that the logs show is not asked for.
+    const FARTHEST: f64 = 1.5;
+    let n_joints = one.device.joints.len();
+    let samples = (DURATION_S / SAMPLE_S) as usize;
+    let time: Vec<f64> = (0..samples).map(|k| k as f64 * SAMPLE_S).collect();
+    let mut command = vec![0.0; samples * n_joints];
+    for (k, t) in time.iter().enumerate() {
+        command[k * n_joints + trial.joint] = trial.amplitude * (TAU * (trial.hz * t + trial.phase)).sin();
+    }
+    let middle = |joint: usize| runs.first().map_or(0.0, |run| run.log.mean_position(joint));
+    let start: Vec<f64> = trial.free.iter().map(|joint| middle(*joint)).collect();
+    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let options = simulate::Options { substeps: 15, ..simulate::Options::default() };
+    let play = |model: &Model| {
+        let system = System::of_model(model, &trial.free, middle).ok()?;
+        simulate::simulate(&system, &input, &start, &options).ok()
+    };
+    let (a, b) = (play(one)?, play(other)?);
+    let n = trial.free.len();
+    let mut worst = 0.0_f64;
+    for (slot, &joint) in trial.free.iter().enumerate() {
+        let seen = runs.iter().filter(|run| run.free.contains(&joint)).flat_map(|run| &run.log.q[joint]);
+        let (low, high) = seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+        let (centre, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let noise = runs
+            .iter()
+            .filter(|run| run.free.contains(&joint))
+            .map(|run| noise_floor(&run.log.q[joint]))
+            .fold(0.0, f64::max);
+        let mut squares = 0.0;
+        for (a, b) in a.q.iter().zip(&b.q).skip(slot).step_by(n) {
+            if half > 0.0 && (a - centre).abs() > FARTHEST * half {
+                return None;
+            }
+            squares += (a - b) * (a - b);
+        }
+        if noise > 0.0 {
+            worst = worst.max((squares / samples as f64).sqrt() / noise);
+        }
+    }
+    Some(worst)
+}

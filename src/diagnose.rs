@@ -7,6 +7,7 @@
 //! held-out runs decides ([`Refit`]).
 
 mod candidate;
+mod discover;
 mod estimate;
 mod refit;
 mod region;
@@ -23,6 +24,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
+pub use discover::{Discovered, DiscoveredTerm, discover};
 pub use estimate::with_first_estimates;
 pub use refit::{Judge, Left, Own, Refit};
 pub use screen::{Score, Screen};

@@ -15,7 +15,7 @@ use crate::{
     error::Error,
     experiment::{Role, Run},
     fit::position::FitRun,
-    model::{EffectInstance, Model},
+    model::{Added, EffectInstance, Model},
 };
 
 /// The formula, as it is told with the numbers.
@@ -138,23 +138,29 @@ impl Lineage {
         if parent == Some(before.digest().as_str()) {
             return Self::Fitted;
         }
-        let with_added = extended(before, model).map(|extended| extended.digest());
-        match (parent, with_added) {
-            (Some(parent), Some(extended)) if parent == extended => Self::AddedAndFitted,
-            (None, Some(extended)) if extended == model.digest() => Self::Added,
-            (Some(_), _) => Self::OtherParent,
-            (None, _) => Self::Unknown,
+        // As `add` puts effects in, where they vanish; or with their first guesses.
+        let at_null = extended(before, model, Model::add_effect_at_null).map(|extended| extended.digest());
+        let guessed = extended(before, model, Model::add_effect).map(|extended| extended.digest());
+        let is_extended = |digest: &str| [&at_null, &guessed].into_iter().flatten().any(|own| own == digest);
+        match parent {
+            Some(parent) if is_extended(parent) => Self::AddedAndFitted,
+            None if is_extended(&model.digest()) => Self::Added,
+            Some(_) => Self::OtherParent,
+            None => Self::Unknown,
         }
     }
 }
 
-/// `before` with the effects of `model` that it lacks, as `add` puts them in.
-fn extended(before: &Model, model: &Model) -> Option<Model> {
+/// Puts an effect into a model.
+type Add = fn(&mut Model, &str, Option<usize>, Option<usize>) -> Result<Added, Error>;
+
+/// `before` with the effects of `model` that it lacks.
+fn extended(before: &Model, model: &Model, add: Add) -> Option<Model> {
     let mut extended = before.clone();
     let lacking = model.effects.iter().filter(|own| !before.effects.iter().any(|other| is_same(own, other)));
     let mut n_added = 0;
     for effect in lacking {
-        extended.add_effect(&effect.effect.id, effect.joint, effect.from).ok()?;
+        add(&mut extended, &effect.effect.id, effect.joint, effect.from).ok()?;
         n_added += 1;
     }
     (n_added > 0).then_some(extended)

@@ -44,16 +44,16 @@ dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1rem}dt{color:va
 dd{margin:0;overflow-wrap:anywhere}\
 h3{font-size:1rem;margin:1.2rem 0 .3rem}ul{margin:.2rem 0;padding-left:1.2rem}summary{cursor:pointer;margin:.6rem 0}\
 .columns{display:grid;grid-template-columns:repeat(auto-fit,minmax(16rem,1fr));gap:0 2rem}\
-table.prose td{vertical-align:top}table.prose td:last-child{white-space:normal;min-width:16rem}\
+table.prose td{vertical-align:top}table.prose td:last-child{white-space:normal;min-width:12rem}\
 .bar{position:relative;display:inline-block;width:5rem;height:.8rem;background:var(--line)}\
 .bar span{position:absolute;left:0;top:0;bottom:0;background:#0072b2}\
 .bar i{position:absolute;top:-.15rem;bottom:-.15rem;width:2px;background:var(--ink)}\
 .zoom-buttons{display:flex;gap:.3rem;justify-content:flex-end}.zoom-buttons button{font:inherit;min-width:2rem;padding:.1rem .4rem;\
 color:var(--ink);background:var(--paper);border:1px solid var(--line);border-radius:.25rem;cursor:pointer}\
 pre{overflow-x:auto;font:.85em/1.5 ui-monospace,monospace;margin:.5rem 0;white-space:pre-wrap;overflow-wrap:anywhere}\
-nav{font-size:.92rem;margin:0 0 1rem}nav a{color:inherit;margin-right:1rem;white-space:nowrap}\
+@media screen{figure{overflow-x:auto}figure svg.dynid-plot{min-width:36rem}}\
 @media print{body{margin:0;max-width:none;font-size:10pt}figure,tr,h2,h3{break-inside:avoid}h2,h3{break-after:avoid}\
-.wide{overflow:visible}table{font-size:7.5pt}th,td{padding:.1rem .25rem}.zoom-buttons,nav{display:none}\
+.wide{overflow:visible}table{font-size:7.5pt}th,td{padding:.1rem .25rem}.zoom-buttons{display:none}\
 .bar,.bar *{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// The page.

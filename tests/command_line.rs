@@ -140,7 +140,7 @@ fn compare_draws_a_picture_that_stands_alone() {
     dynid(folder.path(), &["compare", "experiment.toml", "--picture", "overlay.svg"]).success();
     let svg = fs::read_to_string(folder.path().join("overlay.svg")).unwrap();
     assert!(
-        svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\"") && svg.matches("class=\"residual\"").count() == 4
+        svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\"") && svg.matches("class=\"residual curve\"").count() == 4
     );
     assert!(!svg.contains("href") && svg.matches("http").count() == 1);
     dynid(folder.path(), &["compare", "experiment.toml", "--picture", "overlay.svg"]).code(2);

@@ -1,5 +1,7 @@
 //! A fit that was stopped goes on where it was and ends at the same bytes as one that was not.
 
+mod wrist;
+
 use std::fs;
 use std::path::Path;
 
@@ -11,17 +13,7 @@ use dynid::fit::sqp::Watch;
 use dynid::fit::starts::Starts;
 use dynid::identify::{ErrorKind, How, State, identify_as};
 use dynid::model::Model;
-use dynid::tour::FILES;
-use tempfile::TempDir;
-
-/// The tour's experiment and believed model.
-fn folder() -> TempDir {
-    let folder = TempDir::new().unwrap();
-    for (name, text) in FILES {
-        fs::write(folder.path().join(name), text).unwrap();
-    }
-    folder
-}
+use wrist::folder;
 
 fn experiment(folder: &Path) -> Experiment {
     Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap()

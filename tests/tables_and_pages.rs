@@ -1,25 +1,23 @@
 //! What a fit along a method tells, beside the model: its steps, its error budget, the table of parameters and the page.
 
+mod wrist;
+
 use std::fs;
 use std::path::Path;
 use std::sync::OnceLock;
 
 use assert_cmd::Command;
-use dynid::tour::FILES;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// The tour's files, and a model fitted along the isolated method; also what the fit said. One fit serves all tests.
+/// The wrist's files, and a model fitted along the isolated method; also what the fit said. One fit serves all tests.
 fn fitted() -> &'static (TempDir, Value) {
     static FITTED: OnceLock<(TempDir, Value)> = OnceLock::new();
     FITTED.get_or_init(fit)
 }
 
 fn fit() -> (TempDir, Value) {
-    let folder = TempDir::new().unwrap();
-    for (name, text) in FILES {
-        fs::write(folder.path().join(name), text).unwrap();
-    }
+    let folder = wrist::folder();
     let fit = ["fit", "experiment.toml", "--model", "believed.toml", "--method", "isolated", "--substeps", "20"];
     let told = json(folder.path(), &[&fit[..], &["--starts", "2", "--out", "fitted.toml"]].concat());
     (folder, told)
@@ -36,7 +34,7 @@ fn json(folder: &Path, arguments: &[&str]) -> Value {
 }
 
 fn stands_alone(page: &str) {
-    for outside in ["http", "src=", "href=", "@import", "url(", "<script", "<link"] {
+    for outside in ["http", "src=", "href=", "@import", "url(", "<script ", "<link"] {
         assert!(!page.contains(outside), "the page contains `{outside}`");
     }
 }
@@ -112,7 +110,7 @@ fn the_table_and_the_page_show_it() {
     );
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     stands_alone(&page);
-    assert_eq!(page.matches("<svg").count(), 3, "one picture a joint of every run");
+    assert_eq!(page.matches("<svg class=\"dynid-plot\"").count(), 3, "one picture a joint of every run");
     for heading in ["How far off", "wrist-3.csv, to validate", "Parameters", "Where what is left comes from"] {
         assert!(page.contains(heading), "{heading}");
     }

@@ -29,7 +29,8 @@ Examples:
 
 Two errors are told where they can be computed. Position: measured minus simulated from the commanded torque; `noise`
 is the log's own, so an RMS error near it leaves nothing to explain, and `white` says that the rest has no pattern.
-Torque: commanded minus what the measured, filtered motion needs, as a share of the torque.
+Torque: commanded minus what the measured, filtered motion needs, as a share of the torque. Where the two part is told
+below the table: shares of the squared error beside what chance would give, and only what differs from chance.
 Judge a fitted model by the runs whose role is `validate`: it has not seen them.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
@@ -100,18 +101,40 @@ fn json(comparison: &Comparison, found: &[Finding]) -> anyhow::Result<Value> {
     Ok(json)
 }
 
-/// What the numbers mean, a paragraph a joint of every run.
+/// Joints of runs of which the text tells what their numbers mean.
+const MOST_EXPLAINED: usize = 8;
+
+/// What the numbers mean, a paragraph a joint of a run: all of them, or those farthest off where there are many.
 fn meanings(comparison: &Comparison) -> String {
+    let mut joints: Vec<(&str, &JointComparison)> = comparison
+        .runs
+        .iter()
+        .flat_map(|run| run.joints.iter().map(move |joint| (run.file.as_str(), joint)))
+        .filter(|(_, joint)| !joint.means.is_empty())
+        .collect();
+    let n_joints = joints.len();
+    if n_joints > MOST_EXPLAINED {
+        // Stable: equal ones stay in the order of the runs.
+        joints.sort_by(|(_, a), (_, b)| how_far_off(b).total_cmp(&how_far_off(a)));
+        joints.truncate(MOST_EXPLAINED);
+    }
     let mut text = String::from("\nWhat that means:\n");
-    for run in &comparison.runs {
-        for joint in &run.joints {
-            let _ = writeln!(text, "  {}, joint {}:", run.file, joint.joint);
-            for sentence in &joint.means {
-                let _ = writeln!(text, "    {sentence}");
-            }
+    for (file, joint) in joints {
+        let _ = writeln!(text, "  {file}, joint {}:", joint.joint);
+        for sentence in &joint.means {
+            let _ = writeln!(text, "    {sentence}");
         }
     }
+    if n_joints > MOST_EXPLAINED {
+        let _ = writeln!(text, "  and {} less far off, with --json", n_joints - MOST_EXPLAINED);
+    }
     text
+}
+
+/// Error over noise, or the share of the torque where there is no noise to compare with.
+fn how_far_off(joint: &JointComparison) -> f64 {
+    let ratio = joint.rmse.map(|rmse| rmse / joint.noise_floor).filter(|ratio| ratio.is_finite());
+    ratio.or(joint.torque_percent).unwrap_or(0.0)
 }
 
 /// Findings that the text tells.

@@ -107,7 +107,9 @@ pub struct Report<'a> {
     runs: Vec<&'a Run>,
     ladder: Ladder,
     /// Of the subject.
-    pub findings: Vec<Finding>,
+    findings: Vec<Finding>,
+    /// Of the model before it.
+    findings_before: Vec<Finding>,
     diagnosis: Option<Value>,
     terms: TorqueTerms,
     occurs: Vec<bool>,
@@ -127,6 +129,8 @@ impl<'a> Report<'a> {
         let ladder = dynid::ladder::ladder(models, &runs)?;
         let Some(((_, subject), rung)) = models.last().zip(ladder.rungs.last()) else { bail!("no model") };
         let findings = locate(subject, &runs, &rung.comparison);
+        let before = models.len().checked_sub(2).map(|before| (&models[before].1, &ladder.rungs[before].comparison));
+        let findings_before = before.map_or_else(Vec::new, |(model, comparison)| locate(model, &runs, comparison));
         let mut terms = TorqueTerms::default();
         for run in &runs {
             // A run without torque error is said among the notes of the comparison.
@@ -141,7 +145,19 @@ impl<'a> Report<'a> {
             runs.iter().map(|run| Ok(FitRun::of_run(subject, run)?)).collect::<anyhow::Result<Vec<FitRun>>>()?;
         let occurs = subject.names().iter().map(|name| systems.iter().any(|run| run.occurs(name))).collect();
         let quality = DataQuality { runs: runs.iter().map(|run| quality::of_run(run)).collect() };
-        Ok(Self { experiment, models, runs, ladder, findings, diagnosis, terms, occurs, quality, commands })
+        Ok(Self {
+            experiment,
+            models,
+            runs,
+            ladder,
+            findings,
+            findings_before,
+            diagnosis,
+            terms,
+            occurs,
+            quality,
+            commands,
+        })
     }
 
     fn subject(&self) -> (&str, &Model) {
@@ -201,7 +217,8 @@ impl<'a> Report<'a> {
                 (None, None) => format!("It has {} models before it.", self.models.len() - 1),
             });
         }
-        let told = self.diagnosis.as_ref().and_then(|diagnosis| report::sentences(diagnosis).into_iter().next());
+        // The first sentence of a diagnosis says how far off the model was; the last one what that comes to.
+        let told = self.diagnosis.as_ref().and_then(|diagnosis| report::sentences(diagnosis).pop());
         sentences.push(match (told, self.findings.first()) {
             (Some(told), _) => told,
             (None, Some(finding)) => {
@@ -217,7 +234,9 @@ impl<'a> Report<'a> {
         let rung = &self.ladder.rungs[self.ladder.rungs.len() - 1];
         let verdict = Verdict { sentences: self.sentences() };
         let ladder = LadderSection { ladder: &self.ladder };
-        let place = Where { findings: &self.findings };
+        let name_before = self.models.len().checked_sub(2).map(|before| self.models[before].0.as_str());
+        let place =
+            Where { findings: &self.findings, before: name_before.map(|name| (name, self.findings_before.as_slice())) };
         // Held-out runs first: they are what a model is judged by.
         let mut order: Vec<usize> = (0..self.runs.len()).collect();
         order.sort_by_key(|index| self.runs[*index].role != Role::Validate);

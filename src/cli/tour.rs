@@ -1,33 +1,39 @@
-//! `dynid tour`: the loop on a log that the program carries, and a page that shows it.
+//! `dynid tour`: the whole loop on logs that the program carries, in which an effect is hidden.
 
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{anyhow, bail};
+use dynid::compare::{Comparison, Finding, compare, locate::locate};
+use dynid::diagnose::{self, Diagnosis, Event, Finished, Ranked, Verdict, diagnose, with_first_estimates};
 use dynid::experiment::{Experiment, Role, Run};
-use dynid::fit::position::{FitRun, Options, RunError, judge};
+use dynid::fit::position::Options;
 use dynid::identify::{self, Identified};
+use dynid::ladder::{Ladder, ladder};
 use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
-use dynid::plot::Panel;
-use dynid::report::{self, Errors, Figures, ParameterRow, Parameters, Provenance, Verdict, number};
+use dynid::plot::steps;
+use dynid::report::{self, number};
 use dynid::tour::{FILES, truth};
+use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use super::report::Report;
 use super::table::{Align, Table};
-use super::{Answer, Outcome, inputs, progress};
+use super::{Answer, Outcome, inputs, ladder as ladder_verb, progress};
 
-/// Identify one joint of a robot from logs that the program carries, and write a page that shows it.
+/// See the whole loop on logs that the program carries: find the effect that a model lacks, add it, watch the error fall.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   dynid tour                     into dynid-tour, or dynid-tour-2 if that is there
   dynid tour --out-dir here      into a folder of your choice
 
-The folder then holds all that the loop needs, to go on by hand: the experiment, its logs, the believed and the fitted
-model, and report.html, which opens with no network.")]
+The logs were made with an effect that the believed model does not have. The tour fits the model, says where it fails, finds
+out which effect is missing, adds it, fits again and shows the error fall. The folder then holds all that the loop needs,
+to go on by hand, and report.html, which opens with no network.")]
 pub struct Arguments {
     /// Where to; without it the first of dynid-tour, dynid-tour-2, .. that is not there.
     #[arg(long, value_name = "FOLDER")]
@@ -38,7 +44,13 @@ pub struct Arguments {
 }
 
 const FITTED: &str = "fitted.toml";
+const DIAGNOSIS: &str = "diagnosis.json";
+const BETTER: &str = "better.toml";
+const BETTER_FITTED: &str = "better-fitted.toml";
+const LADDER: &str = "ladder.svg";
 const REPORT: &str = "report.html";
+/// What the tour makes.
+const MADE: [&str; 6] = [FITTED, DIAGNOSIS, BETTER, BETTER_FITTED, LADDER, REPORT];
 
 /// Walks through the loop beside the folder that it is for; a tour that fails leaves nothing behind.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
@@ -60,6 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
 /// Does everything in `partial`; what is told is about `folder`.
 fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<Outcome> {
+    let started = Instant::now();
     fs::create_dir_all(partial).map_err(|error| anyhow!("cannot make the folder {}: {error}", partial.display()))?;
     let put = |name: &str, text: &str| write_new(&partial.join(name), text, Overwrite::Refuse);
     for (name, text) in FILES {
@@ -68,19 +81,105 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
     let experiment = inputs::experiment(&partial.join("experiment.toml"))?;
     let believed = inputs::model(Some(&partial.join("believed.toml")), &experiment)?;
     let runs: Vec<&Run> = experiment.runs.iter().collect();
-    let options = Options::default();
 
-    let before = errors(&believed, &runs, &options)?;
-    let started = Instant::now();
-    let error = identify::default_error(&believed, &runs);
-    let found = progress::shown(|told| identify::identify(&believed, &experiment, &runs, error, &options, told))?;
-    let fit_seconds = started.elapsed().as_secs_f64();
-    let after = errors(&found.model, &runs, &options)?;
+    let fitted = fit(&believed, &experiment, &runs)?;
+    put(FITTED, &fitted.model.to_toml())?;
+    let fitted_model = Model::load(&partial.join(FITTED))?;
 
-    let tour = Tour { experiment: &experiment, believed: &believed, before, found, after, fit_seconds };
-    put(FITTED, &tour.found.model.to_toml())?;
-    put(REPORT, &tour.page())?;
-    Ok(Outcome { text: tour.story(folder, taken), json: tour.json(folder), answer: Answer::Yes })
+    let comparison = compare(&fitted_model, &runs)?;
+    let findings = locate(&fitted_model, &runs, &comparison);
+
+    let diagnosis = diagnosed(&fitted_model, &experiment, &runs)?;
+    let diagnosis_json = serde_json::to_value(&diagnosis)?;
+    put(DIAGNOSIS, &format!("{}\n", serde_json::to_string_pretty(&diagnosis_json)?))?;
+    let Some(best) = diagnosis.ranking.first().filter(|_| diagnosis.verdict == Verdict::MissingEffect) else {
+        bail!("the tour's diagnosis did not find what is hidden in its logs; this is a mistake of the program");
+    };
+
+    let mut better = fitted_model.clone();
+    better.add_effect_at_null(&best.suspect.effect, best.suspect.joint, best.suspect.from)?;
+    put(BETTER, &better.to_toml())?;
+    let better = Model::load(&partial.join(BETTER))?;
+    let better_fitted = fit(&better, &experiment, &runs)?;
+    put(BETTER_FITTED, &better_fitted.model.to_toml())?;
+
+    let paths = ["believed.toml", FITTED, BETTER_FITTED].map(|name| partial.join(name));
+    let models = ladder_verb::models(&paths, &experiment)?;
+    let ladder = ladder(&models, &runs)?;
+    put(LADDER, &steps::standalone(&report::ladder_pictures(&ladder)))?;
+    let commands = commands(best).map(|(_, command)| command).into();
+    put(REPORT, &Report::new(&experiment, &models, Some(diagnosis_json), commands)?.page())?;
+
+    let seconds = started.elapsed().as_secs_f64();
+    let tour = Tour {
+        experiment: &experiment,
+        believed: &believed,
+        fitted,
+        comparison,
+        findings,
+        best,
+        diagnosis: &diagnosis,
+        better_fitted,
+        ladder,
+        seconds,
+    };
+    Ok(Outcome { text: tour.story(folder, taken), json: tour.json(folder)?, answer: Answer::Yes })
+}
+
+/// As `dynid fit` does it; only a fit that ends at a minimum goes on.
+fn fit(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<Identified> {
+    let error = identify::default_error(model, runs);
+    let (start, _) = with_first_estimates(model, runs, error);
+    let mut found =
+        progress::shown(|told| identify::identify(&start, experiment, runs, error, &Options::default(), told))?;
+    if let Some(record) = &mut found.model.fit {
+        record.parent_digest = model.digest();
+    }
+    if !found.status.may_update_model() {
+        bail!(
+            "a fit of the tour ended before its minimum ({}); this is a mistake of the program",
+            found.status.as_str()
+        );
+    }
+    Ok(found)
+}
+
+fn diagnosed(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<Diagnosis> {
+    let bar = ProgressBar::new_spinner();
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let tell = |event: &Event<'_>| {
+        bar.set_message(match event {
+            Event::FittingModel => "diagnosis: fitting the model itself".to_owned(),
+            Event::Screened(done, of) => format!("diagnosis: {done} of {of} suspects screened"),
+            Event::Refitting(suspect) => format!("diagnosis: fitting with {suspect}"),
+            Event::Refitted(..) => return,
+        });
+    };
+    let options = diagnose::Options::default();
+    let found = diagnose(model, experiment, runs, &options, &Finished::new(), &tell, &|| false);
+    bar.finish_and_clear();
+    Ok(found?)
+}
+
+/// The steps of the loop as commands, in the tour's folder.
+fn commands(best: &Ranked) -> [(&'static str, String); 7] {
+    let joint = best.suspect.joint.map_or(String::new(), |joint| format!(" --joint {joint}"));
+    let from = best.suspect.from.map_or(String::new(), |from| format!(" --from {from}"));
+    let effect = &best.suspect.effect;
+    [
+        ("fit", format!("dynid fit experiment.toml --model believed.toml --out {FITTED}")),
+        ("compare", format!("dynid compare experiment.toml --model {FITTED}")),
+        ("diagnose", format!("dynid diagnose experiment.toml --model {FITTED} --save {DIAGNOSIS}")),
+        ("add", format!("dynid add {effect}{joint}{from} --model {FITTED} --out {BETTER}")),
+        ("fit again", format!("dynid fit experiment.toml --model {BETTER} --out {BETTER_FITTED}")),
+        ("ladder", format!("dynid ladder experiment.toml believed.toml {FITTED} {BETTER_FITTED} --out {LADDER}")),
+        (
+            "report",
+            format!(
+                "dynid report experiment.toml believed.toml {FITTED} {BETTER_FITTED} --diagnosis {DIAGNOSIS} --out {REPORT}"
+            ),
+        ),
+    ]
 }
 
 /// Moves what was made to where it belongs.
@@ -115,106 +214,101 @@ fn folder(arguments: &Arguments, overwrite: Overwrite) -> anyhow::Result<(PathBu
         bail!("{} is a file; give a folder with --out-dir", chosen.display());
     }
     if chosen.is_dir() {
-        for name in FILES.map(|(name, _)| name).into_iter().chain([FITTED, REPORT]) {
+        for name in FILES.map(|(name, _)| name).into_iter().chain(MADE) {
             check_output(&chosen.join(name), overwrite)?;
         }
     }
     Ok((chosen, None))
 }
 
-fn errors(model: &Model, runs: &[&Run], options: &Options) -> anyhow::Result<Vec<RunError>> {
-    runs.iter()
-        .map(|run| {
-            let run = FitRun::of_run(model, run).map_err(dynid::error::Error::from)?;
-            Ok(judge(&run, options)?)
-        })
-        .collect()
-}
-
 struct Tour<'a> {
     experiment: &'a Experiment,
     believed: &'a Model,
-    before: Vec<RunError>,
-    found: Identified,
-    after: Vec<RunError>,
-    fit_seconds: f64,
-}
-
-/// A run with its errors before and after.
-struct Judged<'a> {
-    run: &'a Run,
-    joint: usize,
-    before: f64,
-    after: f64,
-    noise: f64,
+    fitted: Identified,
+    comparison: Comparison,
+    findings: Vec<Finding>,
+    best: &'a Ranked,
+    diagnosis: &'a Diagnosis,
+    better_fitted: Identified,
+    ladder: Ladder,
+    seconds: f64,
 }
 
 impl Tour<'_> {
-    fn judged(&self) -> Vec<Judged<'_>> {
-        let mut judged = Vec::new();
-        for (index, run) in self.experiment.runs.iter().enumerate() {
-            let (before, after) = (&self.before[index], &self.after[index]);
-            for (slot, &joint) in run.free.iter().enumerate() {
-                let (before, noise, after) = (before.rmse[slot], after.noise[slot], after.rmse[slot]);
-                judged.push(Judged { run, joint, before, after, noise });
-            }
-        }
-        judged
-    }
-
-    /// The three sentences that matter.
-    fn sentences(&self) -> Vec<String> {
-        let judged = self.judged();
-        let held_out: Vec<&Judged> = judged.iter().filter(|judged| judged.run.role == Role::Validate).collect();
-        let open = self.found.parameters.iter().filter(|parameter| !parameter.identifiable).count();
-        let mut sentences = vec![format!(
-            "The fit moved {} parameters and took {} iterations and {:.1} s.",
-            self.found.parameters.len(),
-            self.found.iterations,
-            self.fit_seconds
-        )];
-        for judged in held_out {
-            sentences.push(format!(
-                "On {}, which it never saw, the error fell from {} to {} rad RMS; the log's own noise is {} rad.",
-                judged.run.file,
-                number(judged.before),
-                number(judged.after),
-                number(judged.noise)
-            ));
-        }
-        sentences.push(match open {
-            0 => "Every parameter is determined by the logs.".to_owned(),
-            _ => format!(
-                "{open} of the parameters act only together with others, so the logs do not determine them one by one."
-            ),
-        });
-        sentences
-    }
-
     fn story(&self, folder: &Path, taken: Option<&Path>) -> String {
+        let mut text = String::from("dynid tour: which physical effect does a model lack?\n\n");
+        self.setting(&mut text);
+        let [fit, compare, diagnose, add, fit_again, ladder, report] = commands(self.best);
+        let step = |text: &mut String, number: usize, (name, command): (&str, String), why: &str| {
+            let _ = writeln!(text, "\n{number}. {name}: {why}\n   $ {command}");
+        };
+
+        step(&mut text, 1, fit, "first the believed model's own values, so that they are not to blame");
+        let held_out = |comparison: &Comparison| told(comparison.rmse_validate);
+        let _ = writeln!(
+            text,
+            "   {} values moved. On the run that no fit sees, the position error is now {} rad RMS; the log's own noise is {}.",
+            self.fitted.parameters.len(),
+            held_out(&self.comparison),
+            told(self.ladder.noise_floor)
+        );
+
+        step(&mut text, 2, compare, "where do model and logs part?");
+        for finding in self.findings.iter().take(2) {
+            let _ = writeln!(text, "   {}, joint {}: {}.", finding.run, finding.joint, finding.what);
+        }
+        for (joint, ratio) in self.ratios(0..self.experiment.runs.len()) {
+            let _ = writeln!(text, "   Joint {joint}: the position error is {ratio:.1} times the noise.");
+        }
+
+        step(&mut text, 3, diagnose, "which effect would explain it, and what else could?");
+        for sentence in &self.diagnosis.sentences {
+            let _ = writeln!(text, "   {sentence}");
+        }
+        text.push_str(&indented(&self.ranking()));
+
+        step(&mut text, 4, add, "into the model, where it does nothing yet");
+        step(&mut text, 5, fit_again, "and let the logs say how much of it there is");
+        text.push_str(&indented(&self.parameters()));
+
+        step(&mut text, 6, ladder, "did it pay?");
+        text.push_str(&indented(&ladder_verb::told(&self.ladder)));
+
+        step(&mut text, 7, report, "all of it on one page");
+        let _ = writeln!(text, "   {}/{REPORT} opens with no network.", folder.display());
+        if let Some(taken) = taken {
+            let _ = writeln!(text, "\n{} was there already and is kept.", taken.display());
+        }
+        let _ = writeln!(
+            text,
+            "\nThe whole loop took {:.0} s. Go on by hand in {}: these commands work there.",
+            self.seconds,
+            folder.display()
+        );
+        text
+    }
+
+    /// Robot, logs, what is believed.
+    fn setting(&self, text: &mut String) {
         let device = self.believed.device;
-        let mut text = String::from("dynid tour: one joint of a robot, identified from logs\n\n");
         let free: Vec<String> = self
             .experiment
             .runs
             .first()
-            .map(|run| {
-                run.free.iter().map(|&joint| format!("joint {joint} ({})", device.joints[joint].title)).collect()
-            })
+            .map(|run| run.free.iter().map(|&joint| format!("{joint} ({})", device.joints[joint].title)).collect())
             .unwrap_or_default();
         let _ = writeln!(
             text,
-            "robot    {}: {} joints, {} links; {} is free, the others are locked",
+            "robot     {}: {} joints; free are {}, the others are locked",
             device.title,
             device.joints.len(),
-            device.links.len(),
-            free.join(", ")
+            free.join(" and ")
         );
         for run in &self.experiment.runs {
             let seconds = run.log.t.last().copied().unwrap_or_default();
             let _ = writeln!(
                 text,
-                "log      {}: {} samples, {seconds:.0} s, {}",
+                "log       {}: {} samples, {seconds:.0} s, {}",
                 run.file,
                 run.log.len(),
                 match run.role {
@@ -223,196 +317,97 @@ impl Tour<'_> {
                 }
             );
         }
-        text.push_str("         made by an independent simulator (tests/plant), so the truth is known here\n\n");
+        let effects: Vec<String> = self.believed.effects.iter().map(|effect| effect.label()).collect();
+        let _ = writeln!(text, "believed  {}", effects.join(", "));
+        text.push_str(
+            "          The logs were made by an independent simulator (tests/plant), with one effect more.\n",
+        );
+    }
+
+    /// The largest position error of each joint over the noise, among these runs.
+    fn ratios(&self, runs: std::ops::Range<usize>) -> Vec<(usize, f64)> {
+        let mut found: Vec<(usize, f64)> = Vec::new();
+        for joint in self.comparison.runs[runs].iter().flat_map(|run| &run.joints) {
+            let Some(rmse) = joint.rmse else { continue };
+            let ratio = rmse / joint.noise_floor;
+            match found.iter_mut().find(|(own, _)| *own == joint.joint) {
+                Some((_, largest)) => *largest = largest.max(ratio),
+                None => found.push((joint.joint, ratio)),
+            }
+        }
+        found
+    }
+
+    fn ranking(&self) -> String {
         let mut table = Table::new(&[
-            ("error, RMS [rad]", Align::Left),
-            ("", Align::Left),
-            ("believed", Align::Right),
-            ("fitted", Align::Right),
-            ("noise of the log", Align::Right),
+            ("effect", Align::Left),
+            ("held-out RMS before", Align::Right),
+            ("after", Align::Right),
+            ("\u{394} BIC", Align::Right),
+            ("cannot be told from", Align::Left),
         ]);
-        for judged in self.judged() {
+        for ranked in self.diagnosis.ranking.iter().take(3) {
+            let others: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
             table.row([
-                judged.run.file.clone(),
-                judged.run.role.to_string(),
-                number(judged.before),
-                number(judged.after),
-                number(judged.noise),
+                ranked.suspect.to_string(),
+                told(ranked.rmse_validate_before),
+                told(ranked.rmse_validate_after),
+                format!("{:.0}", ranked.delta_bic).replace('-', "\u{2212}"),
+                if others.is_empty() { "\u{2014}".to_owned() } else { others.join(", ") },
             ]);
         }
-        text.push_str(&table.text());
-        text.push('\n');
+        table.text()
+    }
+
+    fn parameters(&self) -> String {
         let truth = truth();
         let mut table = Table::new(&[
             ("parameter", Align::Left),
             ("believed", Align::Right),
             ("fitted", Align::Right),
+            ("with the effect", Align::Right),
             ("\u{b1}", Align::Right),
             ("truth", Align::Right),
-            ("", Align::Left),
         ]);
-        for parameter in &self.found.parameters {
-            let told = |value: Option<f64>| value.map_or_else(|| "\u{2014}".to_owned(), number);
+        for parameter in &self.better_fitted.parameters {
+            let name = &parameter.name;
+            let value = |model: &Model| told(model.parameter(name).map(|own| own.value));
             table.row([
-                parameter.name.clone(),
-                number(parameter.start),
+                name.clone(),
+                value(self.believed),
+                value(&self.fitted.model),
                 number(parameter.value),
                 told(parameter.std_error),
-                told(truth.get(&parameter.name).copied()),
-                if parameter.identifiable { String::new() } else { "not alone".to_owned() },
+                told(truth.get(name).copied()),
             ]);
         }
-        text.push_str(&table.text());
-        text.push('\n');
-        for sentence in self.sentences() {
-            let _ = writeln!(text, "{sentence}");
-        }
-        if let Some(taken) = taken {
-            let _ = writeln!(text, "\n{} was there already and is kept.", taken.display());
-        }
-        let folder = folder.display();
-        // as it was called: a fresh build is not on anybody's path
-        let program = std::env::args().next().unwrap_or_else(|| "dynid".to_owned());
-        let _ = writeln!(text, "\nThe page:  {folder}/{REPORT}");
-        text.push_str("Go on by hand:\n");
-        let _ = writeln!(text, "  {program} compare {folder}/experiment.toml --model {folder}/{FITTED}");
-        let _ =
-            writeln!(text, "  {program} fit {folder}/experiment.toml --model {folder}/believed.toml --out again.toml");
-        text
+        table.text()
     }
 
-    fn json(&self, folder: &Path) -> Value {
-        let runs: Vec<Value> = self
-            .judged()
-            .iter()
-            .map(|judged| {
-                json!({
-                    "file": judged.run.file,
-                    "role": judged.run.role.to_string(),
-                    "joint": judged.joint,
-                    "rmse_before": judged.before,
-                    "rmse_after": judged.after,
-                    "noise_floor": judged.noise,
-                })
-            })
-            .collect();
-        json!({
+    fn json(&self, folder: &Path) -> anyhow::Result<Value> {
+        let found = &self.best.suspect;
+        let steps: Vec<String> = commands(self.best).map(|(_, command)| command).into();
+        Ok(json!({
             "folder": folder.display().to_string(),
             "report": folder.join(REPORT).display().to_string(),
-            "status": self.found.status.as_str(),
-            "iterations": self.found.iterations,
-            "wall_seconds": self.fit_seconds,
-            "runs": runs,
-        })
-    }
-
-    fn page(&self) -> String {
-        let judged = self.judged();
-        let errors = Errors {
-            models: vec!["believed".to_owned(), "fitted".to_owned(), "noise of the log".to_owned()],
-            rows: judged
-                .iter()
-                .map(|judged| {
-                    let values = vec![judged.before, judged.after, judged.noise];
-                    (judged.run.file.clone(), judged.run.role.to_string(), judged.joint, values)
-                })
-                .collect(),
-            quantity: "RMS [rad]".to_owned(),
-            note: "Measured minus simulated position. The runs to validate by took no part in the fit.".to_owned(),
-        };
-        let held_out = |errors: &[RunError], what: &str| Figures {
-            title: format!("Held out: {what}"),
-            panels: self
-                .experiment
-                .runs
-                .iter()
-                .zip(errors)
-                .filter(|(run, _)| run.role == Role::Validate)
-                .flat_map(|(run, error)| panels(run, error))
-                .collect(),
-            note: "Above: position. Below: what is left; the grey band is twice the log's noise.".to_owned(),
-        };
-        let truth = truth();
-        let units: std::collections::BTreeMap<String, String> = self
-            .believed
-            .effects
-            .iter()
-            .flat_map(|instance| {
-                instance
-                    .effect
-                    .parameters
-                    .iter()
-                    .enumerate()
-                    .map(|(index, parameter)| (instance.parameter_name(index), parameter.unit.clone()))
-            })
-            .collect();
-        let parameters = Parameters {
-            rows: self
-                .found
-                .parameters
-                .iter()
-                .map(|parameter| ParameterRow {
-                    name: parameter.name.clone(),
-                    unit: units.get(&parameter.name).cloned().unwrap_or_else(|| inertial_unit(&parameter.name).to_owned()),
-                    start: parameter.start,
-                    value: parameter.value,
-                    std_error: parameter.std_error,
-                    identifiable: parameter.identifiable,
-                    truth: truth.get(&parameter.name).copied(),
-                })
-                .collect(),
-            note: "Truth: the values that the simulator used. Not alone: the logs determine it only together with others; \
-                   it stays where the bounds and the believed value put it."
-                .to_owned(),
-        };
-        let verdict = Verdict { sentences: self.sentences() };
-        let provenance = Provenance {
-            entries: vec![
-                ("logs".to_owned(), format!("sha256 {}", self.experiment.digest)),
-                ("believed model".to_owned(), format!("sha256 {}", self.believed.digest())),
-                ("fitted model".to_owned(), format!("sha256 {}", self.found.model.digest())),
-                ("device".to_owned(), self.believed.device.id.clone()),
-                ("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))),
-                ("command".to_owned(), "dynid tour".to_owned()),
-            ],
-            ..Provenance::default()
-        };
-        report::page(
-            "One joint of a robot, identified from its logs",
-            &[
-                &verdict,
-                &errors,
-                &held_out(&self.before, "the model as it was believed"),
-                &held_out(&self.after, "the model as it was fitted"),
-                &parameters,
-                &provenance,
-            ],
-        )
+            "found": found,
+            "where": self.findings.first(),
+            "verdict": self.diagnosis.verdict,
+            "ladder": serde_json::to_value(&self.ladder)?,
+            "commands": steps,
+            "wall_seconds": self.seconds,
+        }))
     }
 }
 
-/// Unit of a link's inertial parameter, by its name.
-fn inertial_unit(name: &str) -> &'static str {
-    match name.rsplit('.').next() {
-        Some("m") => "kg",
-        Some("x" | "y" | "z") => "m",
-        _ => "kg*m^2",
-    }
+fn told(value: Option<f64>) -> String {
+    value.map_or_else(|| "\u{2014}".to_owned(), number)
 }
 
-fn panels(run: &Run, error: &RunError) -> Vec<Panel> {
-    let n_free = run.free.len();
-    run.free
-        .iter()
-        .enumerate()
-        .map(|(slot, &joint)| Panel {
-            title: format!("{}, joint {joint}", run.file),
-            quantity: "position".to_owned(),
-            unit: "rad".to_owned(),
-            time: run.log.t.clone(),
-            measured: run.log.q[joint].clone(),
-            predicted: error.simulated.iter().skip(slot).step_by(n_free).copied().collect(),
-            noise_floor: Some(error.noise[slot]),
-        })
-        .collect()
+/// Each line a little to the right.
+fn indented(text: &str) -> String {
+    text.lines().fold(String::new(), |mut indented, line| {
+        let _ = writeln!(indented, "{}", format!(" {line}").trim_end());
+        indented
+    })
 }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::locate::Signal;
+use super::locate::{Signal, effective_samples};
 use crate::{
     experiment::Run,
     report::number,
@@ -70,7 +70,8 @@ pub(super) fn correlations(
     found
 }
 
-/// The largest correlation over the lags, with the bound of Bartlett (1946) for two signals that each have memory.
+/// The largest correlation over the lags. The bound is that of a t-test, `r sqrt(n / (1 - r^2)) < limit`, with the number of
+/// independent samples of what the input does not explain.
 fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step: f64) -> Option<InputCorrelation> {
     let n = residual.len();
     let size = (square(residual) * square(command)).sqrt();
@@ -87,14 +88,15 @@ fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step:
         .map(|lag| lag * stride)
         .map(|lag| (lag, at(lag)))
         .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-    let lags = n / 4;
-    let memory: f64 = super::locate::autocorrelation(residual, lags)
-        .iter()
-        .zip(&super::locate::autocorrelation(command, lags))
-        .skip(1)
-        .map(|(a, b)| a * b)
-        .sum();
-    let bound = LIMIT * ((1.0 + 2.0 * memory).max(1.0) / n as f64).sqrt();
+    // As for any regression, what the input leaves of the error is the noise that it is judged by.
+    let coefficient = value * (square(residual) / square(command)).sqrt();
+    let left: Vec<f64> = (0..n as i64)
+        .map(|k| {
+            let input = usize::try_from(k - lag).ok().and_then(|early| command.get(early)).copied().unwrap_or(0.0);
+            residual[k as usize] - coefficient * input
+        })
+        .collect();
+    let bound = LIMIT / (effective_samples(&left, n) + LIMIT * LIMIT).sqrt();
     let lag_s = lag as f64 * step;
     let name = match error {
         Signal::Torque => "torque",
@@ -106,7 +108,7 @@ fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step:
              misses part of what that torque does.",
             number(value),
             number(lag_s),
-            number(bound.min(1.0))
+            number(bound)
         )
     } else if bound > 0.5 {
         format!(
@@ -114,16 +116,16 @@ fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step:
              ({} at {} s; chance stays below {}).",
             number(value),
             number(lag_s),
-            number(bound.min(1.0))
+            number(bound)
         )
     } else {
         format!(
             "The {name} error does not go along with joint {input}'s commanded torque ({}; chance stays below {}).",
             number(value),
-            number(bound.min(1.0))
+            number(bound)
         )
     };
-    Some(InputCorrelation { error, input, lag_s, value, bound: bound.min(1.0), what })
+    Some(InputCorrelation { error, input, lag_s, value, bound, what })
 }
 
 fn centred(values: &[f64]) -> Vec<f64> {

@@ -24,7 +24,6 @@ use dynid_model::Device;
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub(super) use statistics::autocorrelation;
 pub use statistics::effective_samples;
 use trace::Trace;
 
@@ -69,7 +68,8 @@ impl Finding {
     fn weight(&self) -> f64 {
         let telling = match self.kind {
             FindingKind::Band | FindingKind::PartOfRun => 0.25,
-            FindingKind::Reversal
+            FindingKind::Beat
+            | FindingKind::Reversal
             | FindingKind::LowSpeed
             | FindingKind::HighSpeed
             | FindingKind::HighLoad

@@ -274,20 +274,16 @@ mod tests {
     use crate::{
         experiment::Experiment,
         identify::{Identified, identify},
-        tour::FILES,
     };
     use dynid_model::inertia::check_body;
 
-    /// The tour's logs fitted from a handle that turns too heavily for its own shape.
+    /// A wrist's logs fitted from a handle that turns too heavily for its own shape.
     fn fitted_from(izz: f64) -> Identified {
-        let folder = tempfile::tempdir().expect("a folder");
-        for (name, text) in FILES {
-            std::fs::write(folder.path().join(name), text).expect("a file");
-        }
-        let experiment = Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices());
-        let experiment = experiment.expect("the tour's");
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wrist");
+        let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices());
+        let experiment = experiment.expect("the wrist's");
         let runs: Vec<&Run> = experiment.runs.iter().take(1).collect();
-        let mut model = Model::load(&folder.path().join("believed.toml")).expect("the tour's");
+        let mut model = Model::load(&folder.join("believed.toml")).expect("the wrist's");
         model
             .set("link.7.Izz", dynid_model::Parameter { value: izz, lower: 0.0, upper: 1e-3, fixed: false })
             .expect("it");

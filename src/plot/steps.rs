@@ -97,35 +97,27 @@ fn draw(svg: &mut String, picture: &Steps) {
         right - LEFT,
         escaped(&picture.quantity)
     );
+    // What stands at the right end, where it belongs: height, class and text.
+    let mut names: Vec<(f64, String, &str)> = Vec::new();
     if let Some(floor) = picture.floor.filter(|floor| *floor > 0.0) {
         let at = y(floor);
-        let _ = writeln!(
-            svg,
-            "<path class=\"floor\" d=\"M{LEFT} {at:.1}H{right}\"/><text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\">noise</text>",
-            right + 6.0,
-            at + 4.0
-        );
+        let _ = writeln!(svg, "<path class=\"floor\" d=\"M{LEFT} {at:.1}H{right}\"/>");
+        names.push((at, "tick".to_owned(), "noise"));
     }
-    // Names at the right end must not cover each other: from the top down, each a line below the one before.
-    let mut order: Vec<usize> = (0..picture.series.len()).collect();
-    let last = |index: usize| picture.series[index].1.iter().flatten().next_back().copied().unwrap_or(f64::NAN);
-    order.sort_by(|a, b| last(*b).total_cmp(&last(*a)));
-    let mut lowest = TITLE - 4.0;
-    for index in order {
-        let (name, values) = &picture.series[index];
+    for (index, (name, values)) in picture.series.iter().enumerate() {
         let colour = index % 6;
         let points: Vec<(usize, f64)> = values
             .iter()
             .enumerate()
             .filter_map(|(rung, value)| Some((rung, (*value)?)))
-            .filter(|(_, v)| *v > 0.0)
+            .filter(|(_, value)| *value > 0.0)
             .collect();
         let mut path = String::new();
         for (rung, value) in &points {
             let _ = write!(path, "{}{:.1} {:.1}", if path.is_empty() { 'M' } else { 'L' }, x(*rung), y(*value));
         }
-        let _ =
-            writeln!(svg, "<path class=\"line hue{colour}\" stroke-dasharray=\"{}\" d=\"{path}\"/>", DASHES[colour]);
+        let dash = DASHES[colour];
+        let _ = writeln!(svg, "<path class=\"line hue{colour}\" stroke-dasharray=\"{dash}\" d=\"{path}\"/>");
         for (rung, value) in &points {
             let _ = writeln!(
                 svg,
@@ -136,20 +128,18 @@ fn draw(svg: &mut String, picture: &Steps) {
                 number(*value)
             );
         }
-        if let Some((_, value)) = points.last() {
-            let floor = picture.floor.filter(|floor| *floor > 0.0).map(y);
-            let mut at = (y(*value) + 4.0).max(lowest + 14.0);
-            if floor.is_some_and(|floor| (floor + 4.0 - at).abs() < 13.0) {
-                at = at.min(floor.unwrap_or(at) - 10.0).max(lowest + 14.0);
-            }
-            lowest = at;
-            let _ = writeln!(
-                svg,
-                "<text class=\"hue{colour} name\" x=\"{:.1}\" y=\"{at:.1}\">{}</text>",
-                right + 6.0,
-                escaped(name)
-            );
-        }
+        names.extend(points.last().map(|(_, value)| (y(*value), format!("hue{colour}"), name.as_str())));
+    }
+    names.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let wanted: Vec<f64> = names.iter().map(|(at, ..)| *at).collect();
+    for (at, (_, class, name)) in apart(&wanted, TITLE + 4.0, TITLE + HEIGHT + 12.0).into_iter().zip(&names) {
+        let _ = writeln!(
+            svg,
+            "<text class=\"{class}\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+            right + 6.0,
+            at + 4.0,
+            escaped(name)
+        );
     }
     for (rung, name) in picture.rungs.iter().enumerate() {
         let room = ((right - LEFT) / picture.rungs.len() as f64 / 6.2).max(6.0) as usize;
@@ -163,6 +153,23 @@ fn draw(svg: &mut String, picture: &Steps) {
             escaped(&ending(name, room))
         );
     }
+}
+
+/// Heights, ascending, moved so that neighbours are a line apart and stay between `top` and `bottom` as long as there is room.
+fn apart(wanted: &[f64], top: f64, bottom: f64) -> Vec<f64> {
+    const LINE: f64 = 14.0;
+    let mut heights = wanted.to_vec();
+    let mut least = top;
+    for height in &mut heights {
+        *height = height.max(least);
+        least = *height + LINE;
+    }
+    let mut most = bottom;
+    for height in heights.iter_mut().rev() {
+        *height = height.min(most);
+        most = *height - LINE;
+    }
+    heights
 }
 
 /// The end of a name that is too long.
@@ -226,6 +233,13 @@ mod tests {
         assert_eq!(svg.matches("class=\"floor\"").count(), 1);
         assert!(svg.contains("&lt;better&gt;") && !svg.contains("NaN"));
         assert!(standalone(&[Steps::default()]).contains("</svg>"), "nothing to draw is no failure");
+    }
+
+    #[test]
+    fn names_stand_a_line_apart_and_inside() {
+        assert_eq!(apart(&[10.0, 12.0, 100.0], 0.0, 100.0), [10.0, 24.0, 100.0]);
+        assert_eq!(apart(&[98.0, 99.0, 100.0], 0.0, 100.0), [72.0, 86.0, 100.0]);
+        assert_eq!(apart(&[], 0.0, 1.0), Vec::<f64>::new());
     }
 
     #[test]

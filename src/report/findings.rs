@@ -17,10 +17,14 @@ use crate::{
 pub struct Where<'a> {
     /// As [`crate::compare::locate`] tells them.
     pub findings: &'a [Finding],
+    /// The model before this one and its findings: what led to the change between them.
+    pub before: Option<(&'a str, &'a [Finding])>,
 }
 
 /// Findings that stand in the table at once; the others are folded away.
 const OPEN: usize = 12;
+/// Findings of the model before that are told.
+const OPEN_BEFORE: usize = 6;
 
 impl Section for Where<'_> {
     fn title(&self) -> &str {
@@ -28,14 +32,20 @@ impl Section for Where<'_> {
     }
 
     fn html(&self) -> String {
-        if self.findings.is_empty() {
-            return "<p>Nothing that differs from chance: what is left follows no signal and lies nowhere in particular.</p>\n"
-                .to_owned();
-        }
-        let (open, folded) = self.findings.split_at(self.findings.len().min(OPEN));
-        let mut html = rows(open);
-        if !folded.is_empty() {
-            let _ = writeln!(html, "<details><summary>{} more</summary>\n{}</details>", folded.len(), rows(folded));
+        let mut html = if self.findings.is_empty() {
+            "<p>Nothing that differs from chance: what is left follows no signal and lies nowhere in particular.</p>\n"
+                .to_owned()
+        } else {
+            let (open, folded) = self.findings.split_at(self.findings.len().min(OPEN));
+            let mut html = rows(open);
+            if !folded.is_empty() {
+                let _ = writeln!(html, "<details><summary>{} more</summary>\n{}</details>", folded.len(), rows(folded));
+            }
+            html
+        };
+        if let Some((name, findings)) = self.before.filter(|(_, findings)| !findings.is_empty()) {
+            let most = &findings[..findings.len().min(OPEN_BEFORE)];
+            let _ = writeln!(html, "<h3>Before, in {}</h3>\n{}", escaped(name), rows(most));
         }
         html.push_str(
             "<p class=\"note\">Share of the squared error of that joint in that run; the line in a bar is what chance would give. \

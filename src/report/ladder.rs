@@ -86,9 +86,10 @@ impl Section for LadderSection<'_> {
             value.map_or_else(|| number(f64::NAN), |value| format!("{value:.0}").replace('-', "\u{2212}"))
         };
         let mut html = String::from(
-            "<div class=\"wide\"><table>\n<tr><th class=\"word\">model</th><th>position, fit</th><th>position, validate</th>\
-             <th>torque %, fit</th><th>torque %, validate</th><th>free parameters</th><th>BIC</th><th>\u{394} BIC</th>\
-             <th class=\"word\">what changed</th></tr>\n",
+            "<div class=\"wide\"><table class=\"prose\">\n<tr><th class=\"word\" rowspan=\"2\">model</th><th colspan=\"2\">position</th>\
+             <th colspan=\"2\">torque %</th><th rowspan=\"2\">free</th><th rowspan=\"2\">BIC</th><th rowspan=\"2\">\u{394} BIC</th>\
+             <th class=\"word\" rowspan=\"2\">what changed</th></tr>\n<tr><th>fit</th><th>validate</th><th>fit</th><th>validate</th>\
+             </tr>\n",
         );
         for rung in &ladder.rungs {
             let _ = writeln!(
@@ -115,7 +116,11 @@ impl Section for LadderSection<'_> {
                 ladder.independent_samples.unwrap_or(0.0)
             )
         });
-        let _ = writeln!(html, "<p class=\"note\">Position: RMS [rad or m].{floor}{}</p>", escaped(&bic));
+        let _ = writeln!(
+            html,
+            "<p class=\"note\">Position: RMS [rad or m]. Free: parameters that a fit may move.{floor}{}</p>",
+            escaped(&bic)
+        );
         for note in &ladder.notes {
             let _ = writeln!(html, "<p class=\"note\">Note: {}</p>", escaped(note));
         }

@@ -1,8 +1,12 @@
 //! In which frequencies an error lies, and whether two near ones beat.
+//!
+//! By chance a position error is white. A torque error then is what two derivatives and the filters make of that noise: its
+//! power grows with the fourth power of the frequency up to the cut-off. What a band has by chance is the larger of what white
+//! noise and that noise would have there.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-use super::{Finding, FindingKind, trace::Trace};
+use super::{Finding, FindingKind, Signal, trace::Trace};
 use crate::report::number;
 
 /// A band is told when it holds this share of the squared error, ..
@@ -49,10 +53,10 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
     }
     if let Some((from, to)) = shortest {
         let share = held(from, to);
-        let expected = ((to + 1 - from) as f64 / n_seen as f64).min(1.0);
+        let expected = by_chance(trace, resolution, power.len(), n_seen, from, to);
         if share > DENSER * expected && n_seen >= 16 {
             let what = format!(
-                "{:.0} % of the squared {} lies between {} and {} Hz (white noise would have {:.1} % there)",
+                "{:.0} % of the squared {} lies between {} and {} Hz ({:.1} % by chance)",
                 100.0 * share,
                 trace.error.name(),
                 number((from as f64 - 0.5) * resolution),
@@ -75,7 +79,8 @@ fn beat(trace: &Trace, power: &[f64], total: f64, resolution: f64, n_seen: usize
     let first = *peaks.first()?;
     let second = *peaks.iter().skip(1).find(|second| second.abs_diff(first) > 4)?;
     let (low, high) = (first.min(second) as f64 * resolution, first.max(second) as f64 * resolution);
-    let (share, expected) = (line(first) + line(second), (10.0 / n_seen as f64).min(1.0));
+    let chance = |k: usize| by_chance(trace, resolution, power.len(), n_seen, k.saturating_sub(2), k + 2);
+    let (share, expected) = (line(first) + line(second), (chance(first) + chance(second)).min(1.0));
     let is_beat = power[second] > SECOND_LINE * power[first] && high - low < NEAR * low;
     if !is_beat || share < BEAT_SHARE || share < DENSER * expected {
         return None;
@@ -90,6 +95,22 @@ fn beat(trace: &Trace, power: &[f64], total: f64, resolution: f64, n_seen: usize
         number(1.0 / (high - low))
     );
     Some(trace.finding(FindingKind::Beat, what, share, expected))
+}
+
+/// The share of the power of noise that lies in bins `from..=to`.
+fn by_chance(trace: &Trace, resolution: f64, n_bins: usize, n_seen: usize, from: usize, to: usize) -> f64 {
+    let white = (to + 1 - from) as f64 / n_seen as f64;
+    if trace.error == Signal::Position {
+        return white.min(1.0);
+    }
+    // The positions pass the zero-phase filter, and so does the torque that they need: gain 1 / (1 + (f/fc)^8) twice.
+    let noise = |k: usize| {
+        let ratio = k as f64 * resolution / trace.bandwidth_hz;
+        ratio.powi(4) / (1.0 + ratio.powi(8)).powi(4)
+    };
+    let total: f64 = (1..n_bins).map(noise).sum();
+    let inside: f64 = (from.max(1)..=to.min(n_bins - 1)).map(noise).sum();
+    white.max(inside / total.max(f64::MIN_POSITIVE)).min(1.0)
 }
 
 /// Power of the error, freed of its mean, by frequency: the whole run under one Hann window, so that near lines are told apart.

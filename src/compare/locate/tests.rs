@@ -83,6 +83,19 @@ fn noise_gives_nothing() {
     }
 }
 
+/// What two derivatives and two filters make of position noise is narrow, but it is noise.
+#[test]
+fn the_noise_of_accelerations_gives_nothing() {
+    let filter = crate::signal::Lowpass::new(12.0, 1.0 / STEP).expect("below Nyquist");
+    for seed in 0..20 {
+        let mut made = trace(|_, _, _| 0.0, 0.0);
+        made.bandwidth_hz = 12.0;
+        let position = filter.apply(&Random::new(seed).vector(N, -1.0, 1.0));
+        made.residual = filter.apply(&crate::signal::second_derivative(&position, STEP));
+        assert_eq!(of_trace(&made), [], "seed {seed}");
+    }
+}
+
 #[test]
 fn an_offset_is_told_with_its_size() {
     let found = first(&trace(|_, _, _| 0.02, 0.005));

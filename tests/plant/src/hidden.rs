@@ -80,7 +80,7 @@ pub struct Case {
     pub without: Recipe,
     /// Answers that are right, the hidden effect first.
     pub accepted: Vec<Spot>,
-    /// Products of signals that a discovered formula must hold, where one can.
+    /// Products of signals of which a discovered formula must hold one; none where no sum of products says the law.
     pub terms: Vec<String>,
     /// `model.toml` of what is believed.
     pub believed: String,
@@ -213,7 +213,7 @@ impl Plan {
         self
     }
 
-    /// A product of signals that a discovered formula must hold.
+    /// A product of signals that shows that a discovered formula has found the law.
     #[must_use]
     fn term(mut self, what: &'static str) -> Self {
         self.terms.push(what);
@@ -505,7 +505,7 @@ fn runs(plan: &Plan, habits: &Habits, noise: &mut Noise) -> Vec<RunEntry> {
     for (index, wave) in second.iter_mut().enumerate() {
         match index % habits.waves.len() {
             // from slow to fast in 30 s, one of the joints from fast to slow
-            2 if index / habits.waves.len() % 2 == 0 => {
+            2 if (index / habits.waves.len()).is_multiple_of(2) => {
                 (wave.hz, wave.hz_per_s) = (slowest, rounded((fastest - slowest) / 30.0));
                 wave.amplitude *= 1.6;
             }
@@ -533,7 +533,7 @@ fn believed(plan: &Plan, device: &Device, habits: &Habits, rest: &[EffectEntry],
         "# What is believed before anything is fitted. Links are the device file's{}.\n",
         plan.links_within.map_or_else(String::new, |within| format!(", known to {} %", 100.0 * within))
     );
-    let _ = write!(text, "device = \"{}\"\n", device.id);
+    let _ = writeln!(text, "device = \"{}\"", device.id);
     for (number, link) in (1..).zip(&device.links) {
         let mut lines = String::new();
         for (symbol, parameter) in Link::SYMBOLS.iter().zip(&link.inertial) {
@@ -666,6 +666,45 @@ mod tests {
                 };
                 check_body(&std::array::from_fn(value)).unwrap_or_else(|reason| panic!("{}: {reason}", case.name));
             }
+        }
+    }
+
+    /// What a believed or true model states, as a recipe does.
+    #[derive(serde::Deserialize)]
+    struct Stated {
+        #[serde(default)]
+        effect: Vec<toml::Table>,
+    }
+
+    #[test]
+    fn believed_models_lack_the_effect_and_are_a_little_off_otherwise() {
+        for case in table::cases() {
+            let believed: Stated = toml::from_str(&case.believed).unwrap();
+            assert_eq!(believed.effect.len(), case.without.effects.len(), "{}", case.name);
+            for (stated, entry) in believed.effect.iter().zip(&case.without.effects) {
+                assert_eq!(stated["id"].as_str(), Some(entry.id.as_str()), "{}", case.name);
+                for (symbol, value) in &entry.values {
+                    let told = &stated[symbol];
+                    let told = told.get("value").unwrap_or(told);
+                    let told = told.as_float().or(told.as_integer().map(|value| value as f64)).unwrap();
+                    let reach = if symbol == "qeq" { 0.03 } else { 0.051 * value.abs() };
+                    assert!((told - value).abs() <= reach, "{}: {symbol} = {told}, not {value}", case.name);
+                }
+            }
+            let is_hidden = |entry: &EffectEntry| case.hidden.as_ref() == Some(entry);
+            assert_eq!(case.truth.effects.iter().any(is_hidden), case.kind != Kind::Nothing, "{}", case.name);
+            assert!(!case.without.effects.iter().any(is_hidden), "{}", case.name);
+        }
+    }
+
+    #[test]
+    fn the_table_is_as_large_as_it_must_be_and_the_same_again() {
+        let (cases, again) = (table::cases(), table::cases());
+        for (kind, at_least) in [(Kind::Hidden, 60), (Kind::Nothing, 20), (Kind::Outside, 10)] {
+            assert!(cases.iter().filter(|case| case.kind == kind).count() >= at_least);
+        }
+        for (one, other) in cases.iter().zip(&again) {
+            assert_eq!((&one.truth, &one.believed), (&other.truth, &other.believed));
         }
     }
 

@@ -72,9 +72,12 @@ fn dq_share(torque: f64, fc: f64, speed: f64) -> f64 {
     if speed < 0.0 { speed * (1.0 + torque / fc) } else { speed * (1.0 - torque / fc) }
 }
 
+/// One law, and what it does at another joint.
+type Read = (Friction, Option<(usize, Friction)>);
+
 impl Friction {
     /// The law of that id and, for a pair, the law at the other joint; `None` for an id of no such law.
-    pub(super) fn read(id: &str, values: &Values<'_>) -> Result<Option<(Self, Option<(usize, Self)>)>, String> {
+    pub(super) fn read(id: &str, values: &Values<'_>) -> Result<Option<Read>, String> {
         let value = |symbol: &str| values.get(symbol);
         let law = match id {
             "viscous" => Self::Viscous { fv: value("Fv")? },

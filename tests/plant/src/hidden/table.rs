@@ -98,7 +98,7 @@ fn plans() -> Vec<Plan> {
         // the transmission
         hidden(SERVO, &[0], "coulomb", "joint_elasticity@0 compliance=0.3 damping=0.01 Jm=0.002"),
         hidden(PLANAR, &[0, 1], "viscous", "joint_elasticity@1 compliance=0.06 damping=0.05 Jm=0.02"),
-        hidden(SERVO, &[0], "viscous", "backlash@0 gap=0.03 Jm=0.002"),
+        hidden(SERVO, &[0], "viscous", "backlash@0 gap=0.04 Jm=0.0005"),
         hidden(ARM, &[3], "viscous", "backlash@3 gap=0.03 Jm=0.0002"),
         // links
         hidden(PLANAR, &[0, 1], "coulomb", "payload@1 m=0.15 x=0.03 y=0.02 z=0").links_within(0.03),
@@ -135,11 +135,17 @@ fn plans() -> Vec<Plan> {
         nothing(DOUBLE, &[0, 1], "coulomb"),
         nothing(MASS, &[0], "viscous"),
         // what no library has
-        outside(ARM, &[5], "viscous", "viscous_position@5 F=0.008 k=6").term("sin(q5)*dq5"),
+        outside(ARM, &[5], "viscous", "viscous_position@5 F=0.008 k=3")
+            .term("sin(q5)*dq5")
+            .term("cos(q5)*dq5")
+            .term("q5*dq5"),
         outside(PLANAR, &[0, 1], "coulomb", "speed_product@0<1 G=0.06").term("dq0*dq1"),
         outside(PLANAR, &[0, 1], "coulomb", "speed_square_from@1<0 G=0.08").term("dq0*dq0"),
         outside(ARM, &[3, 4, 5], "viscous", "gyroscopic@3<4 other=5 G=0.004").term("dq4*dq5"),
-        outside(ARM, &[3], "coulomb", "gain_ripple@3 a=0.15 k=9").term("tau3*sin(q3)"),
+        outside(ARM, &[3], "coulomb", "gain_ripple@3 a=0.2 k=3")
+            .term("tau3*sin(q3)")
+            .term("tau3*cos(q3)")
+            .term("tau3*q3"),
         outside(ARM, &[4], "viscous", "command_root@4 c0=0.004"),
         outside(SERVO, &[0], "coulomb", "command_cubic@0 k3=0.012").drive(0.75).term("tau0*tau0*tau0"),
         outside(ARM, &[0, 1], "viscous", "friction_position_from@0<1 F=0.02 q0=0.1 v_eps=0.01").term("q1*sign(dq0)"),

@@ -76,6 +76,8 @@ pub struct Diagnosis {
     pub notes: Vec<String>,
     /// How far the model is from its logs, refitted: the largest error of a joint over its noise.
     pub worst_ratio: Option<f64>,
+    /// Where no effect of the library explains what is left: a formula that does, if there is one.
+    pub discovered: Option<Discovered>,
     /// The refitted model that was diagnosed.
     #[serde(skip)]
     pub base: Option<Model>,

@@ -84,6 +84,8 @@ const PIECE_S: f64 = 2.0;
 const TERMS: usize = 3;
 /// The squared torque error of the held-out runs must fall by this share.
 const WORTH: f64 = 0.25;
+/// Samples of the torque error, taken four a period of the highest frequency that is left, that share one independent error.
+const PER_INDEPENDENT: f64 = 4.0;
 /// Candidates that are kept for the choice, per step of a first pass.
 const KEPT: usize = 40;
 
@@ -98,6 +100,40 @@ pub fn discover(base: &Model, runs: &[&Run]) -> Option<Discovered> {
         .filter_map(|joint| Search::new(&fit, joint)?.best(&held_out))
         .min_by(|a, b| a.0.total_cmp(&b.0))?;
     Some(best.1)
+}
+
+/// What a diagnosis says where a formula was found.
+pub(super) fn sentence(found: &Discovered) -> String {
+    let is_command =
+        found.terms.iter().all(|term| term.term.starts_with("command") || term.term.starts_with("|command"));
+    let what = if is_command { "adds to its command" } else { "resists its motion" };
+    format!(
+        "A formula does, of what {what} at joint {}: {}. It takes away {:.0} % of the squared torque error of the held-out \
+         runs.",
+        found.joint,
+        found.formula,
+        100.0 * found.explained_validate
+    )
+}
+
+/// What a diagnosis says where none was found.
+pub(super) fn nothing() -> String {
+    "Nor does any product of the measured signals that holds on the held-out runs: there is nothing worth writing."
+        .to_owned()
+}
+
+/// The run, to be fitted to, with the torque error held to lower frequencies than the motion: what position noise does to
+/// an acceleration grows with the square of the frequency, and would drown the rest.
+fn smoother(run: &Run) -> Option<Run> {
+    /// Cut-off of the torque error over that of the motion.
+    const LOWER: f64 = 0.5;
+    let motion = Motion::of(run).ok()?;
+    let mut run = Run { role: Role::Fit, ..run.clone() };
+    run.settings.cutoff_hz = Some(motion.cutoff_hz);
+    // Decimation by `d` asks for a cut-off of a quarter of the new rate.
+    let decimate = (0.25 / LOWER / (motion.cutoff_hz * motion.grid.step)).round().max(1.0) as usize;
+    run.settings.decimate = decimate.max(run.settings.decimate);
+    Some(run)
 }
 
 /// One run's signals.
@@ -124,9 +160,8 @@ struct Sampled {
 
 impl Sampled {
     fn of(base: &Model, runs: &[&Run]) -> Option<Self> {
-        let runs: Vec<Run> = runs.iter().map(|run| Run { role: Role::Fit, ..(*run).clone() }).collect();
-        let runs: Vec<(&Run, Motion)> =
-            runs.iter().filter_map(|run| Some((run, Motion::of(run).ok()?))).collect();
+        let runs: Vec<Run> = runs.iter().filter_map(|run| smoother(run)).collect();
+        let runs: Vec<(&Run, Motion)> = runs.iter().filter_map(|run| Some((run, Motion::of(run).ok()?))).collect();
         let (runs, motions): (Vec<&Run>, Vec<Motion>) = runs.into_iter().unzip();
         let view = TorqueView::new(&runs, &motions);
         let blocks = view.errors(base)?;
@@ -205,6 +240,8 @@ struct Search<'a> {
     terms: Vec<Term>,
     /// Weighed columns of the terms, over the joint's rows.
     columns: Vec<Vec<f64>>,
+    /// Part of the drive's own torque that was taken out of each column.
+    shares: Vec<f64>,
     /// The rows of the joint.
     rows: Vec<usize>,
     /// Weighed: own columns and the error, over all rows.
@@ -254,26 +291,33 @@ impl<'a> Search<'a> {
             .filter(|(block, _)| block.joint == joint)
             .flat_map(|(_, range)| range.clone())
             .collect();
-        let free: std::collections::BTreeSet<usize> = fit.runs.iter().flat_map(|run| run.free.iter().copied()).collect();
+        let free: std::collections::BTreeSet<usize> =
+            fit.runs.iter().flat_map(|run| run.free.iter().copied()).collect();
         let free: Vec<usize> = free.into_iter().collect();
         let terms = dictionary(joint, &free, &fit.kinds);
         let weight = weights[&joint];
-        let columns: Vec<Vec<f64>> = terms
+        let load = fit.column(&Term::load(), joint);
+        let (columns, shares): (Vec<Vec<f64>>, Vec<f64>) = terms
             .par_iter()
-            .map(|term| fit.column(term, joint).into_iter().map(|value| value * weight).collect())
-            .collect();
-        let finite = |column: &Vec<f64>| column.iter().all(|value| value.is_finite());
-        let (terms, columns): (Vec<Term>, Vec<Vec<f64>>) =
-            terms.into_iter().zip(columns).filter(|(_, column)| finite(column)).unzip();
+            .map(|term| {
+                let column = fit.column(term, joint);
+                let share = if term.has_load() { share_of(&column, &load) } else { 0.0 };
+                (
+                    without_share(column, share, &load).into_iter().map(|value| value * weight).collect::<Vec<f64>>(),
+                    share,
+                )
+            })
+            .unzip();
         let mut search = Self {
             fit,
             joint,
             names,
             prior,
             weights,
-            independent: fit.blocks.iter().map(|block| block.independent).sum(),
+            independent: error.len() as f64 / PER_INDEPENDENT,
             terms,
             columns,
+            shares,
             rows,
             own,
             error,
@@ -303,7 +347,8 @@ impl<'a> Search<'a> {
                     let size = whole - shared.dot(&information.solve(&shared));
                     // What is left of the error has the basis taken out, nearly.
                     let along: f64 = self.rows.iter().zip(column).map(|(row, value)| left[*row] * value).sum();
-                    (size > 1e-4 * whole && whole > 0.0).then(|| (along * along / size, index))
+                    let gain = along * along / size;
+                    (size > 1e-4 * whole && gain.is_finite()).then_some((gain, index))
                 })
                 .collect();
             gains.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
@@ -320,6 +365,7 @@ impl<'a> Search<'a> {
         kept.dedup();
         self.terms = kept.iter().map(|&index| self.terms[index].clone()).collect();
         self.columns = kept.iter().map(|&index| self.columns[index].clone()).collect();
+        self.shares = kept.iter().map(|&index| self.shares[index]).collect();
         (!self.terms.is_empty()).then_some(())
     }
 
@@ -349,9 +395,8 @@ impl<'a> Search<'a> {
         let own = DMatrix::from_fn(all.len(), self.own.ncols(), |row, column| self.own[(all[row], column)]);
         let error = DVector::from_fn(all.len(), |row, _| self.error[all[row]]);
         let here = DMatrix::from_fn(joint.len(), self.columns.len(), |row, column| self.columns[column][joint[row]]);
-        let own_here = DMatrix::from_fn(joint.len(), self.own.ncols(), |row, column| {
-            self.own[(self.rows[joint[row]], column)]
-        });
+        let own_here =
+            DMatrix::from_fn(joint.len(), self.own.ncols(), |row, column| self.own[(self.rows[joint[row]], column)]);
         let error_here = DVector::from_fn(joint.len(), |row, _| self.error[self.rows[joint[row]]]);
         Normal {
             own: own.tr_mul(&own),
@@ -394,7 +439,12 @@ impl<'a> Search<'a> {
         if std::env::var_os("DYNID_DISCOVER").is_some() {
             let shares = self.stability(&pieces, &reduced, &choice.chosen);
             for (index, share) in choice.chosen.iter().zip(shares) {
-                eprintln!("joint {}: {} {share:.2}; score {}", self.joint, self.terms[*index].label(self.joint), choice.score);
+                eprintln!(
+                    "joint {}: {} {share:.2}; score {}",
+                    self.joint,
+                    self.terms[*index].label(self.joint),
+                    choice.score
+                );
             }
         }
         if indices.is_empty() {
@@ -405,8 +455,8 @@ impl<'a> Search<'a> {
         let with = whole.own_steps(&self.prior, &indices, &coefficients)?;
         let terms: Vec<(Term, f64)> =
             indices.iter().map(|&index| self.terms[index].clone()).zip(coefficients.iter().copied()).collect();
-        let fitted = self.explained(self.fit, &terms, &without, &with);
-        let judged = self.explained(held_out, &terms, &without, &with);
+        let fitted = self.explained(self.fit, &indices, &coefficients, &without, &with);
+        let judged = self.explained(held_out, &indices, &coefficients, &without, &with);
         if std::env::var_os("DYNID_DISCOVER").is_some() {
             eprintln!("   fit {:?} held out {:?}", fitted.shares, judged.shares);
         }
@@ -460,7 +510,8 @@ impl<'a> Search<'a> {
             .map(|_| {
                 let mut order: Vec<(f64, usize)> = (0..pieces.len()).map(|index| (random.unit(), index)).collect();
                 order.sort_by(|a, b| a.0.total_cmp(&b.0));
-                let mut half: Vec<usize> = order.iter().take(pieces.len().div_ceil(2)).map(|(_, index)| *index).collect();
+                let mut half: Vec<usize> =
+                    order.iter().take(pieces.len().div_ceil(2)).map(|(_, index)| *index).collect();
                 half.sort_unstable();
                 half
             })
@@ -486,12 +537,16 @@ impl<'a> Search<'a> {
     fn explained(
         &self,
         sampled: &Sampled,
-        terms: &[(Term, f64)],
+        chosen: &[usize],
+        coefficients: &[f64],
         without: &DVector<f64>,
         with: &DVector<f64>,
     ) -> Explained {
+        let load = sampled.column(&Term::load(), self.joint);
+        let column =
+            |index: usize| without_share(sampled.column(&self.terms[index], self.joint), self.shares[index], &load);
         let columns: Vec<(Vec<f64>, f64)> =
-            terms.iter().map(|(term, coefficient)| (sampled.column(term, self.joint), *coefficient)).collect();
+            chosen.iter().zip(coefficients).map(|(index, coefficient)| (column(*index), *coefficient)).collect();
         let own: Vec<Option<&Vec<f64>>> =
             self.names.iter().map(|name| sampled.own.get(*name).map(|(_, column)| column)).collect();
         let taken = |row: usize, steps: &DVector<f64>| -> f64 {
@@ -500,7 +555,7 @@ impl<'a> Search<'a> {
         let mut shares = Vec::new();
         let mut left = Vec::new();
         let mut own_row = 0;
-        for ((block, range), (run, slot)) in sampled.blocks.iter().zip(sampled.rows()).zip(sampled.places()) {
+        for (block, range) in sampled.blocks.iter().zip(sampled.rows()) {
             if block.joint != self.joint {
                 continue;
             }
@@ -515,12 +570,27 @@ impl<'a> Search<'a> {
                 left.push(after);
                 own_row += 1;
             }
-            let _ = (run, slot);
             shares.push(share);
         }
         let deviation = (left.iter().map(|value| value * value).sum::<f64>() / (left.len() as f64).max(1.0)).sqrt();
         Explained { shares, deviation, correlation: correlation_time(&left, &vec![true; left.len()]) }
     }
+}
+
+/// How much of `load` is in a column.
+fn share_of(column: &[f64], load: &[f64]) -> f64 {
+    let squares: f64 = load.iter().map(|load| load * load).sum();
+    let product: f64 = column.iter().zip(load).map(|(value, load)| value * load).sum();
+    if squares > 0.0 { product / squares } else { 0.0 }
+}
+
+/// A column without its part along `load`. Where the model's own parameters may all become smaller together, so does the torque
+/// that the motion needs: the drive's own torque would then explain any error there is, by undoing the drive.
+fn without_share(mut column: Vec<f64>, share: f64, load: &[f64]) -> Vec<f64> {
+    if share != 0.0 {
+        column.iter_mut().zip(load).for_each(|(value, load)| *value -= share * load);
+    }
+    column
 }
 
 /// Squared torque error of one run.

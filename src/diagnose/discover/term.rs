@@ -115,6 +115,16 @@ impl Term {
         Self(factors)
     }
 
+    /// The torque that the drive path delivers.
+    pub(super) fn load() -> Self {
+        Self(vec![Load])
+    }
+
+    /// Whether the drive's own torque is in it.
+    pub(super) fn has_load(&self) -> bool {
+        self.0.iter().any(|factor| matches!(factor, Load | LoadSize))
+    }
+
     pub(super) fn factors(&self) -> &[Factor] {
         &self.0
     }
@@ -199,7 +209,8 @@ pub(super) fn dictionary(own: usize, free: &[usize], kinds: &[JointKind]) -> Vec
     let mut terms = BTreeSet::new();
     let mut add = |parts: &[&[Factor]]| {
         let factors = parts.concat();
-        if !factors.is_empty() {
+        // The drive's own torque by itself explains any error, by undoing the drive.
+        if !factors.is_empty() && factors != [Load] {
             terms.insert(Term::new(factors));
         }
     };

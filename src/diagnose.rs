@@ -387,7 +387,7 @@ impl Work<'_> {
                     self.asked_to_stop()?;
                     (self.tell)(&Event::Refitting(&score.suspect));
                     let mut starts = vec![score.estimate.clone()];
-                    starts.extend(score.second.clone());
+                    starts.extend(score.others.iter().cloned());
                     let key = format!("{depth}: {} > {}", path.join(" > "), score.suspect);
                     self.remembered(&key, Some(&score.suspect), base, &starts, reached)
                 })

@@ -120,6 +120,7 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
             columns
         })
         .collect();
+    let passed = passed(system, motion, states.as_ref());
     (0..n)
         .into_par_iter()
         .map(|slot| {
@@ -128,13 +129,17 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
             };
             let joint = system.kernel().free[slot];
             let kept = |values: &[f64]| motion.kept.iter().map(|&k| values[k]).collect();
+            let mut residual = motion.filtered(&whole(slot));
+            if let Some(passed) = &passed {
+                residual.iter_mut().zip(&passed[slot]).for_each(|(residual, passed)| *residual /= passed);
+            }
             JointTorqueError {
                 joint,
                 time: motion.kept.iter().map(|&k| motion.grid.time(k)).collect(),
                 speed: kept(&motion.dq[slot]),
                 position: kept(&motion.q[slot]),
                 torque: motion.filtered(&motion.command[joint]),
-                residual: motion.filtered(&whole(slot)),
+                residual,
                 delivered: motion.filtered(&whole(n + slot)),
                 used: motion.used[slot].clone(),
             }
@@ -207,6 +212,9 @@ pub(crate) struct JointLinear {
     pub(crate) by_parameter: Vec<Option<Vec<f64>>>,
     /// Torque at the joint per unit of command.
     pub(crate) slope: f64,
+    /// Share of the drive's torque that is left for the motion, by which all of this and the regressor are divided; none
+    /// where it is 1.
+    pub(crate) passed: Option<Vec<f64>>,
 }
 
 /// The torque error of each free joint about the system's present values. Its derivative by the lumps is `-Y / slope`,
@@ -267,6 +275,8 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
     };
     let columns: Vec<Option<Vec<f64>>> = (0..n * n_columns).into_par_iter().map(column).collect();
 
+    let passed_here = passed(system, motion, states.as_ref());
+    let passed_by = passed_here.as_ref().map_or_else(Vec::new, |here| passed_gradient(system, motion, here));
     let lumps = &system.prepared()[..system.kernel().n_lumps];
     (0..n)
         .map(|slot| {
@@ -286,9 +296,84 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
                 let column = by_parameter[parameter].get_or_insert_with(|| vec![0.0; motion.kept.len()]);
                 column.iter_mut().zip(&residual).for_each(|(value, residual)| *value -= residual * by / slope);
             }
-            JointLinear { residual, by_parameter, slope }
+            let passed = passed_here.as_ref().map(|passed| passed[slot].clone());
+            if let Some(passed) = &passed {
+                let divide =
+                    |values: &mut Vec<f64>| values.iter_mut().zip(passed).for_each(|(value, share)| *value /= share);
+                divide(&mut residual);
+                by_parameter.iter_mut().flatten().for_each(divide);
+                for (parameter, by) in &passed_by {
+                    let column = by_parameter[*parameter].get_or_insert_with(|| vec![0.0; motion.kept.len()]);
+                    for (row, value) in column.iter_mut().enumerate() {
+                        *value -= residual[row] * by[slot][row] / passed[row];
+                    }
+                }
+            }
+            JointLinear { residual, by_parameter, slope, passed }
         })
         .collect()
+}
+
+/// How much of a change of the drive's torque is left for the motion at each free joint, at the kept samples: less than 1
+/// where friction grows with the torque. The torque error is divided by it, for it is told as a command. `None` where no
+/// joint effect reads the drive's torque.
+fn passed(system: &System, motion: &Motion, states: Option<&states::States>) -> Option<Vec<Vec<f64>>> {
+    /// Relative change of the commands.
+    const STEP: f64 = 1e-6;
+    /// A joint that passes less is stuck, and tells nothing of its command.
+    const RANGE: (f64, f64) = (0.1, 10.0);
+    if system.readers_of_load().is_empty() {
+        return None;
+    }
+    let n = system.n_free();
+    let chunks: Vec<Vec<f64>> = motion
+        .kept
+        .par_chunks(CHUNK)
+        .map(|kept| {
+            let mut linear = Linear::new(system);
+            let mut sample = Sample::new(system);
+            let mut shares = Vec::with_capacity(n * kept.len());
+            for &k in kept {
+                sample.load(motion, states, k);
+                let Sample { x, command, late, dx, .. } = &mut sample;
+                linear.set_late(late.iter().copied());
+                let mut net = |command: &[f64]| {
+                    linear.along(system, motion.grid.time(k), x, None, command, dx);
+                    (linear.drive().to_vec(), linear.load().to_vec())
+                };
+                let (drive, load) = net(command);
+                let more: Vec<f64> = command.iter().map(|command| command * (1.0 + STEP)).collect();
+                let (drive_more, load_more) = net(&more);
+                for slot in 0..n {
+                    let by_drive = drive_more[slot] - drive[slot];
+                    let share = if by_drive == 0.0 { 1.0 } else { 1.0 - (load_more[slot] - load[slot]) / by_drive };
+                    shares.push(if share.is_finite() { share.clamp(RANGE.0, RANGE.1) } else { 1.0 });
+                }
+            }
+            shares
+        })
+        .collect();
+    let whole: Vec<f64> = chunks.into_iter().flatten().collect();
+    Some((0..n).map(|slot| whole.iter().skip(slot).step_by(n).copied().collect()).collect())
+}
+
+/// Derivative of [`passed`] by the parameters of the effects that read the drive's torque: parameter, then per free joint.
+fn passed_gradient(system: &System, motion: &Motion, here: &[Vec<f64>]) -> Vec<(usize, Vec<Vec<f64>>)> {
+    /// Relative step of a one-sided difference.
+    const STEP: f64 = 1e-5;
+    let by = |parameter: usize| {
+        let mut moved = system.clone();
+        let mut values = system.effect_parameters().to_vec();
+        let step = STEP * values[parameter].abs().max(1.0);
+        values[parameter] += step;
+        moved.set_parameters(&system.link_parameters().to_vec(), &values);
+        let there = passed(&moved, motion, states::follow(&moved, motion).as_ref())?;
+        let difference = |(there, here): (Vec<f64>, &Vec<f64>)| {
+            there.iter().zip(here).map(|(there, here)| (there - here) / step).collect()
+        };
+        Some((parameter, there.into_iter().zip(here).map(difference).collect()))
+    };
+    system.readers_of_load().into_iter().filter_map(by).collect()
 }
 
 /// Root mean square of each free joint's command.

@@ -109,7 +109,7 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> (
             let name = instance.parameter_name(index);
             let own = instance.parameters[index];
             if let Some(found) = score.estimate.parameter(&name)
-                && !own.fixed
+                && (!own.fixed || instance.effect.parameters[index].scan.is_some())
             {
                 // The name is the model's own.
                 let _ = estimated.set_value(&name, found.value.clamp(own.lower, own.upper));

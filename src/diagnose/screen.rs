@@ -22,9 +22,12 @@ pub struct Score {
     pub explained: f64,
     /// The model with the suspect at its first estimate.
     pub estimate: Model,
-    /// Another estimate, by the next best of the tried values.
-    pub second: Option<Model>,
+    /// Other estimates, by the next best of the tried values.
+    pub others: Vec<Model>,
 }
+
+/// Other estimates that a score keeps.
+const OTHERS: usize = 2;
 
 /// The model's own parameters, ready to be projected out of an error signal.
 pub struct Screen<'a> {
@@ -144,8 +147,8 @@ impl<'a> Screen<'a> {
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut tried = tried.into_iter();
         let (information, explained, estimate) = tried.next()?;
-        let second = tried.next().map(|(.., model)| model);
-        Some(Score { suspect: suspect.clone(), information, explained, estimate, second })
+        let others = tried.take(OTHERS).map(|(.., model)| model).collect();
+        Some(Score { suspect: suspect.clone(), information, explained, estimate, others })
     }
 
     fn score_probe(&self, probe: &Probe) -> Option<(f64, f64, Model)> {

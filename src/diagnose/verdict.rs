@@ -89,7 +89,13 @@ pub(super) fn shortlist(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Score>
             let (torque, position) = scored[index].clone();
             // The estimate on simulations is the nearer to what a refit will find; the other is another start.
             match (torque, position) {
-                (Some(torque), Some(position)) => Some(Score { second: Some(torque.estimate), ..position }),
+                (Some(torque), Some(position)) => {
+                    let mut others = position.others;
+                    if !torque.others.is_empty() {
+                        others.insert(others.len().min(1), torque.estimate);
+                    }
+                    Some(Score { others, ..position })
+                }
                 (torque, position) => position.or(torque),
             }
         })
@@ -164,7 +170,7 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[(Option<Score>, O
 /// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate.
 pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>) -> Vec<Probe> {
     /// As many simulations are cheap.
-    const FEW: usize = 12;
+    const FEW: usize = 32;
     if probes.len() <= FEW {
         return probes.to_vec();
     }
@@ -173,7 +179,7 @@ pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>) -> V
     let near = |estimate: &Model| {
         probes.iter().min_by(|a, b| distance(a, estimate).total_cmp(&distance(b, estimate))).cloned()
     };
-    [Some(&score.estimate), score.second.as_ref()].into_iter().flatten().filter_map(near).collect()
+    [&score.estimate].into_iter().chain(&score.others).filter_map(near).collect()
 }
 
 /// How far a probe's tried values are from those of a model.

@@ -640,8 +640,13 @@ fn run_equations(layout: &Layout, run: &TorqueRun, rigid: &[RigidColumns], x: &[
             rows.iter().enumerate().for_each(|(row, &sample)| matrix[(row, column)] = factor * values[sample]);
         };
         for (column, &lump) in lumps.iter().enumerate() {
-            if let Some(values) = &rigid[slot][lump] {
-                fill(column, values, 1.0 / linear.slope);
+            match (&rigid[slot][lump], &linear.passed) {
+                (Some(values), None) => fill(column, values, 1.0 / linear.slope),
+                (Some(values), Some(passed)) => {
+                    let values: Vec<f64> = values.iter().zip(passed).map(|(value, passed)| value / passed).collect();
+                    fill(column, &values, 1.0 / linear.slope);
+                }
+                (None, _) => {}
             }
         }
         for (column, &index) in effects.iter().enumerate() {

@@ -101,6 +101,13 @@ impl System {
         parameters
     }
 
+    /// Parameters of the joint effects that read the drive's torque.
+    pub(crate) fn readers_of_load(&self) -> Vec<usize> {
+        let joint = self.frictions.iter().chain(&self.loads);
+        let readers = joint.filter(|element| element.uses.contains(Signal::Load));
+        readers.flat_map(|element| element.p..element.p + element.np).collect()
+    }
+
     /// Number of states of the effects.
     pub(crate) fn n_effect_states(&self) -> usize {
         self.n_effect_states

@@ -248,6 +248,15 @@ fn formula(discovered: &Discovered) -> String {
         100.0 * discovered.explained_fit,
         100.0 * discovered.explained_validate
     );
+    for other in &discovered.elsewhere {
+        let _ = writeln!(
+            text,
+            "  another at joint {}: {} ({:.0} % of the held-out runs)",
+            other.joint,
+            other.formula,
+            100.0 * other.explained_validate
+        );
+    }
     text
 }
 

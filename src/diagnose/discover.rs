@@ -55,6 +55,9 @@ pub struct Discovered {
     pub explained_validate: f64,
     /// The effect file that says it; `None` where an effect cannot.
     pub effect_file: Option<String>,
+    /// Formulas for other joints, each found as if nothing were missing elsewhere.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub elsewhere: Vec<Discovered>,
 }
 
 /// One term of a formula.
@@ -83,7 +86,7 @@ const PIECE_S: f64 = 2.0;
 /// At most so many terms.
 const TERMS: usize = 3;
 /// The squared torque error of the held-out runs must fall by this share.
-const WORTH: f64 = 0.25;
+const WORTH: f64 = 0.3;
 /// Samples of the torque error, taken four a period of the highest frequency that is left, that share one independent error.
 const PER_INDEPENDENT: f64 = 4.0;
 /// Candidates that are kept for the choice, per step of a first pass.
@@ -95,11 +98,13 @@ pub fn discover(base: &Model, runs: &[&Run]) -> Option<Discovered> {
     let fit = Sampled::of(base, &fit)?;
     let held_out = Sampled::of(base, &held_out)?;
     let joints = fit.joints();
-    let best = joints
-        .into_iter()
-        .filter_map(|joint| Search::new(&fit, joint)?.best(&held_out))
-        .min_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(best.1)
+    let mut found: Vec<(f64, Discovered)> =
+        joints.into_iter().filter_map(|joint| Search::new(&fit, joint)?.best(&held_out)).collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut found = found.into_iter().map(|(_, found)| found);
+    let mut best = found.next()?;
+    best.elsewhere = found.collect();
+    Some(best)
 }
 
 /// What a diagnosis says where a formula was found.
@@ -126,7 +131,7 @@ pub(super) fn nothing() -> String {
 /// an acceleration grows with the square of the frequency, and would drown the rest.
 fn smoother(run: &Run) -> Option<Run> {
     /// Cut-off of the torque error over that of the motion.
-    const LOWER: f64 = 0.5;
+    const LOWER: f64 = 0.35;
     let motion = Motion::of(run).ok()?;
     let mut run = Run { role: Role::Fit, ..run.clone() };
     run.settings.cutoff_hz = Some(motion.cutoff_hz);
@@ -436,17 +441,6 @@ impl<'a> Search<'a> {
         let chosen: Vec<(usize, f64)> =
             choice.chosen.iter().copied().zip(shares).filter(|(_, share)| *share >= STABLE).collect();
         let indices: Vec<usize> = chosen.iter().map(|(index, _)| *index).collect();
-        if std::env::var_os("DYNID_DISCOVER").is_some() {
-            let shares = self.stability(&pieces, &reduced, &choice.chosen);
-            for (index, share) in choice.chosen.iter().zip(shares) {
-                eprintln!(
-                    "joint {}: {} {share:.2}; score {}",
-                    self.joint,
-                    self.terms[*index].label(self.joint),
-                    choice.score
-                );
-            }
-        }
         if indices.is_empty() {
             return None;
         }
@@ -457,9 +451,6 @@ impl<'a> Search<'a> {
             indices.iter().map(|&index| self.terms[index].clone()).zip(coefficients.iter().copied()).collect();
         let fitted = self.explained(self.fit, &indices, &coefficients, &without, &with);
         let judged = self.explained(held_out, &indices, &coefficients, &without, &with);
-        if std::env::var_os("DYNID_DISCOVER").is_some() {
-            eprintln!("   fit {:?} held out {:?}", fitted.shares, judged.shares);
-        }
         if !(judged.total() >= WORTH && judged.shares.iter().all(Share::is_good)) {
             return None;
         }
@@ -486,6 +477,7 @@ impl<'a> Search<'a> {
                 joint: self.joint,
                 from: if others.len() == 1 { others.first().copied() } else { None },
                 effect_file: effect_file(self.joint, &terms, &formula),
+                elsewhere: Vec::new(),
                 formula,
                 terms: told.into_iter().map(|(told, _)| told).collect(),
                 explained_fit: fitted.total(),

@@ -72,3 +72,57 @@ pub(super) fn effect_file(own: usize, terms: &[(Term, f64)], formula: &str) -> O
     }
     Some(text)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use dynid_model::{Effect, Scope, device::JointKind};
+
+    use super::{super::term::dictionary, effect_file};
+
+    /// Units and null values included: the reader that a build uses checks them at both kinds of joints.
+    #[test]
+    fn every_term_makes_an_effect_file_that_is_accepted() {
+        let kinds = [JointKind::Revolute; 3];
+        let terms = dictionary(0, &[0, 1, 2], &kinds);
+        let mut pairs = 0;
+        for term in &terms {
+            let label = term.label(0);
+            let text = effect_file(0, &[(term.clone(), -0.25)], &label);
+            assert_eq!(text.is_none(), term.others(0).len() > 1, "{label}");
+            let Some(text) = text else { continue };
+            let effect =
+                Effect::parse(&text, Path::new("found.toml")).unwrap_or_else(|error| panic!("{error}\n{text}"));
+            assert_eq!(effect.scope == Scope::Pair, !term.others(0).is_empty(), "{label}");
+            pairs += usize::from(effect.scope == Scope::Pair);
+        }
+        assert!(pairs > 100 && terms.len() > 2 * pairs / 3, "{pairs} of {}", terms.len());
+    }
+
+    #[test]
+    fn a_sum_is_what_its_terms_say() {
+        let kinds = [JointKind::Revolute; 2];
+        let terms = dictionary(1, &[0, 1], &kinds);
+        let find = |label: &str| terms.iter().find(|term| term.label(1) == label).expect("it is tried").clone();
+        let chosen = [(find("q0 * sign(dq1)"), 0.5), (find("sin(3*q1) * dq1"), -0.2), (find("load1 * t"), 0.01)];
+        let text = effect_file(1, &chosen, "a sum").expect("one other joint");
+        let effect = Effect::parse(&text, Path::new("found.toml")).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        let (q, dq, q_from, load, t) = (0.4_f64, -0.7_f64, 0.3_f64, 1.6_f64, 12.0_f64);
+        let lookup = |symbol: &str| match symbol {
+            "q" => Some(q),
+            "dq" => Some(dq),
+            "q_from" => Some(q_from),
+            "load" => Some(load),
+            "t" => Some(t),
+            own => effect.parameter(own).map(|parameter| parameter.initial),
+        };
+        let (outputs, _) = effect.evaluate(&lookup).expect("all symbols are known");
+        let expected = 0.5 * q_from * (dq / 0.01).tanh() - 0.2 * (3.0 * q).sin() * dq + 0.01 * load * t;
+        assert!((outputs[0] - expected).abs() < 1e-12, "{outputs:?} {expected}");
+        assert_eq!(outputs[1], 0.0, "the other joint feels nothing");
+        // A part of a command and a torque are no one effect.
+        let mixed = [(find("command0"), 0.1), (find("dq1"), 0.1)];
+        assert_eq!(effect_file(1, &mixed, "mixed"), None);
+    }
+}

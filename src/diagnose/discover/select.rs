@@ -161,8 +161,8 @@ impl Reduced {
         Some(rules.independent * (left / self.squares).ln() + cost)
     }
 
-    /// Forward selection with exchanges: each step adds the candidate that scores best, then tries every exchange of one
-    /// and every removal, until nothing is gained.
+    /// Forward selection with exchanges: each step adds the candidate that scores best (of two, all pairs are tried), then tries
+    /// every exchange of one and every removal, until nothing is gained.
     pub(super) fn select(&self, rules: &Rules<'_>) -> Choice {
         let usable: Vec<usize> = (0..self.signal.len()).filter(|&index| self.is_new(index)).collect();
         let mut best = Choice { chosen: Vec::new(), score: 0.0 };
@@ -172,7 +172,15 @@ impl Reduced {
                 chosen.push(index);
                 self.judged(chosen, rules)
             });
-            let Some(next) = longer.min_by(|a, b| a.score.total_cmp(&b.score)) else { break };
+            let mut next = longer.min_by(|a, b| a.score.total_cmp(&b.score));
+            if best.chosen.len() == 1 {
+                // The best two need not hold the best one: an offset of a signal asks for both terms of it.
+                let pairs = usable.iter().enumerate().flat_map(|(place, &one)| {
+                    usable[place + 1..].iter().filter_map(move |&two| self.judged(vec![one, two], rules))
+                });
+                next = next.into_iter().chain(pairs).min_by(|a, b| a.score.total_cmp(&b.score));
+            }
+            let Some(next) = next else { break };
             let next = self.exchanged(next, &usable, rules);
             if next.score > best.score - LEAST {
                 break;
@@ -221,5 +229,66 @@ impl Reduced {
             }
         }
         best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+
+    use super::{Normal, Rules};
+    use crate::random::Random;
+
+    /// Rows of two own columns, 30 candidates and a signal of two of these, an own one and noise.
+    fn normal(noise: f64) -> Normal {
+        let mut random = Random::new(11);
+        let rows = 400;
+        let own = DMatrix::from_fn(rows, 2, |_, _| random.normal());
+        let mut candidates = DMatrix::from_fn(rows, 30, |_, _| random.normal());
+        // One that the own parameters have already, and a near copy of a true one.
+        let copy = own.column(0).clone_owned();
+        candidates.set_column(3, &copy);
+        let near = candidates.column(7) + 0.3 * candidates.column(8);
+        candidates.set_column(9, &near);
+        let noises = DVector::from_fn(rows, |_, _| noise * random.normal());
+        let signal = own.column(0) * 5.0 + candidates.column(7) * 0.8 - candidates.column(20) * 0.5 + noises;
+        Normal {
+            own: own.tr_mul(&own),
+            mixed: own.tr_mul(&candidates),
+            candidates: candidates.tr_mul(&candidates),
+            own_signal: own.tr_mul(&signal),
+            signal: candidates.tr_mul(&signal),
+            squares: signal.norm_squared(),
+        }
+    }
+
+    #[test]
+    fn two_of_thirty_are_found_with_their_coefficients() {
+        let complexity = [1.0; 30];
+        let rules = Rules { independent: 400.0, complexity: &complexity, may_join: &|_| true, most: 3 };
+        let normal = normal(0.2);
+        let reduced = normal.reduced(&[0.0; 2]).expect("own columns are independent");
+        assert!(!reduced.is_new(3), "the own parameters say it already");
+        let choice = reduced.select(&rules);
+        assert_eq!(choice.chosen, [7, 20]);
+        let (coefficients, inverse, left) = reduced.solve(&choice.chosen).expect("independent");
+        for (place, truth) in [0.8, -0.5].into_iter().enumerate() {
+            let deviation = 0.2 * inverse[(place, place)].sqrt();
+            assert!((coefficients[place] - truth).abs() < 4.0 * deviation, "{coefficients:?}");
+        }
+        // chi-squared of 400 - 4 degrees: 396 +- 28
+        assert!((left / 0.04 - 396.0).abs() < 4.0 * 28.2, "{left}");
+        let steps = normal.own_steps(&[0.0; 2], &choice.chosen, &coefficients).expect("independent");
+        assert!((steps[0] - 5.0).abs() < 0.05 && steps[1].abs() < 0.05, "{steps}");
+        let alone = Rules { may_join: &|chosen| !chosen.contains(&20), ..rules };
+        assert!(!reduced.select(&alone).chosen.contains(&20), "a rule is a rule");
+    }
+
+    #[test]
+    fn noise_is_not_explained() {
+        let complexity = [1.0; 30];
+        let rules = Rules { independent: 400.0, complexity: &complexity, may_join: &|_| true, most: 3 };
+        let reduced = normal(1e4).reduced(&[0.0; 2]).expect("own columns are independent");
+        assert_eq!(reduced.select(&rules).chosen, [0; 0]);
     }
 }

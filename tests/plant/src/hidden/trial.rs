@@ -197,7 +197,8 @@ impl Bench<'_> {
 /// Whether a formula that a diagnosis discovered, at any joint, holds one of the case's terms.
 fn discovers(case: &Case, discovered: &Value) -> bool {
     let elsewhere = discovered["elsewhere"].as_array().into_iter().flatten();
-    let terms = std::iter::once(discovered).chain(elsewhere).filter_map(|formula| formula["terms"].as_array()).flatten();
+    let terms =
+        std::iter::once(discovered).chain(elsewhere).filter_map(|formula| formula["terms"].as_array()).flatten();
     let found: Vec<&str> = terms.filter_map(|term| term["term"].as_str()).collect();
     case.terms.iter().any(|wanted| found.iter().any(|found| is_term(found, wanted)))
 }

@@ -364,7 +364,7 @@ impl<'a> Search<'a> {
             let width = basis.ncols();
             basis = basis.insert_column(width, 0.0);
             basis.set_column(width, &column);
-            prior.push(0.0);
+            prior.resize(width + 1, 0.0);
         }
         kept.sort_unstable();
         kept.dedup();

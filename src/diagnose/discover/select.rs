@@ -128,7 +128,7 @@ impl Reduced {
         let n = chosen.len();
         // In units of each column, so that no unit is small.
         let sizes: Vec<f64> = chosen.iter().map(|&index| self.gram[(index, index)].sqrt()).collect();
-        if sizes.iter().any(|size| !(*size > 0.0)) {
+        if sizes.iter().any(|size| size.is_nan() || *size <= 0.0) {
             return None;
         }
         let gram = DMatrix::from_fn(n, n, |a, b| self.gram[(chosen[a], chosen[b])] / sizes[a] / sizes[b]);

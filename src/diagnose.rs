@@ -7,6 +7,7 @@
 //! held-out runs decides ([`Refit`]).
 
 mod candidate;
+mod discover;
 mod estimate;
 mod refit;
 mod region;
@@ -23,6 +24,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
+pub use discover::{Discovered, DiscoveredTerm, discover};
 pub use estimate::with_first_estimates;
 pub use refit::{Judge, Left, Own, Refit};
 pub use screen::{Score, Screen};
@@ -74,6 +76,8 @@ pub struct Diagnosis {
     pub notes: Vec<String>,
     /// How far the model is from its logs, refitted: the largest error of a joint over its noise.
     pub worst_ratio: Option<f64>,
+    /// Where no effect of the library explains what is left: a formula that does, if there is one.
+    pub discovered: Option<Discovered>,
     /// The refitted model that was diagnosed.
     #[serde(skip)]
     pub base: Option<Model>,

@@ -307,6 +307,14 @@ fn notes(models: &[(String, Model)], rungs: &[Rung], runs: &[&Run]) -> Vec<Strin
     if !runs.iter().any(|run| run.role == Role::Validate) {
         notes.push("no run is held out (role = \"validate\"), so a lower error may only be more parameters".to_owned());
     }
+    let lost: Vec<&str> = rungs
+        .iter()
+        .filter(|rung| rung.comparison.runs.iter().any(|run| run.lost))
+        .map(|rung| rung.model.as_str())
+        .collect();
+    if !lost.is_empty() {
+        notes.push(format!("simulations of {} drift away from a log: judge by the torque error", lost.join(", ")));
+    }
     for (index, rung) in rungs.iter().enumerate().skip(1) {
         let (before, name) = (&rungs[index - 1].model, &rung.model);
         let fit = models[index].1.fit.as_ref();

@@ -147,6 +147,24 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
         .collect()
 }
 
+/// The torque that the drive path delivers at each free joint, on the grid and not filtered, and the torque at the joint per
+/// unit of command.
+pub(crate) fn delivered(system: &System, motion: &Motion) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let n = system.n_free();
+    let states = states::follow(system, motion);
+    let slopes = system.drive_slope(&typical_commands(system, motion)).0;
+    let mut linear = Linear::new(system);
+    let mut sample = Sample::new(system);
+    let mut delivered = vec![Vec::with_capacity(motion.len()); n];
+    for k in 0..motion.len() {
+        sample.load(motion, states.as_ref(), k);
+        let Sample { x, command, dx, .. } = &mut sample;
+        linear.along(system, motion.grid.time(k), x, None, command, dx);
+        delivered.iter_mut().zip(linear.drive()).for_each(|(delivered, drive)| delivered.push(*drive));
+    }
+    (delivered, slopes)
+}
+
 /// The linear part of the torque error of one free joint: its regressor of the kernel's lumps, filtered, at the kept
 /// samples, in torque at the joint. `None` for a lump that the joint does not feel.
 pub(crate) type RigidColumns = Vec<Option<Vec<f64>>>;

@@ -52,7 +52,8 @@ fn it_finds_what_is_hidden_and_writes_a_page_that_stands_alone() {
     let held_out: Vec<f64> = rungs.iter().map(|rung| rung["rmse_validate"].as_f64().unwrap()).collect();
     assert_eq!(held_out.len(), 3);
     assert!(held_out[1] > 50.0 * noise && held_out[2] < 1.2 * noise, "{held_out:?} {noise}");
-    assert!(ladder["notes"].as_array().unwrap().is_empty(), "each is the child of the one before: {}", ladder["notes"]);
+    let lineage: Vec<&Value> = rungs.iter().map(|rung| &rung["lineage"]).collect();
+    assert_eq!(lineage, [&Value::Null, &"fitted".into(), &"added_and_fitted".into()]);
 
     // The commands that it tells work in its folder, and the page is the same.
     assert_eq!(fs::read_to_string(folder.path().join("dynid-tour/fitted.toml")).unwrap(), "mine\n");

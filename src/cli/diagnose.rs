@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
-use dynid::diagnose::{self, Diagnosis, Event, Finished, Options, Ranked, Verdict};
+use dynid::diagnose::{self, Diagnosis, Discovered, Event, Finished, Options, Ranked, Verdict};
 use dynid::error::Error;
 use dynid::experiment::{Experiment, Run};
 use dynid::fit::position::PositionFitError;
@@ -60,6 +60,9 @@ pub struct Arguments {
     /// Write the fitted model with the effects that were found.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Write the effect file of a formula that was discovered where no effect of the library explains the logs.
+    #[arg(long, value_name = "FILE")]
+    discovered: Option<PathBuf>,
     /// Write the diagnosis as JSON, e.g. for `dynid report`.
     #[arg(long, value_name = "FILE")]
     save: Option<PathBuf>,
@@ -79,7 +82,7 @@ enum Kind {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
-    for output in [&arguments.out, &arguments.save].into_iter().flatten() {
+    for output in [&arguments.out, &arguments.save, &arguments.discovered].into_iter().flatten() {
         check_output(output, overwrite)?;
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
@@ -143,6 +146,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             let _ = writeln!(text, "nothing to add, so {} was not written", out.display());
         }
     }
+    if let Some(path) = &arguments.discovered {
+        let discovered = found.discovered.as_ref();
+        match (discovered, discovered.and_then(|discovered| discovered.effect_file.as_ref())) {
+            (_, Some(file)) => {
+                write_new(path, file, overwrite)?;
+                let _ = writeln!(text, "written: {}", path.display());
+            }
+            (Some(_), None) => {
+                let _ = writeln!(
+                    text,
+                    "no effect file can say the formula (it needs the signals of two other joints), so {} was not written",
+                    path.display()
+                );
+            }
+            (None, None) => {
+                let _ = writeln!(text, "nothing was discovered, so {} was not written", path.display());
+            }
+        }
+    }
     if let Some(save) = &arguments.save {
         write_new(save, &format!("{}\n", serde_json::to_string_pretty(&json)?), overwrite)?;
         let _ = writeln!(text, "written: {}", save.display());
@@ -179,6 +201,9 @@ fn told(found: &Diagnosis, wall_seconds: f64) -> String {
             text.push_str(&evidence(ranked));
         }
     }
+    if let Some(discovered) = &found.discovered {
+        text.push_str(&formula(discovered));
+    }
     if !found.refused.is_empty() {
         let _ = writeln!(text, "\nNo credit:");
         for refused in &found.refused {
@@ -197,6 +222,37 @@ fn told(found: &Diagnosis, wall_seconds: f64) -> String {
         for place in &found.places {
             let _ = writeln!(text, "  {}, joint {}: {}", place.run, place.joint, place.what);
         }
+    }
+    text
+}
+
+fn formula(discovered: &Discovered) -> String {
+    let mut text = format!("\nDiscovered at joint {}: {}\n", discovered.joint, discovered.formula);
+    for term in &discovered.terms {
+        let _ = writeln!(
+            text,
+            "  {}: {} +- {} {}, chosen in {:.0} % of random halves of the data",
+            term.term,
+            number(term.coefficient),
+            number(term.std_error),
+            term.unit,
+            100.0 * term.chosen_in
+        );
+    }
+    let _ = writeln!(
+        text,
+        "  squared torque error explained: {:.0} % of the runs fitted to, {:.0} % of the held-out runs",
+        100.0 * discovered.explained_fit,
+        100.0 * discovered.explained_validate
+    );
+    for other in &discovered.elsewhere {
+        let _ = writeln!(
+            text,
+            "  another at joint {}: {} ({:.0} % of the held-out runs)",
+            other.joint,
+            other.formula,
+            100.0 * other.explained_validate
+        );
     }
     text
 }
@@ -248,6 +304,11 @@ fn evidence(ranked: &Ranked) -> String {
 
 /// The commands that come next.
 fn next(arguments: &Arguments, found: &Diagnosis) -> String {
+    if let Some(discovered) = &found.discovered
+        && discovered.effect_file.is_some()
+    {
+        return after_discovery(arguments, discovered);
+    }
     if found.verdict != Verdict::MissingEffect {
         return String::new();
     }
@@ -260,6 +321,26 @@ fn next(arguments: &Arguments, found: &Diagnosis) -> String {
         "\nNext:\n  dynid add {}{joint}{from} --model {model} --out better.toml\n  dynid fit {experiment} --model \
          better.toml --out better-fitted.toml\n",
         best.suspect.effect
+    )
+}
+
+/// The commands that put a discovered effect to use.
+fn after_discovery(arguments: &Arguments, discovered: &Discovered) -> String {
+    let model = arguments.model.as_deref().map_or("fitted.toml".to_owned(), |path| path.display().to_string());
+    let experiment = arguments.experiment.display();
+    let Some(path) = &arguments.discovered else {
+        return format!(
+            "\nNext:\n  dynid diagnose {experiment} --model {model} --discovered effects/discovered.toml\n"
+        );
+    };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.map_or(".".to_owned(), |folder| folder.display().to_string());
+    let id = path.file_stem().unwrap_or_default().to_string_lossy();
+    let from = discovered.from.map_or(String::new(), |from| format!(" --from {from}"));
+    format!(
+        "\nNext:\n  DYNID_EFFECTS={folder} cargo build --release\n  dynid add {id} --joint {}{from} --model {model} --out \
+         better.toml\n  dynid fit {experiment} --model better.toml --out better-fitted.toml\n",
+        discovered.joint
     )
 }
 

@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 use dynid::compare::{Finding, locate::locate};
 use dynid::experiment::{Experiment, Role, Run};
 use dynid::fit::position::FitRun;
-use dynid::ladder::Ladder;
+use dynid::ladder::{Ladder, Rung};
 use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
 use dynid::quality;
@@ -176,6 +176,12 @@ impl<'a> Report<'a> {
         } else {
             (rung.rmse_fit, rung.torque_percent_fit)
         };
+        // A simulation that has lost a log says nothing by its size.
+        let role = if held_out { Role::Validate } else { Role::Fit };
+        let is_lost = |rung: &Rung| {
+            self.runs.iter().zip(&rung.comparison.runs).any(|(run, compared)| run.role == role && compared.lost)
+        };
+        let rmse = rmse.filter(|_| !is_lost(rung));
         let mut parts = Vec::new();
         if let Some(rmse) = rmse {
             let times = match self.ladder.noise_floor.filter(|floor| *floor > 0.0) {

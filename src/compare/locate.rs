@@ -56,6 +56,9 @@ pub struct Finding {
     /// The other joint, where one has to do with it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other: Option<usize>,
+    /// By which findings are ordered.
+    #[serde(skip)]
+    rank: f64,
 }
 
 impl Finding {
@@ -64,8 +67,8 @@ impl Finding {
         (self.share - self.expected) / (1.0 - self.expected).max(1e-3)
     }
 
-    /// By which findings are ordered: what an error follows says more than where it lies, and that more than its frequency.
-    fn weight(&self) -> f64 {
+    /// What an error follows says more than where it lies, and that more than its frequency.
+    fn ranked(mut self) -> Self {
         let telling = match self.kind {
             FindingKind::Band | FindingKind::PartOfRun => 0.25,
             FindingKind::Beat
@@ -77,7 +80,8 @@ impl Finding {
             | FindingKind::EndOfRange => 0.7,
             _ => 1.0,
         };
-        telling * self.surplus()
+        self.rank = telling * self.surplus();
+        self
     }
 }
 
@@ -167,7 +171,7 @@ pub fn locate(model: &Model, runs: &[&Run], comparison: &Comparison) -> Vec<Find
     let mut findings: Vec<Finding> = traces.par_iter().flat_map_iter(of_trace).collect();
     findings.extend(between_runs(&traces));
     // Stable, so that equal shares keep the order of runs and joints.
-    findings.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
+    findings.sort_by(|a, b| b.rank.total_cmp(&a.rank));
     findings
 }
 
@@ -180,7 +184,7 @@ fn of_trace(trace: &Trace) -> Vec<Finding> {
     findings.extend(region::findings(trace));
     findings.extend(spectrum::findings(trace));
     findings.retain(|finding| finding.share >= LEAST_SHARE && finding.surplus() > 0.0);
-    findings.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
+    findings.sort_by(|a, b| b.rank.total_cmp(&a.rank));
     findings.truncate(MOST);
     findings
 }

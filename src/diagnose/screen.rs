@@ -221,7 +221,7 @@ impl<'a> Screen<'a> {
 
 /// How the errors change with one of the model's own parameters, and its range; `None` for one that is held or that
 /// changes nothing.
-fn own_column(
+pub(super) fn own_column(
     view: &dyn View,
     base: &Model,
     raw: &[Block],

@@ -381,6 +381,11 @@ pub(super) fn conclude(
             most.parameter, most.run, most.change_in_std_errors
         ));
     }
+    let discovered =
+        (verdict == Verdict::Unexplained).then(|| super::discover::discover(&base, work.judge.runs)).flatten();
+    if verdict == Verdict::Unexplained {
+        sentences.push(discovered.as_ref().map_or_else(super::discover::nothing, super::discover::sentence));
+    }
     let mut models: BTreeMap<Suspect, Model> = BTreeMap::new();
     for judged in steps.iter().flat_map(|step| &step.fitted) {
         if let (Some(suspect), Ok(model)) = (&judged.refit.suspect, judged.refit.parsed()) {
@@ -413,6 +418,7 @@ pub(super) fn conclude(
         moved,
         notes,
         worst_ratio: first.worst_ratio(),
+        discovered,
         base: Some(base),
         better,
     })

@@ -53,6 +53,13 @@ impl TorqueView {
             .collect();
         Self { runs }
     }
+
+    /// Of a run and a slot of its free joints, which of the kept samples are in [`View::errors`].
+    pub(super) fn samples(&self, run: usize, slot: usize) -> Vec<usize> {
+        let (.., motion, stride) = &self.runs[run];
+        let used = motion.used[slot].iter().enumerate().filter(|(_, used)| **used);
+        used.map(|(index, _)| index).step_by(*stride).collect()
+    }
 }
 
 impl View for TorqueView {

@@ -58,8 +58,7 @@ pub fn inline(terms: &Terms) -> String {
             let width = (WIDTH - LEFT - RIGHT) / COLUMNS as f64;
             let x = LEFT + width * (index % COLUMNS) as f64;
             let y = TITLE - 8.0 + ROW * (index / COLUMNS) as f64;
-            let (class, dash) =
-                index.checked_sub(1).map_or_else(|| ("measured".to_owned(), "none"), |part| style(part));
+            let (class, dash) = index.checked_sub(1).map_or_else(|| ("measured".to_owned(), "none"), style);
             let _ = writeln!(
                 svg,
                 "<path class=\"{class}\" stroke-dasharray=\"{dash}\" d=\"M{x:.1} {:.1}h24\"/>\

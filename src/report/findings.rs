@@ -15,7 +15,7 @@ use crate::{
 /// Findings, the most telling first.
 #[derive(Debug, Clone)]
 pub struct Where<'a> {
-    /// As [`crate::compare::locate`] tells them.
+    /// As [`crate::compare::locate()`] tells them.
     pub findings: &'a [Finding],
     /// The model before this one and its findings: what led to the change between them.
     pub before: Option<(&'a str, &'a [Finding])>,

@@ -70,21 +70,48 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         effective = effective_samples(&fit.remainder, n_used);
     }
     let freedom = effective - fit.basis.len() as f64;
-    let mut findings = Vec::new();
-    for taken in taken.iter().filter(|taken| is_significant(taken, freedom, fit.left())) {
+    let told: Vec<&Taken> = taken.iter().filter(|taken| is_significant(taken, freedom, fit.left())).collect();
+    let coefficients = together(trace, &told);
+    let mut findings: Vec<Finding> = Vec::new();
+    for (taken, coefficients) in told.into_iter().zip(coefficients) {
         let Candidate { kind, other, columns, looked, words, .. } = &taken.candidate;
         let share = taken.gain / total;
         let expected = (columns.len() as f64 + 2.0 * (*looked as f64).ln()) / effective * fit.left() / total;
-        let mut what = format!("the {} {}", trace.error.name(), words(&taken.coefficients));
-        what.push_str(&shares(share, expected));
+        let (besides, more) = if findings.is_empty() { ("", "") } else { ("besides, ", "more ") };
+        let mut what = format!(
+            "{besides}the {} {}: {:.0} % {more}of the squared error ({:.1} % by chance)",
+            trace.error.name(),
+            words(&coefficients),
+            100.0 * share,
+            100.0 * expected
+        );
         if !taken.nearly.is_empty() {
             let nearly = &taken.nearly[..taken.nearly.len().min(3)];
             what.push_str(&format!("; {} would explain nearly as much", nearly.join(", ")));
         }
-        findings.push(Finding { other: *other, ..trace.finding(*kind, what, share, expected) });
+        let found = Finding { other: *other, ..trace.finding(*kind, what, share, expected) };
+        // What was taken in later says how much more it explains, and stands behind what it was added to.
+        let rank = findings.last().map_or(found.rank, |before| found.rank.min(before.rank));
+        findings.push(Finding { rank, ..found });
     }
     findings.extend(offset(trace, &fit));
     findings
+}
+
+/// The coefficients of all that is told beside each other: what was taken in later changes those of what was there.
+fn together(trace: &Trace, told: &[&Taken]) -> Vec<Vec<f64>> {
+    let columns: Vec<Vec<f64>> = told.iter().flat_map(|taken| taken.candidate.columns.iter().cloned()).collect();
+    let Some(all) = Regression::new(trace).take(&columns) else {
+        return told.iter().map(|taken| taken.coefficients.clone()).collect();
+    };
+    let mut rest = all.as_slice();
+    told.iter()
+        .map(|taken| {
+            let (own, later) = rest.split_at(taken.candidate.columns.len());
+            rest = later;
+            own.to_vec()
+        })
+        .collect()
 }
 
 /// Takes candidates in, the best first, as long as one explains a share that is worth a sentence.

@@ -161,6 +161,25 @@ fn two_causes_are_told_one_after_the_other() {
     assert!(!kinds.contains(&FindingKind::Load) && !kinds.contains(&FindingKind::Offset), "{found:?}");
 }
 
+/// A fit without Coulomb friction makes the viscous friction too large: the error is the one minus too much of the other.
+#[test]
+fn a_law_that_another_one_stood_in_for_is_told_with_its_own_size() {
+    let mut made = trace(|own, _, k| 0.03 * (own.dq[k] / 1e-2).tanh(), 0.001);
+    let (own, e) = (&made.own.dq, &made.residual);
+    let stood_in: f64 =
+        own.iter().zip(e).map(|(dq, e)| dq * e).sum::<f64>() / own.iter().map(|dq| dq * dq).sum::<f64>();
+    made.residual = own.iter().zip(e).map(|(dq, e)| e - stood_in * dq).collect();
+    let found = of_trace(&made);
+    assert_eq!((found[0].kind, found[1].kind), (FindingKind::Direction, FindingKind::Speed), "{found:?}");
+    let size = |text: &str, before: &str| -> f64 {
+        let number = text.split(before).nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+        number.replace('\u{2212}', "-").parse().unwrap()
+    };
+    assert!((size(&found[0].what, "sign of the speed, ") - 0.03).abs() < 0.002, "{}", found[0].what);
+    assert!((size(&found[1].what, "follows the speed, ") + stood_in).abs() < 0.1 * stood_in, "{}", found[1].what);
+    assert!(found[1].what.starts_with("besides, "), "{}", found[1].what);
+}
+
 #[test]
 fn near_frequencies_beat() {
     let found = of_trace(&trace(

@@ -76,16 +76,8 @@ impl Trace {
     }
 
     pub fn finding(&self, kind: FindingKind, what: String, share: f64, expected: f64) -> Finding {
-        Finding {
-            run: self.run.clone(),
-            joint: self.joint,
-            what,
-            kind,
-            share,
-            expected,
-            error: self.error,
-            other: None,
-        }
+        let (run, joint, error) = (self.run.clone(), self.joint, self.error);
+        Finding { run, joint, what, kind, share, expected, error, other: None, rank: 0.0 }.ranked()
     }
 }
 

@@ -28,7 +28,7 @@ pub struct Outcome {
     pub before: Option<f64>,
     /// The same once what is ranked first has been added and fitted.
     pub after: Option<f64>,
-    /// Whether the formula that `discover` writes holds the term it must; `None` where that is not asked.
+    /// Whether the formula that `diagnose` discovers holds the term it must; `None` where that is not asked.
     pub discovered: Option<bool>,
     /// Seconds that `diagnose` took.
     pub seconds: f64,
@@ -87,8 +87,7 @@ pub fn run(case: &Case, folder: &Path, program: &Path) -> Result<Outcome, String
         after = if bench.fit("better", "better-fitted")? { bench.held_out("better-fitted")? } else { None };
     }
     let discovered = if case.kind == Kind::Outside && !case.terms.is_empty() && verdict == "unexplained" {
-        // one that fails has discovered nothing; the verdict stands
-        Some(bench.discovers(case, model).unwrap_or(false))
+        Some(discovers(case, &diagnosis["discovered"]))
     } else {
         None
     };
@@ -166,14 +165,6 @@ impl Bench<'_> {
         }
     }
 
-    /// Whether `discover` writes a formula that holds one of the case's terms.
-    fn discovers(&self, case: &Case, model: &str) -> Result<bool, String> {
-        let found = self.json(&["discover", "experiment.toml", "--model", &toml(model), "--json"])?;
-        self.keep("discovery.json", &found)?;
-        let formula = found["formula"].as_str().unwrap_or_default().replace(' ', "");
-        Ok(case.terms.iter().any(|term| holds(&formula, term)))
-    }
-
     /// What a verb prints with `--json`.
     fn json(&self, arguments: &[&str]) -> Result<Value, String> {
         let (status, text) = self.call(arguments)?;
@@ -203,45 +194,40 @@ impl Bench<'_> {
     }
 }
 
-/// Whether a sum of products (without blanks) has a product of exactly these signals, whatever its coefficient.
-fn holds(formula: &str, term: &str) -> bool {
-    let sorted = |product: &str| -> Vec<String> {
-        let is_number = |factor: &str| factor.trim_matches(['(', ')', '-', '+']).parse::<f64>().is_ok();
-        let mut factors: Vec<String> =
-            product.split('*').filter(|factor| !is_number(factor)).map(str::to_owned).collect();
-        factors.sort_unstable();
-        factors
+/// Whether a formula that a diagnosis discovered, at any joint, holds one of the case's terms.
+fn discovers(case: &Case, discovered: &Value) -> bool {
+    let elsewhere = discovered["elsewhere"].as_array().into_iter().flatten();
+    let terms =
+        std::iter::once(discovered).chain(elsewhere).filter_map(|formula| formula["terms"].as_array()).flatten();
+    let found: Vec<&str> = terms.filter_map(|term| term["term"].as_str()).collect();
+    case.terms.iter().any(|wanted| found.iter().any(|found| is_term(found, wanted)))
+}
+
+/// Whether a discovered product such as `load3 * sin(9*q3)` is of exactly these signals, such as `tau3*sin(q3)`: whatever the
+/// harmonic, and the torque that a drive delivers being its command's.
+fn is_term(found: &str, wanted: &str) -> bool {
+    let factor = |factor: &str| match factor.split_once('(') {
+        Some((function, angle)) => format!("{function}({}", angle.rsplit('*').next().unwrap_or(angle)),
+        None => factor.replace("load", "tau").replace("command", "tau"),
     };
-    let wanted = sorted(term);
-    let mut depth = 0;
-    let mut previous = ' ';
-    let mut products = vec![String::new()];
-    for letter in formula.chars() {
-        match letter {
-            '(' => depth += 1,
-            ')' => depth -= 1,
-            // the sign of an exponent, as in 2e-4, parts nothing
-            '+' | '-' if depth == 0 && previous != 'e' && previous != '*' => products.push(String::new()),
-            _ => {}
-        }
-        if !(depth == 0 && matches!(letter, '+' | '-') && previous != 'e' && previous != '*')
-            && let Some(product) = products.last_mut()
-        {
-            product.push(letter);
-        }
-        previous = letter;
-    }
-    products.iter().any(|product| sorted(product) == wanted)
+    let mut found: Vec<String> = found.split(" * ").map(factor).collect();
+    let mut wanted: Vec<&str> = wanted.split('*').collect();
+    found.sort_unstable();
+    wanted.sort_unstable();
+    found == wanted
 }
 
 #[cfg(test)]
 mod tests {
-    use super::holds;
+    use super::is_term;
 
     #[test]
-    fn a_term_is_found_whatever_its_coefficient_and_order() {
-        let formula = "-2e-4*dq1*dq0+0.3*q0-1.5e-3*sin(q0-q1)*dq0";
-        assert!(holds(formula, "dq0*dq1") && holds(formula, "q0") && holds(formula, "dq0*sin(q0-q1)"));
-        assert!(!holds(formula, "dq0") && !holds(formula, "q0*dq0"));
+    fn products_are_compared_by_their_signals() {
+        assert!(is_term("load3 * sin(9*q3)", "tau3*sin(q3)") && is_term("sin(q5) * dq5", "dq5*sin(q5)"));
+        assert!(is_term("dq0 * dq0", "dq0*dq0") && is_term("q1 * sign(dq0)", "q1*sign(dq0)"));
+        assert!(is_term("load0 * load0 * load0", "tau0*tau0*tau0"));
+        for wrong in ["load3 * cos(9*q3)", "load3", "load3 * sin(9*q3) * dq3", "|load3| * sin(q3)", "load2 * sin(q3)"] {
+            assert!(!is_term(wrong, "tau3*sin(q3)"), "{wrong}");
+        }
     }
 }

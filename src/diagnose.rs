@@ -31,6 +31,7 @@ pub use screen::{Score, Screen};
 pub use view::{Block, TetheredView, TorqueView, View};
 
 use estimate::Screening;
+use screen::Scored;
 
 use crate::{
     error::Error,
@@ -421,7 +422,7 @@ impl Work<'_> {
     }
 
     /// What the screening says of every suspect: by the torque error, and by simulations.
-    fn screened(&self, screening: &Screening<'_>, base: &Model) -> Result<Vec<(Option<Score>, Option<Score>)>, Error> {
+    fn screened(&self, screening: &Screening<'_>, base: &Model) -> Result<Vec<Scored>, Error> {
         let suspects = suspects(base, screening.runs());
         let done = AtomicUsize::new(0);
         let told = || {

@@ -316,7 +316,7 @@ impl System {
     }
 
     /// Time derivative `dx` of the state `x` at time `t` (s) under the commanded torques of all joints [N*m or N], as they
-    /// arrive (see [`System::delays`]).
+    /// arrive after the joints' delays.
     pub fn derivative(&self, scratch: &mut Scratch, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
         self.drive(scratch, t, x, command, dx);
         self.motion(scratch, t, x, dx);

@@ -276,7 +276,7 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
     let columns: Vec<Option<Vec<f64>>> = (0..n * n_columns).into_par_iter().map(column).collect();
 
     let passed_here = passed(system, motion, states.as_ref());
-    let passed_by = passed_here.as_ref().map_or_else(Vec::new, |here| passed_gradient(system, motion, here));
+    let passed_by = if passed_here.is_some() { passed_gradient(system, motion) } else { Vec::new() };
     let lumps = &system.prepared()[..system.kernel().n_lumps];
     (0..n)
         .map(|slot| {
@@ -319,7 +319,7 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
 /// joint effect reads the drive's torque.
 fn passed(system: &System, motion: &Motion, states: Option<&states::States>) -> Option<Vec<Vec<f64>>> {
     /// Relative change of the commands.
-    const STEP: f64 = 1e-6;
+    const STEP: f64 = 1e-4;
     /// A joint that passes less is stuck, and tells nothing of its command.
     const RANGE: (f64, f64) = (0.1, 10.0);
     if system.readers_of_load().is_empty() {
@@ -358,20 +358,24 @@ fn passed(system: &System, motion: &Motion, states: Option<&states::States>) -> 
 }
 
 /// Derivative of [`passed`] by the parameters of the effects that read the drive's torque: parameter, then per free joint.
-fn passed_gradient(system: &System, motion: &Motion, here: &[Vec<f64>]) -> Vec<(usize, Vec<Vec<f64>>)> {
-    /// Relative step of a one-sided difference.
-    const STEP: f64 = 1e-5;
-    let by = |parameter: usize| {
+fn passed_gradient(system: &System, motion: &Motion) -> Vec<(usize, Vec<Vec<f64>>)> {
+    /// Relative step of a central difference.
+    const STEP: f64 = 1e-3;
+    let at = |parameter: usize, value: f64| {
         let mut moved = system.clone();
         let mut values = system.effect_parameters().to_vec();
-        let step = STEP * values[parameter].abs().max(1.0);
-        values[parameter] += step;
-        moved.set_parameters(&system.link_parameters().to_vec(), &values);
-        let there = passed(&moved, motion, states::follow(&moved, motion).as_ref())?;
-        let difference = |(there, here): (Vec<f64>, &Vec<f64>)| {
-            there.iter().zip(here).map(|(there, here)| (there - here) / step).collect()
+        values[parameter] = value;
+        moved.set_parameters(system.link_parameters(), &values);
+        passed(&moved, motion, states::follow(&moved, motion).as_ref())
+    };
+    let by = |parameter: usize| {
+        let value = system.effect_parameters()[parameter];
+        let step = STEP * if value == 0.0 { 1.0 } else { value.abs() };
+        let (more, less) = (at(parameter, value + step)?, at(parameter, value - step)?);
+        let difference = |(more, less): (Vec<f64>, Vec<f64>)| {
+            more.iter().zip(&less).map(|(more, less)| (more - less) / (2.0 * step)).collect()
         };
-        Some((parameter, there.into_iter().zip(here).map(difference).collect()))
+        Some((parameter, more.into_iter().zip(less).map(difference).collect()))
     };
     system.readers_of_load().into_iter().filter_map(by).collect()
 }

@@ -53,6 +53,20 @@ impl Effect {
         self.parameters.iter().find(|parameter| parameter.symbol == symbol)
     }
 
+    /// Number of different signals that its formulas read.
+    pub fn n_signals(&self) -> usize {
+        let mut read = std::collections::BTreeSet::new();
+        let formulas = self.terms.iter().chain(&self.outputs).map(|(_, formula)| formula);
+        for formula in formulas.chain(self.states.iter().map(|state| &state.rate)) {
+            formula.for_each_symbol(&mut |symbol| {
+                if SIGNALS.contains(&symbol) && self.parameter(symbol).is_none() {
+                    read.insert(symbol.to_owned());
+                }
+            });
+        }
+        read.len()
+    }
+
     /// Terms, outputs and state rates at one point: outputs in order, then rates.
     ///
     /// `lookup` gives the value of every signal, parameter and state.

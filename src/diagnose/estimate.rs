@@ -2,7 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::{Probe, Score, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screening_substeps, verdict};
+use super::{
+    Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screen::Scored, screening_substeps, verdict,
+};
 use crate::{
     experiment::{Role, Run},
     identify::ErrorKind,
@@ -52,12 +54,7 @@ impl<'a> Screening<'a> {
 
     /// Scores suspects against `base`: by the torque error, and by simulations where the position error counts. `told`
     /// hears of every suspect and says whether to go on.
-    pub(super) fn scores(
-        &self,
-        base: &Model,
-        suspects: &[Suspect],
-        told: &(dyn Fn() -> bool + Sync),
-    ) -> Vec<(Option<Score>, Option<Score>)> {
+    pub(super) fn scores(&self, base: &Model, suspects: &[Suspect], told: &(dyn Fn() -> bool + Sync)) -> Vec<Scored> {
         let moving: Vec<_> = base.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).collect();
         let torque = Screen::new(&self.torque, base, &moving);
         let view = (self.error == ErrorKind::Position)

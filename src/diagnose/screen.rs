@@ -26,6 +26,9 @@ pub struct Score {
     pub others: Vec<Model>,
 }
 
+/// What the torque error says of a suspect, and what simulations on a tether say.
+pub(super) type Scored = (Option<Score>, Option<Score>);
+
 /// Other estimates that a score keeps.
 const OTHERS: usize = 2;
 

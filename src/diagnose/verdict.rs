@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::{
     Diagnosis, Place, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work,
-    candidate::is_symmetric,
+    candidate::is_symmetric, screen::Scored,
 };
 use crate::{
     compare::{compare, locate::locate},
@@ -68,11 +68,9 @@ pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
 }
 
 /// Two screenings' scores of every suspect in one order: who is high in both comes first.
-pub(super) fn shortlist(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Score> {
+pub(super) fn shortlist(scored: &[Scored]) -> Vec<Score> {
     // Each screening in units of its best, so that neither drowns the other.
-    let best = |of: &dyn Fn(&(Option<Score>, Option<Score>)) -> Option<f64>| {
-        scored.iter().filter_map(of).fold(-f64::MIN_POSITIVE, f64::min)
-    };
+    let best = |of: &dyn Fn(&Scored) -> Option<f64>| scored.iter().filter_map(of).fold(-f64::MIN_POSITIVE, f64::min);
     let by_torque = best(&|pair| Some(pair.0.as_ref()?.information));
     let by_position = best(&|pair| Some(pair.1.as_ref()?.information));
     let promise = |index: usize| {
@@ -113,7 +111,7 @@ pub(super) fn shortlist(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Score>
 }
 
 /// What the screening says of every suspect, most promising first.
-pub(super) fn screened(scored: &[(Option<Score>, Option<Score>)]) -> Vec<Screened> {
+pub(super) fn screened(scored: &[Scored]) -> Vec<Screened> {
     let mut list: Vec<Screened> = scored
         .iter()
         .filter_map(|(torque, position)| {
@@ -156,7 +154,7 @@ fn bring_alternatives(list: &mut Vec<Score>) {
 
 /// Whether a suspect may explain as much as `best` does, which leaves nothing: one that the screening finds
 /// nearly as telling.
-pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[(Option<Score>, Option<Score>)]) -> bool {
+pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool {
     /// Share of the best's score.
     const NEARLY: f64 = 0.6;
     let Some(winner) = &best.suspect else { return true };
@@ -246,6 +244,7 @@ pub(super) fn judge(
             .then(a.rank().total_cmp(&b.rank()))
             .then(a.refit.suspect.cmp(&b.refit.suspect))
     });
+    plainest_first(&mut judged);
     judged
 }
 
@@ -258,6 +257,45 @@ pub(super) fn failed(suspect: &Suspect, error: &Error) -> Refused {
         error => format!("it could not be fitted: {error}"),
     };
     Refused { suspect: suspect.clone(), reason }
+}
+
+/// Where the noise is not known, of laws that are as good as the best at its joint the plainest comes first: the one with the
+/// fewest unknowns and signals.
+fn plainest_first(judged: &mut [Judged]) {
+    let credited = judged.iter().take_while(|judged| judged.reason.is_none()).count();
+    let Some(best) = judged.first().filter(|_| credited > 0).cloned() else { return };
+    let plainness = |judged: &Judged| {
+        let law = judged.refit.suspect.as_ref().and_then(Suspect::law);
+        let signals = law.map_or(0, dynid_model::Effect::n_signals);
+        judged.refit.unknowns + signals as f64
+    };
+    let plainest = (0..credited)
+        .filter(|index| as_good(&judged[*index], &best))
+        .min_by(|a, b| plainness(&judged[*a]).total_cmp(&plainness(&judged[*b])).then(a.cmp(b)));
+    if let Some(index) = plainest {
+        judged[..=index].rotate_right(1);
+    }
+}
+
+/// Whether a law leaves about as much as another at the joint of both, on the runs fitted to and on those held out. Models of
+/// real machines are wrong in many small ways, which decide smaller differences.
+fn as_good(own: &Judged, best: &Judged) -> bool {
+    /// Of the root mean square.
+    const ABOUT: f64 = 1.15;
+    const ABOUT_BIC: f64 = 25.0;
+    let (Some(one), Some(other)) = (&own.refit.suspect, &best.refit.suspect) else { return false };
+    if one == other {
+        return true;
+    }
+    let squares = |judged: &Judged| {
+        judged
+            .refit
+            .judged()
+            .find(|left| Some(left.joint) == other.joint && left.noise_squares.is_none())
+            .map(|left| left.squares)
+    };
+    let (Some(left), Some(least)) = (squares(own), squares(best)) else { return false };
+    one.joint == other.joint && left <= ABOUT * ABOUT * least && own.delta_bic <= best.delta_bic + ABOUT_BIC
 }
 
 /// Why a refit is given no credit.
@@ -319,7 +357,7 @@ fn confounded(best: &Judged, all: &[Judged]) -> Vec<Suspect> {
     let mut suspects: Vec<Suspect> = all
         .iter()
         .filter(|other| other.reason.is_none() && other.refit.suspect != best.refit.suspect)
-        .filter(|other| (other.held_out - best.held_out).abs() < SAME)
+        .filter(|other| (other.held_out - best.held_out).abs() < SAME || as_good(other, best))
         .filter_map(|other| other.refit.suspect.clone())
         .collect();
     if let Some(Suspect { effect, joint: Some(joint), from: Some(from) }) = &best.refit.suspect

@@ -281,7 +281,7 @@ fn plainest_first(judged: &mut [Judged]) {
 /// real machines are wrong in many small ways, which decide smaller differences.
 fn as_good(own: &Judged, best: &Judged) -> bool {
     /// Of the root mean square.
-    const ABOUT: f64 = 1.15;
+    const ABOUT: f64 = 1.25;
     const ABOUT_BIC: f64 = 25.0;
     let (Some(one), Some(other)) = (&own.refit.suspect, &best.refit.suspect) else { return false };
     if one == other {

@@ -318,8 +318,8 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
 /// where friction grows with the torque. The torque error is divided by it, for it is told as a command. `None` where no
 /// joint effect reads the drive's torque.
 fn passed(system: &System, motion: &Motion, states: Option<&states::States>) -> Option<Vec<Vec<f64>>> {
-    /// Relative change of the commands.
-    const STEP: f64 = 1e-4;
+    /// Relative change of the commands: what is read of the drive's torque is proportional to it, so it may be large.
+    const STEP: f64 = 1e-2;
     /// A joint that passes less is stuck, and tells nothing of its command.
     const RANGE: (f64, f64) = (0.1, 10.0);
     if system.readers_of_load().is_empty() {

@@ -112,6 +112,14 @@ fn by_the_plant(model: &Effect, point: &Point) -> Option<Vec<f64>> {
         entries.push(entry("viscous", &["Fv"], &[friction]));
         entries.push(entry("spring", &["Ks", "qeq"], &[0.0, signal(Signal::Qeq)]));
     }
+    if model.id == "hysteresis" {
+        // About the rest position of a spring.
+        entries.push(entry("spring", &["Ks", "qeq"], &[0.0, signal(Signal::Qeq)]));
+    }
+    if model.id == "friction_load" {
+        // It reads the sum of the other laws.
+        entries.push(entry("viscous", &["Fv"], &[friction / dq[0]]));
+    }
     let joints = by_joint(&entries, 2).ok()?;
     let q = [signal(Signal::Q), signal(Signal::QFrom)];
     let commands = [signal(Signal::Command), signal(Signal::CommandFrom)];
@@ -144,7 +152,7 @@ fn by_the_plant(model: &Effect, point: &Point) -> Option<Vec<f64>> {
         Place::Joint => {
             let mut rates = vec![f64::NAN; joints[0].n_states()];
             let mut outputs = vec![joints[0].load(&moment(0), states, &mut rates)];
-            if model.id == "friction_bias" {
+            if model.id == "friction_bias" || model.id == "friction_load" {
                 outputs[0] -= friction;
             }
             if model.scope == Scope::Pair {

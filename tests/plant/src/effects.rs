@@ -74,6 +74,7 @@ pub struct JointEffects {
     transmissions: Vec<Transmission>,
     frictions: Vec<Friction>,
     bias: Option<f64>,
+    gears: Vec<Gear>,
     loads: Vec<Load>,
     outside: Vec<Outside>,
     /// Added to the joint's diagonal entry of D.
@@ -84,6 +85,31 @@ pub struct JointEffects {
     pub payloads: Vec<Payload>,
     sensor_scale: f64,
     sensor_offset: f64,
+}
+
+/// Friction that grows with the torque which a gear passes on.
+#[derive(Debug, Clone, Copy)]
+struct Gear {
+    mu: f64,
+    /// 0: the drive's torque counts; 1: what the gear passes on, after all friction.
+    behind: f64,
+    v_eps: f64,
+}
+
+impl Gear {
+    /// The loss, found from what goes in: `passed = arriving - loss`, where with `behind` = 1 the loss is `mu |passed|`.
+    fn torque(&self, drive: f64, friction: f64, speed: f64) -> f64 {
+        let arriving = drive - self.behind * friction;
+        let direction = (speed / self.v_eps).tanh();
+        // A gear that is driven loses of what arrives; one that is held back passes on more than that.
+        let share = self.mu * direction.abs() * self.behind;
+        let passed = if arriving * direction > 0.0 {
+            arriving.abs() / (1.0 + share)
+        } else {
+            arriving.abs() / (1.0 - share).max(0.1)
+        };
+        self.mu * passed * direction
+    }
 }
 
 /// A body that is held by a link, in the link's frame.
@@ -151,6 +177,11 @@ pub fn by_joint(entries: &[EffectEntry], n_joints: usize) -> Result<Vec<JointEff
             "rotor_inertia" => joint.rotor_inertia += value("Ia")?,
             "rotor_coupling" => joint.rotor_couplings.push((values.from()?, value("Ia")?)),
             "friction_bias" => joint.bias = Some(value("bias")?),
+            "friction_load" => joint.gears.push(Gear {
+                mu: value("mu")?,
+                behind: entry.values.get("behind").copied().unwrap_or(0.0),
+                v_eps: value("v_eps")?,
+            }),
             "payload" => joint
                 .payloads
                 .push(Payload { mass: value("m")?, centroid: Vector3::new(value("x")?, value("y")?, value("z")?) }),
@@ -198,6 +229,7 @@ impl JointEffects {
             used = range.end;
             friction += law.torque(moment, &states[range.clone()], &mut rates[range]);
         }
+        let plain = friction;
         let rest = self.rest_position();
         if let Some(bias) = self.bias
             && moment.position() < rest
@@ -205,6 +237,9 @@ impl JointEffects {
             friction *= bias;
         }
         let mut load = friction;
+        for gear in &self.gears {
+            load += gear.torque(moment.torque, plain, moment.speed());
+        }
         for law in &self.loads {
             let range = used..used + law.n_states();
             used = range.end;

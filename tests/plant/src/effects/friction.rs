@@ -13,7 +13,6 @@ pub(super) enum Friction {
     Lugre(Lugre),
     Turner { s1: f64, v1: f64, fk: f64, v4: f64, s2: f64 },
     Dahl { sigma0: f64, fc: f64 },
-    Load { mu: f64, v_eps: f64 },
     Drift { fd: f64, tau: f64, v_eps: f64 },
     QuadraticDrag { cd: f64 },
     Coupled(Coupled),
@@ -105,7 +104,6 @@ impl Friction {
                 s2: value("s2")?,
             },
             "dahl" => Self::Dahl { sigma0: value("sigma0")?, fc: value("Fc")? },
-            "friction_load" => Self::Load { mu: value("mu")?, v_eps: value("v_eps")? },
             "friction_drift" => Self::Drift { fd: value("Fd")?, tau: value("tau")?, v_eps: value("v_eps")? },
             "quadratic_drag" => Self::QuadraticDrag { cd: value("Cd")? },
             "friction_coupled" => {
@@ -149,7 +147,6 @@ impl Friction {
                 rates[0] = dq_share(torque, fc, speed);
                 torque
             }
-            Self::Load { mu, v_eps } => mu * moment.torque.abs() * (speed / v_eps).tanh(),
             Self::Drift { fd, tau, v_eps } => fd * ((-moment.time / tau).exp() - 1.0) * (speed / v_eps).tanh(),
             Self::QuadraticDrag { cd } => cd * speed.abs() * speed,
             Self::Coupled(Coupled { other, fv, fc, v_eps }) => {

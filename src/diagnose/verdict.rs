@@ -280,9 +280,9 @@ fn plainest_first(judged: &mut [Judged]) {
 /// Whether a law leaves about as much as another at the joint of both, on the runs fitted to and on those held out. Models of
 /// real machines are wrong in many small ways, which decide smaller differences.
 fn as_good(own: &Judged, best: &Judged) -> bool {
-    /// Of the root mean square.
-    const ABOUT: f64 = 1.25;
-    const ABOUT_BIC: f64 = 25.0;
+    /// Of the root mean square held out, with the change of the criterion that goes with it: the closer the runs fitted to
+    /// are, the farther those held out may be.
+    const ABOUT: [(f64, f64); 2] = [(1.25, 25.0), (1.5, 10.0)];
     let (Some(one), Some(other)) = (&own.refit.suspect, &best.refit.suspect) else { return false };
     if one == other {
         return true;
@@ -295,7 +295,8 @@ fn as_good(own: &Judged, best: &Judged) -> bool {
             .map(|left| left.squares)
     };
     let (Some(left), Some(least)) = (squares(own), squares(best)) else { return false };
-    one.joint == other.joint && left <= ABOUT * ABOUT * least && own.delta_bic <= best.delta_bic + ABOUT_BIC
+    let about = |(share, bic): (f64, f64)| left <= share * share * least && own.delta_bic <= best.delta_bic + bic;
+    one.joint == other.joint && ABOUT.into_iter().any(about)
 }
 
 /// Why a refit is given no credit.

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use clap::ValueEnum;
 use dynid::diagnose::{self, Diagnosis, Discovered, Event, Finished, Options, Ranked, Verdict};
 use dynid::error::Error;
 use dynid::experiment::{Experiment, Run};
@@ -19,6 +18,7 @@ use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use super::fit::Kind;
 use super::inputs;
 use super::interrupt::Interrupt;
 use super::table::{Align, Table};
@@ -71,13 +71,6 @@ pub struct Arguments {
     force: bool,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Kind {
-    Torque,
-    Position,
-    Both,
-}
-
 /// Diagnoses.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
@@ -89,11 +82,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
     let options = Options {
-        error: arguments.error.map(|kind| match kind {
-            Kind::Torque => ErrorKind::Torque,
-            Kind::Position => ErrorKind::Position,
-            Kind::Both => ErrorKind::Both,
-        }),
+        error: arguments.error.map(ErrorKind::from),
         depth: arguments.depth.max(1),
         refits: arguments.refits.max(1),
         ..Options::default()

@@ -117,7 +117,7 @@ enum Weights {
 
 /// What a fit makes small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Kind {
+pub(super) enum Kind {
     Torque,
     Position,
     Both,

@@ -218,15 +218,7 @@ pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
     let is_it = |own: &&EffectInstance| own.effect.id == *id && own.joint == *joint && own.from == *from;
     let Some(instance) = with.effects.iter().find(is_it).cloned() else { return Vec::new() };
     let effect = instance.effect;
-    let carried = |symbol: &str| {
-        effect.replaces.iter().any(|replaced| {
-            replaced.carry.iter().any(|(own, _)| own == symbol)
-                && model
-                    .effects
-                    .iter()
-                    .any(|own| own.effect.id == replaced.id && own.joint == *joint && own.from == *from)
-        })
-    };
+    let carried = |symbol: &str| model.hands_over(effect, symbol, *joint, *from);
     let mut shapes: Vec<(usize, Vec<f64>)> = Vec::new();
     let mut amplitudes = Vec::new();
     for (index, parameter) in effect.parameters.iter().enumerate() {

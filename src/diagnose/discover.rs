@@ -20,11 +20,11 @@ use serde::Serialize;
 
 use self::{
     file::effect_file,
-    select::{Choice, Normal, Reduced, Rules, regular},
+    select::{Choice, Normal, Reduced, Rules},
     term::{Term, dictionary},
 };
 use super::{
-    screen::own_column,
+    screen::{own_column, regular},
     view::{Block, TorqueView, View},
 };
 use crate::{

@@ -35,7 +35,6 @@ const OTHERS: usize = 2;
 /// The model's own parameters, ready to be projected out of an error signal.
 pub struct Screen<'a> {
     view: &'a dyn View,
-    base: &'a Model,
     /// Errors of the base, each weighed by its joint's, what the own parameters can take away taken away.
     left: Vec<f64>,
     /// The errors as they are.
@@ -49,7 +48,7 @@ pub struct Screen<'a> {
 
 impl<'a> Screen<'a> {
     /// Of what `base` leaves of the view's logs; `None` where it cannot be evaluated or leaves nothing.
-    pub fn new(view: &'a dyn View, base: &'a Model, moving: &[(String, Parameter)]) -> Option<Self> {
+    pub fn new(view: &'a dyn View, base: &Model, moving: &[(String, Parameter)]) -> Option<Self> {
         let raw = view.errors(base)?;
         let mut end = 0;
         let blocks: Vec<(usize, f64, usize)> = raw
@@ -67,10 +66,10 @@ impl<'a> Screen<'a> {
             return None;
         }
         let matrix = DMatrix::from_fn(n, columns.len(), |row, column| columns[column].1[row]);
-        let spreads: Vec<f64> = columns.iter().map(|(spread, _)| *spread).collect();
+        // A parameter's own range is all that is known of it beforehand.
+        let prior: Vec<f64> = columns.iter().map(|(spread, _)| spread.powi(-2)).collect();
         let mut screen = Self {
             view,
-            base,
             left: errors.clone(),
             raw,
             weights: vec![1.0; n],
@@ -89,13 +88,7 @@ impl<'a> Screen<'a> {
                 from = end;
             }
             screen.own = DMatrix::from_fn(n, columns.len(), |row, column| matrix[(row, column)] * screen.weights[row]);
-            let mut information = screen.own.tr_mul(&screen.own);
-            let largest = information.diagonal().iter().copied().fold(0.0, f64::max);
-            for (index, spread) in spreads.iter().enumerate() {
-                // A parameter's own range is all that is known of it beforehand.
-                information[(index, index)] += spread.powi(-2).max(1e-13 * largest).max(f64::MIN_POSITIVE);
-            }
-            screen.information = Cholesky::new(information);
+            screen.information = regular(&screen.own.tr_mul(&screen.own), &prior);
             let weighed: Vec<f64> = errors.iter().zip(&screen.weights).map(|(error, weight)| error * weight).collect();
             screen.left = screen.projected(weighed);
         }
@@ -215,11 +208,18 @@ impl<'a> Screen<'a> {
         }
         information.is_finite().then(|| (information, 1.0 - rest / before, probe.at(factor, &units)))
     }
+}
 
-    /// The base model.
-    pub fn base(&self) -> &Model {
-        self.base
+/// The information of the own parameters, with what is known of them beforehand.
+pub(super) fn regular(own: &DMatrix<f64>, prior: &[f64]) -> Option<Cholesky<f64, Dyn>> {
+    /// Smaller than this share of the largest is rounding.
+    const ROUNDING: f64 = 1e-13;
+    let mut information = own.clone();
+    let largest = information.diagonal().iter().copied().fold(0.0, f64::max);
+    for (index, prior) in prior.iter().enumerate() {
+        information[(index, index)] += prior.max(ROUNDING * largest).max(f64::MIN_POSITIVE);
     }
+    Cholesky::new(information)
 }
 
 /// How the errors change with one of the model's own parameters, and its range; `None` for one that is held or that

@@ -139,15 +139,11 @@ fn bring_alternatives(list: &mut Vec<Score>) {
         Some((word, score.suspect.joint))
     };
     let wanted: Vec<_> = list.iter().take(FIRST).filter_map(family).collect();
-    let (early, late): (Vec<Score>, Vec<Score>) = {
-        let mut early = Vec::new();
-        let mut late = Vec::new();
-        for (place, score) in list.drain(..).enumerate() {
-            let called = family(&score).is_some_and(|family| wanted.contains(&family));
-            if place < FIRST || called { early.push(score) } else { late.push(score) }
-        }
-        (early, late)
-    };
+    let mut place = 0;
+    let (early, late): (Vec<Score>, Vec<Score>) = list.drain(..).partition(|score| {
+        place += 1;
+        place <= FIRST || family(score).is_some_and(|family| wanted.contains(&family))
+    });
     list.extend(early);
     list.extend(late);
 }
@@ -200,7 +196,7 @@ fn distance(probe: &Probe, model: &Model) -> f64 {
     differences.sum()
 }
 
-/// Sum over the joints of `n_eff ln(after / before)`, by what `of` selects.
+/// Sum over the joints of `n_eff ln(after / before)` on the runs held out or on those fitted to, and of `n_eff`.
 fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held_out: bool) -> (f64, f64) {
     let (mut gain, mut independent) = (0.0, 0.0);
     for own in after.left.iter().filter(|left| left.held_out == held_out) {

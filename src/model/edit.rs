@@ -86,17 +86,11 @@ impl Model {
     pub fn add_effect_at_null(&mut self, id: &str, joint: Option<usize>, from: Option<usize>) -> Result<Added, Error> {
         let before = self.clone();
         let added = self.add_effect(id, joint, from)?;
-        let shared = |effect: &Effect, symbol: &str| {
-            effect.replaces.iter().any(|replaced| {
-                replaced.carry.iter().any(|(own, _)| own == symbol)
-                    && before.effects.iter().any(|other| other.is(&replaced.id, joint, from))
-            })
-        };
         if let Some(instance) = self.effects.iter_mut().find(|own| own.is(id, joint, from)) {
             let effect = instance.effect;
             let mut carried = vec![false; effect.parameters.len()];
             for (index, own) in effect.parameters.iter().enumerate() {
-                carried[index] = shared(effect, &own.symbol);
+                carried[index] = before.hands_over(effect, &own.symbol, joint, from);
                 if let Some(null) = own.null.filter(|_| !carried[index]) {
                     let default = instance.parameters[index];
                     instance.parameters[index] = holding(default, null);
@@ -105,6 +99,14 @@ impl Model {
             keep_inequalities(instance, &carried);
         }
         Ok(added)
+    }
+
+    /// Whether a parameter of `effect` takes its value from an effect that it would replace at this place.
+    pub fn hands_over(&self, effect: &Effect, symbol: &str, joint: Option<usize>, from: Option<usize>) -> bool {
+        effect.replaces.iter().any(|replaced| {
+            replaced.carry.iter().any(|(own, _)| own == symbol)
+                && self.effects.iter().any(|other| other.is(&replaced.id, joint, from))
+        })
     }
 
     /// Takes an effect out.

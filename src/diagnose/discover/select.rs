@@ -2,6 +2,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use crate::diagnose::screen::regular;
+
 /// Sums of products over some rows: own parameters, candidate columns and the signal itself. They add.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
@@ -60,18 +62,6 @@ impl Normal {
         }
         Some(regular(&self.own, prior)?.solve(&right))
     }
-}
-
-/// The information of the own parameters, with what is known of them beforehand.
-pub(super) fn regular(own: &DMatrix<f64>, prior: &[f64]) -> Option<Cholesky<f64, nalgebra::Dyn>> {
-    /// Smaller than this share of the largest is rounding.
-    const ROUNDING: f64 = 1e-13;
-    let mut information = own.clone();
-    let largest = information.diagonal().iter().copied().fold(0.0, f64::max);
-    for (index, prior) in prior.iter().enumerate() {
-        information[(index, index)] += prior.max(ROUNDING * largest).max(f64::MIN_POSITIVE);
-    }
-    Cholesky::new(information)
 }
 
 /// Normal equations of the candidates alone.

@@ -122,19 +122,26 @@ pub fn compare(model: &Model, runs: &[&Run]) -> Result<Comparison, Error> {
         .iter()
         .map(|run| Ok(System::of_model(model, &run.free, |joint| run.log.mean_position(joint))?))
         .collect::<Result<Vec<System>, Error>>()?;
-    let runs: Vec<(RunComparison, Role)> = runs
+    let compared: Vec<RunComparison> = runs
         .par_iter()
         .zip(&systems)
-        .map(|(run, system)| Ok((compare_run(model, run, system)?, run.role)))
+        .map(|(run, system)| compare_run(model, run, system))
         .collect::<Result<_, Error>>()?;
-    let of = |role: Role| runs.iter().filter(move |(_, other)| *other == role).map(|(run, _)| run);
-    Ok(Comparison {
-        rmse_fit: pooled(of(Role::Fit)),
-        rmse_validate: pooled(of(Role::Validate)),
-        torque_percent_fit: torque::total_percent(of(Role::Fit).flat_map(|run| &run.torque)),
-        torque_percent_validate: torque::total_percent(of(Role::Validate).flat_map(|run| &run.torque)),
-        runs: runs.iter().map(|(run, _)| run.clone()).collect(),
-    })
+    Ok(Comparison::of(compared, runs))
+}
+
+impl Comparison {
+    /// Puts together what was compared with each of `runs`.
+    pub(crate) fn of(compared: Vec<RunComparison>, runs: &[&Run]) -> Self {
+        let of = |role: Role| compared.iter().zip(runs).filter(move |(_, run)| run.role == role).map(|(told, _)| told);
+        Self {
+            rmse_fit: pooled(of(Role::Fit)),
+            rmse_validate: pooled(of(Role::Validate)),
+            torque_percent_fit: torque::total_percent(of(Role::Fit).flat_map(|run| &run.torque)),
+            torque_percent_validate: torque::total_percent(of(Role::Validate).flat_map(|run| &run.torque)),
+            runs: compared,
+        }
+    }
 }
 
 /// Root mean square over all samples of all joints; `None` without runs or where one lacks its position error.

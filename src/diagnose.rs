@@ -6,6 +6,7 @@
 //! the position error of simulations on a tether. The best suspects are fitted for good, and what they leave of the
 //! held-out runs decides ([`Refit`]).
 
+mod blocks;
 mod candidate;
 mod discover;
 mod estimate;
@@ -227,26 +228,23 @@ pub fn diagnose(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, Error> {
     let mut notes = Vec::new();
-    let held_out;
-    let mut runs = runs.to_vec();
-    if !runs.iter().any(|run| run.role == Role::Validate) {
-        held_out = verdict::hold_out(&runs);
-        runs = held_out.iter().collect();
-        notes.push(
-            "no run has the role \"validate\": the last third of every run is held out instead; a run of its own would be \
-             surer"
-                .to_owned(),
-        );
-    }
     let error = match options.error {
-        Some(ErrorKind::Both) | None => match default_error(model, &runs) {
+        Some(ErrorKind::Both) | None => match default_error(model, runs) {
             ErrorKind::Torque => ErrorKind::Torque,
             _ => ErrorKind::Position,
         },
         Some(error) => error,
     };
-    let judge = Judge { error, experiment, runs: &runs, options: fit_options(options, error, &runs) };
-    let work = Work { judge: &judge, options, finished, tell, stop };
+    let is_held_out = runs.iter().any(|run| run.role == Role::Validate);
+    let mut folds: Vec<Vec<Run>> = Vec::new();
+    if !is_held_out {
+        folds = (0..blocks::BLOCKS).map(|block| blocks::fold(runs, block)).collect();
+        notes.push(blocks::note());
+    }
+    let last_fold = folds.pop();
+    let judged: Vec<&Run> = last_fold.as_ref().map_or_else(|| runs.to_vec(), |fold| fold.iter().collect());
+    let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
+    let work = Work { runs, judge: &judge, folds: &folds, options, finished, tell, stop };
     let mut steps = Vec::new();
     let mut base = work.base(model)?;
     let first = base.clone();
@@ -275,7 +273,12 @@ fn fit_options(options: &Options, error: ErrorKind, runs: &[&Run]) -> position::
 
 /// What every step of a diagnosis needs.
 struct Work<'a> {
+    /// As they were given.
+    runs: &'a [&'a Run],
+    /// Of these, or of the fold that holds out the last blocks of them.
     judge: &'a Judge<'a>,
+    /// The other folds; none where runs of their own are held out.
+    folds: &'a [Vec<Run>],
     options: &'a Options,
     finished: &'a Finished,
     tell: &'a (dyn Fn(&Event<'_>) + Sync),
@@ -308,7 +311,23 @@ impl Work<'_> {
     /// The model itself, fitted.
     fn base(&self, model: &Model) -> Result<Refit, Error> {
         (self.tell)(&Event::FittingModel);
-        self.remembered("base", None, model, std::slice::from_ref(model), None)
+        let base = self.remembered("base", None, model, std::slice::from_ref(model), None)?;
+        self.over_blocks("base", base)
+    }
+
+    /// What a fit leaves of all blocks, where every block is held out in turn; from memory where it is there.
+    fn over_blocks(&self, key: &str, refit: Refit) -> Result<Refit, Error> {
+        if self.folds.is_empty() {
+            return Ok(refit);
+        }
+        let key = format!("{key}, all blocks");
+        if let Some(refit) = self.finished.get(&key) {
+            return Ok(refit.clone());
+        }
+        let refit = blocks::over_all(self.judge, self.folds, &refit, self.stop)?;
+        self.asked_to_stop()?;
+        (self.tell)(&Event::Refitted(&key, &refit));
+        Ok(refit)
     }
 
     /// A fit from several starts, the lowest cost kept; from memory where it is there.
@@ -335,8 +354,7 @@ impl Work<'_> {
             }
         }
         let cost = |refit: &Refit| {
-            let fitted = refit.left.iter().filter(|left| !left.held_out);
-            fitted.map(|left| left.samples * left.squares.max(f64::MIN_POSITIVE).ln()).sum::<f64>()
+            refit.side(false).map(|left| left.samples * left.squares.max(f64::MIN_POSITIVE).ln()).sum::<f64>()
         };
         let mut best: Option<Refit> = None;
         let mut failure = None;
@@ -379,6 +397,7 @@ impl Work<'_> {
         let shortlist = verdict::shortlist(&scored);
         let found = before.iter().filter_map(Step::best).filter_map(|best| best.suspect.as_ref());
         let path: Vec<String> = found.map(ToString::to_string).collect();
+        let key = |suspect: &Suspect| format!("{depth}: {} > {suspect}", path.join(" > "));
         let mut fitted: Vec<Refit> = Vec::new();
         let mut failed = Vec::new();
         let mut waiting = shortlist;
@@ -393,8 +412,7 @@ impl Work<'_> {
                     (self.tell)(&Event::Refitting(&score.suspect));
                     let mut starts = vec![score.estimate.clone()];
                     starts.extend(score.others.iter().cloned());
-                    let key = format!("{depth}: {} > {}", path.join(" > "), score.suspect);
-                    self.remembered(&key, Some(&score.suspect), base, &starts, reached)
+                    self.remembered(&key(&score.suspect), Some(&score.suspect), base, &starts, reached)
                 })
                 .collect();
             self.asked_to_stop()?;
@@ -411,7 +429,11 @@ impl Work<'_> {
             }
         }
         let torque = screening.torque();
-        let fitted = verdict::judge(refit, fitted, &|fit| region::helps_elsewhere(torque, refit, fit));
+        let helps_elsewhere = |fit: &Refit| region::helps_elsewhere(torque, refit, fit);
+        let mut fitted = verdict::judge(&refit.of_one_fold(), fitted, &helps_elsewhere);
+        if !self.folds.is_empty() {
+            fitted = self.confirmed(refit, fitted, &mut failed, &key, &helps_elsewhere)?;
+        }
         Ok(Step {
             verdict: verdict::of(refit, &fitted),
             base: refit.clone(),
@@ -419,6 +441,45 @@ impl Work<'_> {
             fitted,
             failed,
         })
+    }
+
+    /// Of suspects that one fold has judged, the best judged by all blocks; those that are not asked get no credit.
+    fn confirmed(
+        &self,
+        before: &Refit,
+        by_one_fold: Vec<verdict::Judged>,
+        failed: &mut Vec<Refused>,
+        key: &(dyn Fn(&Suspect) -> String + Sync),
+        helps_elsewhere: &dyn Fn(&Refit) -> Option<String>,
+    ) -> Result<Vec<verdict::Judged>, Error> {
+        let (mut waiting, refused): (Vec<_>, Vec<_>) =
+            by_one_fold.into_iter().partition(|judged| judged.reason.is_none());
+        let mut asked: Vec<Refit> = Vec::new();
+        let mut judged: Vec<verdict::Judged> = Vec::new();
+        while !waiting.is_empty() && judged.iter().all(|judged| judged.reason.is_some()) {
+            let later = waiting.split_off(blocks::CONFIRMED.min(waiting.len()));
+            let fits: Vec<(Suspect, Result<Refit, Error>)> = waiting
+                .into_par_iter()
+                .filter_map(|judged| Some((judged.refit.suspect.clone()?, judged.refit)))
+                .map(|(suspect, refit)| {
+                    (self.tell)(&Event::Refitting(&suspect));
+                    let fit = self.asked_to_stop().and_then(|()| self.over_blocks(&key(&suspect), refit));
+                    (suspect, fit)
+                })
+                .collect();
+            self.asked_to_stop()?;
+            for (suspect, fit) in fits {
+                match fit {
+                    Ok(fit) => asked.push(fit),
+                    Err(error) => failed.push(verdict::failed(&suspect, &error)),
+                }
+            }
+            judged = verdict::judge(before, asked.clone(), helps_elsewhere);
+            waiting = later;
+        }
+        judged.extend(waiting.into_iter().map(verdict::Judged::unconfirmed));
+        judged.extend(refused);
+        Ok(judged)
     }
 
     /// What the screening says of every suspect: by the torque error, and by simulations.

@@ -12,7 +12,7 @@ use crate::{
     experiment::{Experiment, Role, Run},
     fit::sqp::Watch,
     fit::{FitStatus, identifiability::correlation_time, position},
-    identify::{self, ErrorKind, How},
+    identify::{self, ErrorKind, How, Identified},
     model::Model,
 };
 
@@ -39,6 +39,9 @@ pub struct Refit {
     pub torque_percent_validate: Option<f64>,
     /// What is left at each joint, of the error that was fitted.
     pub left: Vec<Left>,
+    /// What is left of every block, where all blocks were held out in turn: it counts as what is held out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub blocks: Vec<Left>,
 }
 
 /// A suspect's parameter after the refit.
@@ -86,19 +89,30 @@ impl Refit {
 
     /// Whether every error is a number.
     pub fn is_finite(&self) -> bool {
-        self.left.iter().all(|left| left.squares.is_finite())
+        self.left.iter().chain(&self.blocks).all(|left| left.squares.is_finite())
+    }
+
+    /// What is left on the runs held out, or on those fitted to.
+    pub fn side(&self, held_out: bool) -> impl Iterator<Item = &Left> {
+        let left = if held_out && !self.blocks.is_empty() { &self.blocks } else { &self.left };
+        left.iter().filter(move |left| left.held_out == held_out)
     }
 
     /// What is left on the held-out runs, or where there are none on those that were fitted.
     pub fn judged(&self) -> impl Iterator<Item = &Left> {
-        let held_out = self.left.iter().any(|left| left.held_out);
-        self.left.iter().filter(move |left| left.held_out == held_out)
+        self.side(self.left.iter().any(|left| left.held_out))
+    }
+
+    /// The same as far as it does not come from other folds.
+    #[must_use]
+    pub fn of_one_fold(&self) -> Self {
+        Self { blocks: Vec::new(), ..self.clone() }
     }
 
     /// Cost per sample and joint of the runs fitted to, as a fit tells it; `None` where the noise is not known.
     pub fn cost(&self) -> Option<f64> {
         let (mut cost, mut samples) = (0.0, 0.0);
-        for left in self.left.iter().filter(|left| !left.held_out) {
+        for left in self.side(false) {
             cost += 0.5 * left.samples * left.squares / left.noise_squares?.max(f64::MIN_POSITIVE);
             samples += left.samples;
         }
@@ -144,18 +158,7 @@ impl Judge<'_> {
         reached: Option<f64>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
-        /// A fit that can reach what another reached is not so far from it after so many iterations.
-        const PATIENCE: usize = 15;
-        const FAR: f64 = 30.0;
-        let how = How::plain(self.error, self.options);
-        let mut free_iterations = 0;
-        let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
-            free_iterations += usize::from(told.tether == 0.0);
-            let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
-            if stop() || (is_far && free_iterations >= PATIENCE) { Watch::Stop } else { Watch::Continue }
-        };
-        let found =
-            identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)?;
+        let found = self.fit(start, reached, stop)?;
         let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
         let parameters: Vec<Own> = found
             .parameters
@@ -181,8 +184,32 @@ impl Judge<'_> {
             torque_percent_fit: comparison.torque_percent_fit,
             torque_percent_validate: comparison.torque_percent_validate,
             left: left(&comparison, self.runs, self.error),
+            blocks: Vec::new(),
             model: found.model.to_toml(),
         })
+    }
+
+    /// Fits `start` to the runs that are for it.
+    ///
+    /// # Errors
+    /// As [`Judge::refit`].
+    pub(super) fn fit(
+        &self,
+        start: &Model,
+        reached: Option<f64>,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Identified, Error> {
+        /// A fit that can reach what another reached is not so far from it after so many iterations.
+        const PATIENCE: usize = 15;
+        const FAR: f64 = 30.0;
+        let how = How::plain(self.error, self.options);
+        let mut free_iterations = 0;
+        let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
+            free_iterations += usize::from(told.tether == 0.0);
+            let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
+            if stop() || (is_far && free_iterations >= PATIENCE) { Watch::Stop } else { Watch::Continue }
+        };
+        identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)
     }
 }
 
@@ -214,7 +241,7 @@ fn is_null(model: &Model, name: &str, value: f64) -> bool {
 }
 
 /// What `comparison` leaves at each joint.
-fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> Vec<Left> {
+pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> Vec<Left> {
     let mut sums: BTreeMap<(usize, bool), Left> = BTreeMap::new();
     let mut add = |joint: usize,
                    held_out: bool,

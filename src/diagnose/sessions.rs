@@ -14,7 +14,7 @@ pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, Error> 
     const LEAST: f64 = 5.0;
     /// As many are told.
     const AT_MOST: usize = 12;
-    let runs: Vec<Run> = work.judge.runs.iter().map(|run| Run { role: Role::Fit, ..(*run).clone() }).collect();
+    let runs: Vec<Run> = work.runs.iter().map(|run| Run { role: Role::Fit, ..(*run).clone() }).collect();
     if runs.len() < 2 {
         return Ok(Vec::new());
     }

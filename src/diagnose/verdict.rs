@@ -9,10 +9,8 @@ use super::{
 use crate::{
     compare::{compare, locate::locate},
     error::Error,
-    experiment::{Role, Run},
     fit::position::PositionFitError,
     identify::ErrorKind,
-    log::Log,
     model::Model,
 };
 
@@ -59,6 +57,15 @@ impl Judged {
         /// What an unknown must gain on held-out data to be worth having.
         const PER_UNKNOWN: f64 = 3.0;
         self.held_out + PER_UNKNOWN * self.refit.unknowns
+    }
+
+    /// Without credit, since others were better by one fold and only those were judged by all blocks.
+    pub(super) fn unconfirmed(self) -> Self {
+        let reason = format!(
+            "with the last block held out {} others explain more, and only those were judged by all blocks",
+            super::blocks::CONFIRMED
+        );
+        Self { reason: Some(reason), ..self }
     }
 }
 
@@ -199,10 +206,8 @@ fn distance(probe: &Probe, model: &Model) -> f64 {
 /// Sum over the joints of `n_eff ln(after / before)` on the runs held out or on those fitted to, and of `n_eff`.
 fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held_out: bool) -> (f64, f64) {
     let (mut gain, mut independent) = (0.0, 0.0);
-    for own in after.left.iter().filter(|left| left.held_out == held_out) {
-        let Some(base) = before.left.iter().find(|left| left.held_out == held_out && left.joint == own.joint) else {
-            continue;
-        };
+    for own in after.side(held_out) {
+        let Some(base) = before.side(held_out).find(|left| left.joint == own.joint) else { continue };
         let count = own.samples / correlations.get(&own.joint).copied().unwrap_or(1.0).max(1.0);
         independent += count;
         gain += count * (own.squares.max(f64::MIN_POSITIVE) / base.squares.max(f64::MIN_POSITIVE)).ln();
@@ -297,12 +302,9 @@ fn as_good(own: &Judged, best: &Judged) -> bool {
 
 /// Why a refit is given no credit.
 fn refusal(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
-    if !refit.is_finite()
-        || !before
-            .left
-            .iter()
-            .all(|left| refit.left.iter().any(|own| own.joint == left.joint && own.held_out == left.held_out))
-    {
+    let evaluated =
+        |held_out: bool| before.side(held_out).all(|left| refit.side(held_out).any(|own| own.joint == left.joint));
+    if !refit.is_finite() || !evaluated(false) || !evaluated(true) {
         return Some("with it a run cannot be evaluated to its end".to_owned());
     }
     if let Some(parameter) = refit.parameters.iter().find(|parameter| parameter.at_bound) {
@@ -435,8 +437,8 @@ pub(super) fn conclude(
         }
     }
     ranking.splice(0..0, found);
-    let comparison = compare(&base, work.judge.runs)?;
-    let places = locate(&base, work.judge.runs, &comparison)
+    let comparison = compare(&base, work.runs)?;
+    let places = locate(&base, work.runs, &comparison)
         .into_iter()
         .take(PLACES)
         .map(|finding| Place { run: finding.run, joint: finding.joint, what: finding.what })
@@ -548,29 +550,4 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
         }
     }
     sentences
-}
-
-/// The runs with the last third of each held out as a run of its own.
-pub(super) fn hold_out(runs: &[&Run]) -> Vec<Run> {
-    let mut parts = Vec::with_capacity(2 * runs.len());
-    for run in runs {
-        let cut = run.log.len() * 2 / 3;
-        let part = |rows: std::ops::Range<usize>, role: Role| {
-            let take = |values: &Vec<f64>| values[rows.clone()].to_vec();
-            let mut part = (*run).clone();
-            part.role = role;
-            part.log = Log {
-                t: take(&run.log.t),
-                tau: run.log.tau.iter().map(take).collect(),
-                q: run.log.q.iter().map(take).collect(),
-                reference: run.log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
-                mask: run.log.mask.as_ref().map(|mask| mask[rows.clone()].to_vec()),
-            };
-            part.settings.moving |= role == Role::Validate;
-            part
-        };
-        parts.push(part(0..cut, Role::Fit));
-        parts.push(part(cut..run.log.len(), Role::Validate));
-    }
-    parts
 }

@@ -1,0 +1,155 @@
+//! Blocked cross-validation, where no run is held out.
+//!
+//! Every run is cut in time into [`BLOCKS`] blocks. A *fold* holds out one block of every run and fits to the others; blocks
+//! rather than samples, since neighbours in time share their error. The diagnosis goes as always with the last blocks held
+//! out: screening, fits, a first order. The model itself and the best [`CONFIRMED`] suspects are fitted to the other folds as
+//! well, each from where its first fit ended, and what is left of all blocks together decides. That is
+//! `(BLOCKS - 1) (CONFIRMED + 1)` more fits, and more only where the best lose their credit, so that the next are asked.
+//! The values that are told are those of the first fold.
+
+use super::refit::{Judge, Refit, left};
+use crate::{
+    compare::{Comparison, RunComparison, compare},
+    error::Error,
+    experiment::{Role, Run},
+    log::Log,
+};
+
+/// Blocks that a run is cut into: with three, a fit sees two thirds of every run.
+pub(super) const BLOCKS: usize = 3;
+/// As many suspects are judged by all blocks.
+pub(super) const CONFIRMED: usize = 3;
+
+/// What to know of it.
+pub(super) fn note() -> String {
+    format!(
+        "no run has the role \"validate\": blocked cross-validation instead. Every run is cut into {BLOCKS} blocks in time, each \
+         held out once; the model itself and the best {CONFIRMED} suspects are judged by all of them together. Values are those \
+         of the fit without the last block. A run of its own would be surer"
+    )
+}
+
+/// The runs of the fold that holds out that block, from 0: of every run up to two parts to fit to and one held out.
+pub(super) fn fold(runs: &[&Run], held_out: usize) -> Vec<Run> {
+    let parts = |run: &&Run| {
+        let cut = |block: usize| run.log.len() * block / BLOCKS;
+        let (from, to) = (cut(held_out), cut(held_out + 1));
+        [(0..from, Role::Fit), (from..to, Role::Validate), (to..run.log.len(), Role::Fit)]
+            .into_iter()
+            .filter(|(rows, _)| !rows.is_empty())
+            .map(|(rows, role)| part(run, rows, role))
+            .collect::<Vec<Run>>()
+    };
+    runs.iter().flat_map(parts).collect()
+}
+
+/// Those rows of a run as a run of their own.
+fn part(run: &Run, rows: std::ops::Range<usize>, role: Role) -> Run {
+    let take = |values: &Vec<f64>| values[rows.clone()].to_vec();
+    let mut settings = run.settings.clone();
+    if rows.start > 0 {
+        // The transient, and what is said of the first half, are the beginning's; later the joints are under way.
+        settings.moving = true;
+        settings.from_s = None;
+        settings.first_half = 1.0;
+    }
+    let log = Log {
+        t: take(&run.log.t),
+        tau: run.log.tau.iter().map(take).collect(),
+        q: run.log.q.iter().map(take).collect(),
+        reference: run.log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
+        mask: run.log.mask.as_ref().map(|mask| mask[rows.clone()].to_vec()),
+    };
+    Run { file: run.file.clone(), role, free: run.free.clone(), configuration: run.configuration, log, settings }
+}
+
+/// `last`, a fit with the last blocks of the runs held out, with what is left of all blocks in place of what it leaves of those:
+/// each held out from a fit of its own, to one of `others`, the other folds.
+///
+/// # Errors
+/// A fold that the model cannot be fitted to; `stop` says so.
+pub(super) fn over_all(
+    judge: &Judge<'_>,
+    others: &[Vec<Run>],
+    last: &Refit,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Refit, Error> {
+    let start = last.parsed()?;
+    let mut compared: Vec<RunComparison> = Vec::new();
+    let mut blocks: Vec<&Run> = Vec::new();
+    for fold in others {
+        let runs: Vec<&Run> = fold.iter().collect();
+        let fitted = Judge { runs: &runs, ..*judge }.fit(&start, None, stop)?;
+        let held_out = held_out(&runs);
+        compared.extend(compare(&fitted.model, &held_out)?.runs);
+        blocks.extend(held_out);
+    }
+    let held_out = held_out(judge.runs);
+    compared.extend(compare(&start, &held_out)?.runs);
+    blocks.extend(held_out);
+    let comparison = Comparison::of(compared, &blocks);
+    Ok(Refit {
+        rmse_validate: comparison.rmse_validate,
+        torque_percent_validate: comparison.torque_percent_validate,
+        blocks: left(&comparison, &blocks, judge.error),
+        ..last.clone()
+    })
+}
+
+fn held_out<'a>(runs: &[&'a Run]) -> Vec<&'a Run> {
+    runs.iter().copied().filter(|run| run.role == Role::Validate).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::Settings;
+
+    fn run(samples: usize) -> Run {
+        let t: Vec<f64> = (0..samples).map(|k| 0.01 * k as f64).collect();
+        let q: Vec<f64> = t.iter().map(|t| t.sin()).collect();
+        let log = Log {
+            tau: vec![q.clone()],
+            q: vec![q],
+            reference: None,
+            mask: Some((0..samples).map(|k| k % 7 == 0).collect()),
+            t,
+        };
+        let settings = Settings { from_s: Some(0.1), first_half: 0.5, ..Settings::default() };
+        Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings }
+    }
+
+    /// Every sample is held out by one fold and fitted to by the others, in order and with its own torque and mask.
+    #[test]
+    fn every_sample_is_held_out_once() {
+        for samples in [300, 301, 302] {
+            let (one, other) = (run(samples), run(samples - 100));
+            let whole = [&one, &other];
+            let mut held_out = vec![Vec::new(); 2];
+            for block in 0..BLOCKS {
+                let parts = fold(&whole, block);
+                let mut parts = parts.iter().peekable();
+                for (of, run) in whole.iter().enumerate() {
+                    let mut seen = 0;
+                    while let Some(part) =
+                        parts.next_if(|part| seen < run.log.len() && part.log.t[0] == run.log.t[seen])
+                    {
+                        let rows = seen..seen + part.log.len();
+                        assert_eq!(part.log.t, run.log.t[rows.clone()]);
+                        assert_eq!(part.log.tau[0], run.log.tau[0][rows.clone()]);
+                        assert_eq!(part.log.mask.as_deref(), run.log.mask.as_ref().map(|mask| &mask[rows.clone()]));
+                        let is_first = seen == 0;
+                        assert_eq!((part.settings.moving, part.settings.from_s.is_some()), (!is_first, is_first));
+                        if part.role == Role::Validate {
+                            held_out[of].extend_from_slice(&part.log.t);
+                        }
+                        seen = rows.end;
+                    }
+                    assert_eq!(seen, run.log.len(), "fold {block}");
+                }
+                assert!(parts.next().is_none(), "no part is left over");
+            }
+            assert_eq!(held_out, [one.log.t.clone(), other.log.t.clone()]);
+        }
+    }
+}

@@ -10,6 +10,7 @@ mod blocks;
 mod candidate;
 mod discover;
 mod estimate;
+mod hold;
 mod refit;
 mod region;
 mod screen;
@@ -36,7 +37,7 @@ use screen::Scored;
 
 use crate::{
     error::Error,
-    experiment::{Experiment, Role, Run},
+    experiment::{Experiment, Run},
     fit::position,
     identify::{ErrorKind, default_error},
     model::Model,
@@ -235,18 +236,29 @@ pub fn diagnose(
         },
         Some(error) => error,
     };
-    let is_held_out = runs.iter().any(|run| run.role == Role::Validate);
-    let mut folds: Vec<Vec<Run>> = Vec::new();
-    if !is_held_out {
-        folds = (0..blocks::BLOCKS).map(|block| blocks::fold(runs, block)).collect();
+    let split = blocks::Split::of(runs);
+    if split.is_cut() {
         notes.push(blocks::note());
     }
-    let last_fold = folds.pop();
-    let judged: Vec<&Run> = last_fold.as_ref().map_or_else(|| runs.to_vec(), |fold| fold.iter().collect());
+    let judged = split.judged(runs);
     let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
-    let work = Work { runs, judge: &judge, folds: &folds, options, finished, tell, stop };
+    let mut work = Work { runs, judge: &judge, folds: &split.others, options, finished, tell, stop };
+    let mut base = work.base(model, "base")?;
+    let lines: Vec<Run> = runs.iter().map(|run| hold::with_line(run)).collect();
+    let lines: Vec<&Run> = lines.iter().collect();
+    let line_split = blocks::Split::of(&lines);
+    let line_judged = line_split.judged(&lines);
+    let line_judge = Judge { runs: &line_judged, ..judge };
+    let straight = Work { runs: &lines, judge: &line_judge, folds: &line_split.others, ..work };
+    if hold::may_be_straight(&work, &straight, &base)? {
+        let refitted = straight.base(&base.parsed()?, "base, straight")?;
+        if hold::is_worth_it(&base, &refitted) {
+            notes.push(hold::note(&base, &refitted));
+            base = refitted;
+            work = straight;
+        }
+    }
     let mut steps = Vec::new();
-    let mut base = work.base(model)?;
     let first = base.clone();
     for depth in 1..=options.depth.max(1) {
         let parsed = base.parsed()?;
@@ -272,6 +284,7 @@ fn fit_options(options: &Options, error: ErrorKind, runs: &[&Run]) -> position::
 }
 
 /// What every step of a diagnosis needs.
+#[derive(Clone, Copy)]
 struct Work<'a> {
     /// As they were given.
     runs: &'a [&'a Run],
@@ -309,10 +322,10 @@ impl Work<'_> {
     }
 
     /// The model itself, fitted.
-    fn base(&self, model: &Model) -> Result<Refit, Error> {
+    fn base(&self, model: &Model, key: &str) -> Result<Refit, Error> {
         (self.tell)(&Event::FittingModel);
-        let base = self.remembered("base", None, model, std::slice::from_ref(model), None)?;
-        self.over_blocks("base", base)
+        let base = self.remembered(key, None, model, std::slice::from_ref(model), None)?;
+        self.over_blocks(key, base)
     }
 
     /// What a fit leaves of all blocks, where every block is held out in turn; from memory where it is there.
@@ -400,7 +413,7 @@ impl Work<'_> {
         let key = |suspect: &Suspect| format!("{depth}: {} > {suspect}", path.join(" > "));
         let mut fitted: Vec<Refit> = Vec::new();
         let mut failed = Vec::new();
-        let mut waiting = shortlist;
+        let mut waiting = shortlist.clone();
         waiting.truncate(self.options.refits);
         while !waiting.is_empty() {
             let later = waiting.split_off(AT_ONCE.min(waiting.len()));
@@ -428,19 +441,103 @@ impl Work<'_> {
                 waiting.retain(|score| verdict::may_rival(score, best, &scored));
             }
         }
+        self.again(
+            &screening,
+            base,
+            &shortlist,
+            &mut fitted,
+            &mut failed,
+            &format!("{depth}: again, {}", path.join(" > ")),
+        )?;
         let torque = screening.torque();
         let helps_elsewhere = |fit: &Refit| region::helps_elsewhere(torque, refit, fit);
         let mut fitted = verdict::judge(&refit.of_one_fold(), fitted, &helps_elsewhere);
         if !self.folds.is_empty() {
             fitted = self.confirmed(refit, fitted, &mut failed, &key, &helps_elsewhere)?;
         }
-        Ok(Step {
-            verdict: verdict::of(refit, &fitted),
-            base: refit.clone(),
-            screening: verdict::screened(&scored),
-            fitted,
-            failed,
-        })
+        let mut verdict = verdict::of(refit, &fitted);
+        if verdict == Verdict::MissingEffect && self.is_beaten(base, refit, &fitted)? {
+            verdict = Verdict::Unexplained;
+        }
+        Ok(Step { verdict, base: refit.clone(), screening: verdict::screened(&scored), fitted, failed })
+    }
+
+    /// Another start for laws no larger than the best one that fell far short of it at its joint: a search that has lost its
+    /// way comes to the same as a law that is wrong. They start from the best one's values of the model's own parameters.
+    fn again(
+        &self,
+        screening: &Screening<'_>,
+        base: &Model,
+        shortlist: &[Score],
+        fitted: &mut Vec<Refit>,
+        failed: &mut Vec<Refused>,
+        key: &str,
+    ) -> Result<(), Error> {
+        /// What costs so much more than the best fell short.
+        const SHORT: f64 = 1.2;
+        /// As many get another start.
+        const MOST: usize = 4;
+        let cost = |refit: &Refit| refit.cost().filter(|_| refit.is_finite());
+        let best = fitted.iter().filter_map(|refit| Some((cost(refit)?, refit))).min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((least, best)) = best else { return Ok(()) };
+        let (Some(winner), best_unknowns) = (best.suspect.clone(), best.unknowns) else { return Ok(()) };
+        let fell_short = |suspect: &Suspect| match fitted.iter().find(|refit| refit.suspect.as_ref() == Some(suspect)) {
+            Some(refit) => refit.unknowns <= best_unknowns && cost(refit).is_none_or(|cost| cost > SHORT * least),
+            None => failed.iter().any(|failed| failed.suspect == *suspect),
+        };
+        let rivals = shortlist.iter().map(|score| &score.suspect);
+        let rivals =
+            rivals.filter(|suspect| suspect.joint == winner.joint && **suspect != winner && fell_short(suspect));
+        let rivals: Vec<Suspect> = rivals.take(MOST).cloned().collect();
+        if rivals.is_empty() {
+            return Ok(());
+        }
+        let found = best.parsed()?;
+        let mut start = base.clone();
+        for (name, parameter) in base.parameters() {
+            if let Some(found) = found.parameter(&name).filter(|_| !parameter.fixed) {
+                // The name is the model's own.
+                let _ = start.set_value(&name, found.value);
+            }
+        }
+        let scores = screening.scores(&start, &rivals, &|| !(self.stop)());
+        self.asked_to_stop()?;
+        let fits: Vec<Option<Refit>> = rivals
+            .par_iter()
+            .zip(scores)
+            .map(|(suspect, (torque, position))| {
+                let score = position.or(torque)?;
+                (self.tell)(&Event::Refitting(suspect));
+                let key = format!("{key} > {suspect}");
+                self.remembered(&key, Some(suspect), base, std::slice::from_ref(&score.estimate), Some(least)).ok()
+            })
+            .collect();
+        self.asked_to_stop()?;
+        for refit in fits.into_iter().flatten() {
+            let own = |other: &Refit| other.suspect == refit.suspect;
+            let before = fitted.iter().find(|other| own(other)).and_then(cost).unwrap_or(f64::INFINITY);
+            if cost(&refit).is_some_and(|cost| cost < before) {
+                failed.retain(|failed| Some(&failed.suspect) != refit.suspect.as_ref());
+                fitted.retain(|other| !own(other));
+                fitted.push(refit);
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a formula of one term, found without the library, leaves far less than the best effect of the library, which
+    /// does not leave mere noise: then that effect is only the nearest to what is missing.
+    fn is_beaten(&self, base: &Model, refit: &Refit, fitted: &[verdict::Judged]) -> Result<bool, Error> {
+        /// Of the squared torque error of the held-out runs.
+        const FAR_LESS: f64 = 0.5;
+        let Some(best) = fitted.iter().find(|judged| judged.reason.is_none()).map(|judged| &judged.refit) else {
+            return Ok(false);
+        };
+        let Some(joint) = verdict::helped_joint(refit, best) else { return Ok(false) };
+        if best.worst_ratio().is_some_and(|ratio| ratio < verdict::EXPLAINED) {
+            return Ok(false);
+        }
+        Ok(discover::better_than(base, &best.parsed()?, self.judge.runs, joint, FAR_LESS).is_some())
     }
 
     /// Of suspects that one fold has judged, the best judged by all blocks; those that are not asked get no credit.

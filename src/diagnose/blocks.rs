@@ -20,6 +20,35 @@ pub(super) const BLOCKS: usize = 3;
 /// As many suspects are judged by all blocks.
 pub(super) const CONFIRMED: usize = 3;
 
+/// How runs are held out.
+#[derive(Debug)]
+pub(super) struct Split {
+    /// Of the fold that holds out the last blocks; none where whole runs are held out.
+    last: Option<Vec<Run>>,
+    /// The other folds.
+    pub(super) others: Vec<Vec<Run>>,
+}
+
+impl Split {
+    /// Blocks, unless one of the runs is held out.
+    pub(super) fn of(runs: &[&Run]) -> Self {
+        let is_held_out = runs.iter().any(|run| run.role == Role::Validate);
+        let mut others: Vec<Vec<Run>> =
+            if is_held_out { Vec::new() } else { (0..BLOCKS).map(|block| fold(runs, block)).collect() };
+        Self { last: others.pop(), others }
+    }
+
+    /// Whether runs are cut into blocks.
+    pub(super) fn is_cut(&self) -> bool {
+        self.last.is_some()
+    }
+
+    /// `runs`, which it is of, to fit to and held out: the fold that holds out the last blocks, or themselves.
+    pub(super) fn judged<'a>(&'a self, runs: &[&'a Run]) -> Vec<&'a Run> {
+        self.last.as_ref().map_or_else(|| runs.to_vec(), |fold| fold.iter().collect())
+    }
+}
+
 /// What to know of it.
 pub(super) fn note() -> String {
     format!(
@@ -30,7 +59,7 @@ pub(super) fn note() -> String {
 }
 
 /// The runs of the fold that holds out that block, from 0: of every run up to two parts to fit to and one held out.
-pub(super) fn fold(runs: &[&Run], held_out: usize) -> Vec<Run> {
+fn fold(runs: &[&Run], held_out: usize) -> Vec<Run> {
     let parts = |run: &&Run| {
         let cut = |block: usize| run.log.len() * block / BLOCKS;
         let (from, to) = (cut(held_out), cut(held_out + 1));

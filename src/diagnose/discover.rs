@@ -99,12 +99,32 @@ pub fn discover(base: &Model, runs: &[&Run]) -> Option<Discovered> {
     let held_out = Sampled::of(base, &held_out)?;
     let joints = fit.joints();
     let mut found: Vec<(f64, Discovered)> =
-        joints.into_iter().filter_map(|joint| Search::new(&fit, joint)?.best(&held_out)).collect();
+        joints.into_iter().filter_map(|joint| Search::new(&fit, joint)?.best(&held_out, TERMS)).collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut found = found.into_iter().map(|(_, found)| found);
     let mut best = found.next()?;
     best.elsewhere = found.collect();
     Some(best)
+}
+
+/// A formula of one term for what `base` leaves at `joint` that leaves less than `share` of the squared torque error which
+/// `explained`, a model that an effect was added to, leaves there on the held-out runs.
+pub(super) fn better_than(
+    base: &Model,
+    explained: &Model,
+    runs: &[&Run],
+    joint: usize,
+    share: f64,
+) -> Option<Discovered> {
+    let (fit, held_out): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.role == Role::Fit);
+    let fitted = Sampled::of(base, &fit)?;
+    let judged = Sampled::of(base, &held_out)?;
+    let search = Search::new(&fitted, joint)?;
+    let (_, formula) = search.best(&judged, 1)?;
+    let before = search.left(&judged)?;
+    let fitted = Sampled::of(explained, &fit)?;
+    let left = Search::new(&fitted, joint)?.left(&Sampled::of(explained, &held_out)?)?;
+    ((1.0 - formula.explained_validate) * before < share * left).then_some(formula)
 }
 
 /// What a diagnosis says where a formula was found.
@@ -424,20 +444,30 @@ impl<'a> Search<'a> {
         all.len() <= 1 || others.iter().any(|others| others.len() == all.len())
     }
 
-    fn choose(&self, reduced: &Reduced, independent: f64) -> Choice {
-        let complexity: Vec<f64> = self.terms.iter().map(Term::complexity).collect();
-        let may_join = |chosen: &[usize]| self.may_join(chosen);
-        reduced.select(&Rules { independent, complexity: &complexity, may_join: &may_join, most: TERMS })
+    /// Sum of squares of the joint's torque error in `sampled`, the model's own parameters fitted to the runs to fit to.
+    fn left(&self, sampled: &Sampled) -> Option<f64> {
+        let pieces = self.pieces();
+        let mut whole = Normal::zero(self.names.len(), self.terms.len());
+        pieces.iter().for_each(|piece| whole.add(piece));
+        let steps = whole.own_steps(&self.prior, &[], &[])?;
+        let left = self.explained(sampled, &[], &[], &steps, &steps);
+        Some(left.shares.iter().map(|share| share.before).sum())
     }
 
-    /// The formula with its score (lower is better); `None` where there is nothing worth writing.
-    fn best(&self, held_out: &Sampled) -> Option<(f64, Discovered)> {
+    fn choose(&self, reduced: &Reduced, independent: f64, most: usize) -> Choice {
+        let complexity: Vec<f64> = self.terms.iter().map(Term::complexity).collect();
+        let may_join = |chosen: &[usize]| self.may_join(chosen);
+        reduced.select(&Rules { independent, complexity: &complexity, may_join: &may_join, most })
+    }
+
+    /// The formula of at most so many terms with its score (lower is better); `None` where there is nothing worth writing.
+    fn best(&self, held_out: &Sampled, most: usize) -> Option<(f64, Discovered)> {
         let pieces = self.pieces();
         let mut whole = Normal::zero(self.names.len(), self.terms.len());
         pieces.iter().for_each(|piece| whole.add(piece));
         let reduced = whole.reduced(&self.prior)?;
-        let choice = self.choose(&reduced, self.independent);
-        let shares = self.stability(&pieces, &reduced, &choice.chosen);
+        let choice = self.choose(&reduced, self.independent, most);
+        let shares = self.stability(&pieces, &reduced, &choice.chosen, most);
         let chosen: Vec<(usize, f64)> =
             choice.chosen.iter().copied().zip(shares).filter(|(_, share)| *share >= STABLE).collect();
         let indices: Vec<usize> = chosen.iter().map(|(index, _)| *index).collect();
@@ -496,7 +526,7 @@ impl<'a> Search<'a> {
     }
 
     /// In which share of random halves each of `chosen` is chosen, or one that they do not tell from it.
-    fn stability(&self, pieces: &[Normal], whole: &Reduced, chosen: &[usize]) -> Vec<f64> {
+    fn stability(&self, pieces: &[Normal], whole: &Reduced, chosen: &[usize], most: usize) -> Vec<f64> {
         let mut random = Random::new(0x0D15_C0FE);
         let halves: Vec<Vec<usize>> = (0..HALVES)
             .map(|_| {
@@ -514,7 +544,7 @@ impl<'a> Search<'a> {
                 let mut sum = Normal::zero(self.names.len(), self.terms.len());
                 half.iter().for_each(|&piece| sum.add(&pieces[piece]));
                 sum.reduced(&self.prior)
-                    .map(|reduced| self.choose(&reduced, 0.5 * self.independent).chosen)
+                    .map(|reduced| self.choose(&reduced, 0.5 * self.independent, most).chosen)
                     .unwrap_or_default()
             })
             .collect();

@@ -22,7 +22,7 @@ pub(super) struct Screening<'a> {
 }
 
 /// Rate of the tether that holds simulations to the log [1/s].
-const TETHER: f64 = 4.0;
+pub(super) const TETHER: f64 = 4.0;
 
 impl<'a> Screening<'a> {
     /// Of those of `runs` that are for fitting.

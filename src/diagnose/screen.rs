@@ -112,6 +112,11 @@ impl<'a> Screen<'a> {
         self.blocks.iter().map(|(joint, ..)| deviation(joint)).collect()
     }
 
+    /// Sum of squares, unweighed, of what the own parameters leave.
+    pub(super) fn squares(&self) -> f64 {
+        self.left.iter().zip(&self.weights).map(|(left, weight)| (left / weight).powi(2)).sum()
+    }
+
     /// What the own parameters leave of a weighed signal.
     fn projected(&self, mut signal: Vec<f64>) -> Vec<f64> {
         if let Some(information) = &self.information {

@@ -21,7 +21,7 @@ pub(super) const COST_AT_THE_FLOOR: f64 = 0.5 * AT_THE_FLOOR * AT_THE_FLOOR;
 /// Below this multiple nothing is missing if what is left is white.
 pub(super) const NEAR_THE_FLOOR: f64 = 1.5;
 /// An effect explains what was left if no joint's error is above this multiple of its noise with it.
-const EXPLAINED: f64 = 1.5;
+pub(super) const EXPLAINED: f64 = 1.5;
 /// Where noise is not reached, an effect is named if it explains this share of the squared error above the noise at the
 /// joint that it helps most.
 const SHARE_OF_POSITION: f64 = 0.75;
@@ -336,6 +336,11 @@ fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
             Some((own.joint, gain, if base.squares > noise { excess } else { 0.0 }))
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// The joint that a refit helps most.
+pub(super) fn helped_joint(before: &Refit, after: &Refit) -> Option<usize> {
+    share(before, after).map(|(joint, ..)| joint)
 }
 
 /// The answer of one step.

@@ -93,8 +93,25 @@ pub fn decimate(signal: &[f64], factor: usize) -> Vec<f64> {
     signal.iter().step_by(factor.max(1)).copied().collect()
 }
 
-/// First derivative by time of a signal sampled every `step` seconds: central differences over five samples, error
-/// `step^4 x^(5) / 30`; over fewer at the ends. Zeros for fewer than three samples.
+/// Weights of central differences over three, five, seven and nine samples: of the first derivative for the samples at
+/// distance 1, 2, .. (their negatives before the middle); errors `step^2 x^(3)/6`, .., `step^8 x^(9)/630`.
+const FIRST: [&[f64]; 4] = [
+    &[1.0 / 2.0],
+    &[2.0 / 3.0, -1.0 / 12.0],
+    &[3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0],
+    &[4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0],
+];
+/// The same of the second derivative, alike on both sides; the middle's is minus twice their sum. Errors
+/// `step^2 x^(4)/12`, .., `step^8 x^(10)/3150`.
+const SECOND: [&[f64]; 4] = [
+    &[1.0],
+    &[4.0 / 3.0, -1.0 / 12.0],
+    &[3.0 / 2.0, -3.0 / 20.0, 1.0 / 90.0],
+    &[8.0 / 5.0, -1.0 / 5.0, 8.0 / 315.0, -1.0 / 560.0],
+];
+
+/// First derivative by time of a signal sampled every `step` seconds: central differences over nine samples, over fewer
+/// near the ends, one-sided over three at the ends. Zeros for fewer than three samples.
 pub fn first_derivative(x: &[f64], step: f64) -> Vec<f64> {
     let n = x.len();
     if n < 3 {
@@ -105,17 +122,18 @@ pub fn first_derivative(x: &[f64], step: f64) -> Vec<f64> {
             let difference = match k {
                 0 => (-3.0 * x[0] + 4.0 * x[1] - x[2]) / 2.0,
                 _ if k == n - 1 => (3.0 * x[k] - 4.0 * x[k - 1] + x[k - 2]) / 2.0,
-                _ if k == 1 || k == n - 2 => (x[k + 1] - x[k - 1]) / 2.0,
-                _ => (8.0 * (x[k + 1] - x[k - 1]) - (x[k + 2] - x[k - 2])) / 12.0,
+                _ => {
+                    let weights = FIRST[k.min(n - 1 - k).min(FIRST.len()) - 1];
+                    weights.iter().zip(1..).map(|(weight, far)| weight * (x[k + far] - x[k - far])).sum()
+                }
             };
             difference / step
         })
         .collect()
 }
 
-/// Second derivative by time of a signal sampled every `step` seconds: central differences over five samples, error
-/// `step^4 x^(6) / 90`; over three next to the ends, where the end's own value is its neighbour's. Zeros for fewer
-/// than three samples.
+/// Second derivative by time of a signal sampled every `step` seconds: central differences over nine samples, over fewer
+/// near the ends, where the end's own value is its neighbour's. Zeros for fewer than three samples.
 pub fn second_derivative(x: &[f64], step: f64) -> Vec<f64> {
     let n = x.len();
     if n < 3 {
@@ -124,11 +142,9 @@ pub fn second_derivative(x: &[f64], step: f64) -> Vec<f64> {
     (0..n)
         .map(|k| {
             let middle = k.clamp(1, n - 2);
-            let difference = if middle == 1 || middle == n - 2 {
-                x[middle + 1] - 2.0 * x[middle] + x[middle - 1]
-            } else {
-                (16.0 * (x[k + 1] + x[k - 1]) - (x[k + 2] + x[k - 2]) - 30.0 * x[k]) / 12.0
-            };
+            let weights = SECOND[middle.min(n - 1 - middle).min(SECOND.len()) - 1];
+            let around = |far: usize| (x[middle + far] - x[middle]) + (x[middle - far] - x[middle]);
+            let difference: f64 = weights.iter().zip(1..).map(|(weight, far)| weight * around(far)).sum();
             difference / (step * step)
         })
         .collect()
@@ -223,7 +239,7 @@ mod tests {
         assert!(filter.apply(&[1.0, 2.0, 5.0]).iter().all(|value| value.is_finite()));
     }
 
-    /// Differences of a polynomial of degree 4 are exact inside, of degree 2 everywhere.
+    /// Differences of a polynomial of degree 8 are exact four samples inside, of degree 4 two inside, of degree 2 everywhere.
     #[test]
     fn differences_are_exact_for_polynomials() {
         let step = 0.1;
@@ -234,6 +250,13 @@ mod tests {
             let t = at(k);
             assert!((first[k] - (4.0 * t.powi(3) - 6.0 * t * t + 1.0)).abs() < 1e-12);
             assert!((second[k] - (12.0 * t * t - 12.0 * t)).abs() < 1e-10);
+        }
+        let octic: Vec<f64> = (0..12).map(|k| at(k).powi(8) - at(k).powi(7)).collect();
+        let (first, second) = (first_derivative(&octic, step), second_derivative(&octic, step));
+        for k in 4..8 {
+            let t = at(k);
+            assert!((first[k] - (8.0 * t.powi(7) - 7.0 * t.powi(6))).abs() < 1e-12);
+            assert!((second[k] - (56.0 * t.powi(6) - 42.0 * t.powi(5))).abs() < 1e-11);
         }
         let parabola: Vec<f64> = (0..12).map(|k| 3.0 * at(k) * at(k) - at(k)).collect();
         for (k, (first, second)) in

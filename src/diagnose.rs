@@ -10,6 +10,7 @@ mod blocks;
 mod candidate;
 mod discover;
 mod estimate;
+mod excitation;
 mod hold;
 mod refit;
 mod region;
@@ -240,10 +241,12 @@ pub fn diagnose(
     if split.is_cut() {
         notes.push(blocks::note());
     }
+    notes.extend(excitation::check(model, runs, &split.folds(), error)?);
     let judged = split.judged(runs);
     let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
     let mut work = Work { runs, judge: &judge, folds: &split.others, options, finished, tell, stop };
     let mut base = work.base(model, "base")?;
+    notes.extend(excitation::left_open(model, &base));
     let lines: Vec<Run> = runs.iter().map(|run| hold::with_line(run)).collect();
     let lines: Vec<&Run> = lines.iter().collect();
     let line_split = blocks::Split::of(&lines);

@@ -80,6 +80,36 @@ pub enum Error {
     /// A checkpoint that cannot be used.
     #[error(transparent)]
     Checkpoint(#[from] crate::checkpoint::CheckpointError),
+    /// A run in which nothing can be told from noise.
+    #[error(
+        "{run}: {samples} samples ({span_s} s) are too few to tell what is missing: it takes {needed} ({needed_s} s at its \
+         rate){because}; log for longer, or leave the run out"
+    )]
+    TooShortToTell {
+        /// The run.
+        run: String,
+        /// How many it has.
+        samples: usize,
+        /// How long it is (s).
+        span_s: String,
+        /// How many it takes.
+        needed: usize,
+        /// How long that is (s).
+        needed_s: String,
+        /// Why so many; nothing where there is no more to it.
+        because: String,
+    },
+    /// Runs in which no joint moves.
+    #[error(
+        "{runs}: no free joint moves by more than 10 times its noise, so nothing can be told of what is missing{open}; command \
+         more torque, or a motion from `dynid excite`"
+    )]
+    NothingMoves {
+        /// The runs.
+        runs: String,
+        /// What else they say nothing of.
+        open: String,
+    },
     /// An effect that cannot stand where it was put.
     #[error("{message}; {help}")]
     Effect {

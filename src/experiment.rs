@@ -323,8 +323,13 @@ impl<'a> RunSource<'a> {
         let mut free = Vec::new();
         for entry in file.array(value, "free", "joint indices, e.g. free = [0, 1]")? {
             let joint = index(entry).filter(|joint| *joint < self.device.joints.len()).ok_or_else(|| {
-                let n_joints = self.device.joints.len();
-                let message = format!("free: expected joints of `{}` (0 to {})", self.device.id, n_joints - 1);
+                let last = self.device.joints.len() - 1;
+                let message = match index(entry) {
+                    Some(joint) => {
+                        format!("free: `{}` has no joint {joint}, its joints are 0 to {last}", self.device.id)
+                    }
+                    None => format!("free: expected joints of `{}` (0 to {last})", self.device.id),
+                };
                 file.invalid(entry.span().start, message, "name each free joint by its index")
             })?;
             free.push(joint);

@@ -342,3 +342,76 @@ fn a_run_of_another_configuration_than_the_methods() {
 fn a_resumption_of_nothing() {
     insta::assert_snapshot!(fit_refused("Fs", "Fs", &["--resume"]));
 }
+
+const DIAGNOSE: [&str; 4] = ["diagnose", "experiment.toml", "--model", "model.toml"];
+
+#[test]
+fn a_diagnosis_of_a_run_too_short_to_tell() {
+    let folder = folder();
+    let short: Vec<String> = log().lines().take(41).map(str::to_owned).collect();
+    put(&folder, "swing.csv", &(short.join("\n") + "\n"));
+    insta::assert_snapshot!("too_short_in_blocks", refused(&folder, &DIAGNOSE));
+    let held_out = "\n[[run]]\nfile = \"other.csv\"\nfree = [1]\nrole = \"validate\"\n";
+    put(&folder, "other.csv", &log());
+    put(&folder, "experiment.toml", &format!("{EXPERIMENT}{held_out}"));
+    insta::assert_snapshot!("too_short", refused(&folder, &DIAGNOSE));
+}
+
+/// Long enough for its samples, but not for the filter that the experiment asks for.
+#[test]
+fn a_diagnosis_of_blocks_too_short_for_their_filter() {
+    let folder = folder();
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("[[run]]", "[[run]]\ncutoff_hz = 2.0"));
+    insta::assert_snapshot!(refused(&folder, &DIAGNOSE));
+}
+
+#[test]
+fn a_diagnosis_of_runs_in_which_nothing_moves() {
+    let folder = folder();
+    let still: String = log()
+        .lines()
+        .enumerate()
+        .map(|(k, row)| match row.rsplit_once(',') {
+            Some((row, _)) if k > 0 => format!("{row},0.30000\n"),
+            _ => format!("{row}\n"),
+        })
+        .collect();
+    put(&folder, "swing.csv", &still);
+    insta::assert_snapshot!(refused(&folder, &DIAGNOSE));
+}
+
+#[test]
+fn a_diagnosis_with_no_run_to_fit_to() {
+    let folder = folder();
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("\"fit\"", "\"validate\""));
+    insta::assert_snapshot!(refused(&folder, &DIAGNOSE));
+}
+
+#[test]
+fn a_model_with_two_alternatives_at_one_joint() {
+    let folder = folder();
+    let two = "\n[[effect]]\nid = \"dahl\"\njoint = 1\n\n[[effect]]\nid = \"stribeck\"\njoint = 1\n";
+    put(&folder, "model.toml", &format!("{MODEL}{two}"));
+    insta::assert_snapshot!(refused(&folder, &DIAGNOSE));
+}
+
+#[test]
+fn a_model_with_an_effect_beside_one_that_contains_it() {
+    let folder = folder();
+    put(&folder, "model.toml", &format!("{MODEL}\n[[effect]]\nid = \"turner\"\njoint = 1\n"));
+    insta::assert_snapshot!(refused(&folder, &DIAGNOSE));
+}
+
+#[test]
+fn a_free_joint_that_the_device_lacks() {
+    let folder = folder();
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("free = [1]", "free = [7]"));
+    insta::assert_snapshot!(refused(&folder, &DIAGNOSE));
+}
+
+#[test]
+fn a_ladder_of_models_of_two_devices() {
+    let folder = folder();
+    put(&folder, "other.toml", "device = \"double_pendulum\"\n");
+    insta::assert_snapshot!(refused(&folder, &["ladder", "experiment.toml", "model.toml", "other.toml"]));
+}

@@ -97,13 +97,17 @@ pub fn read_instance(
     Ok(DefaultEffect { id: id.to_owned(), joint, from, values })
 }
 
-/// Refuses an effect that stands twice at one place, and two alternatives at one joint.
+/// Refuses an effect that stands twice at one place, two alternatives at one joint, and an effect beside one that contains it.
 ///
 /// # Errors
 /// At the later of the two tables.
 pub fn check_instances(tables: &[Table], instances: &[DefaultEffect], effects: &[Effect]) -> Result<(), ModelError> {
     let alternatives = |instance: &DefaultEffect| {
         effects.iter().find(|effect| effect.id == instance.id).and_then(|effect| effect.alternatives.clone())
+    };
+    let contains = |larger: &DefaultEffect, smaller: &DefaultEffect| {
+        let effect = effects.iter().find(|effect| effect.id == larger.id);
+        effect.is_some_and(|effect| effect.replaces.iter().any(|replaced| replaced.id == smaller.id))
     };
     for (index, (table, later)) in tables.iter().zip(instances).enumerate() {
         for earlier in &instances[..index] {
@@ -118,6 +122,18 @@ pub fn check_instances(tables: &[Table], instances: &[DefaultEffect], effects: &
                 return Err(table
                     .error(format!("`{}` and `{}` {place} are alternatives", earlier.id, later.id))
                     .help("keep one of the two"));
+            }
+            if (earlier.joint, earlier.from) == (later.joint, later.from)
+                && let Some((larger, smaller)) =
+                    [(earlier, later), (later, earlier)].into_iter().find(|(larger, smaller)| contains(larger, smaller))
+            {
+                return Err(table
+                    .error(format!(
+                        "{} contains `{}`, which stands beside it",
+                        instance_name(&larger.id, larger.joint, larger.from),
+                        smaller.id
+                    ))
+                    .help(format!("remove `{}`: the two would do the same thing twice", smaller.id)));
             }
         }
     }

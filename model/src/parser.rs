@@ -32,6 +32,9 @@ impl Expression {
         if text.trim().is_empty() {
             return Err(error_at(0..text.len(), "expected an expression, found nothing", GRAMMAR));
         }
+        if let Some(error) = unbalanced(text) {
+            return Err(error);
+        }
         let tree = syn::parse_str::<Expr>(text).map_err(|error| {
             let mut span = error.span().byte_range();
             if span.is_empty() || span.end > text.len() {
@@ -46,6 +49,29 @@ impl Expression {
 
 fn error_at(span: Range<usize>, message: impl Into<String>, help: impl Into<String>) -> ExpressionError {
     ExpressionError { span, message: message.into(), help: help.into() }
+}
+
+/// The first bracket that lacks its other half.
+fn unbalanced(text: &str) -> Option<ExpressionError> {
+    const REMEDY: &str = "give every bracket its other half";
+    const PAIRS: [(char, char); 3] = [('(', ')'), ('{', '}'), ('[', ']')];
+    let mut open: Vec<(usize, char, char)> = Vec::new();
+    for (at, character) in text.char_indices() {
+        if let Some((opening, closing)) = PAIRS.into_iter().find(|(opening, _)| *opening == character) {
+            open.push((at, opening, closing));
+        } else if PAIRS.iter().any(|(_, closing)| *closing == character) {
+            match open.pop() {
+                Some((.., closing)) if closing == character => {}
+                Some((_, opening, closing)) => {
+                    let message = format!("`{character}` where `{opening}` is open: expected `{closing}`");
+                    return Some(error_at(at..at + 1, message, REMEDY));
+                }
+                None => return Some(error_at(at..at + 1, format!("`{character}` closes nothing"), REMEDY)),
+            }
+        }
+    }
+    let (at, opening, closing) = open.pop()?;
+    Some(error_at(at..at + 1, format!("`{opening}` is not closed: expected `{closing}`"), REMEDY))
 }
 
 fn unsupported<T>(node: &impl Spanned, what: &str) -> Result<T, ExpressionError> {
@@ -164,8 +190,20 @@ mod tests {
 
     #[test]
     fn errors_point_at_the_token() {
-        let wrong =
-            ["q1 + sine(q2)", "2 * q1 +", "q1 ^ 2", "2q1", "min(a)", "if a < b { c }", "a.sin()", "(a", "a % b", ""];
+        let wrong = [
+            "q1 + sine(q2)",
+            "2 * q1 +",
+            "q1 ^ 2",
+            "2q1",
+            "min(a)",
+            "if a < b { c }",
+            "a.sin()",
+            "(a",
+            "a) + b",
+            "if a < b { (c } else { d }",
+            "a % b",
+            "",
+        ];
         insta::assert_snapshot!(wrong.map(told).join("\n\n"));
     }
 }

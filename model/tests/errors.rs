@@ -165,6 +165,36 @@ fn effects() {
     insta::assert_snapshot!(text.join("\n\n"));
 }
 
+/// A user's own effect with a wrong formula: what the build prints of the file.
+#[test]
+fn wrong_formulas() {
+    let parse = |text: &str| Effect::parse(text, Path::new("friction.toml"));
+    let coulomb = include_str!("../effects/coulomb.toml");
+    let law = coulomb.lines().find(|line| line.starts_with("torque = ")).expect("its law");
+    let formulas = [
+        "Fc * tanh(dp / v_eps)",
+        "Fc * tanh(dq / v_eps",
+        "Fc * tanh(dq / v_eps))",
+        "Fc * tanh(dq / (v_eps]",
+        "Fc * tanhh(dq / v_eps)",
+        "Fc * tanh(dq, v_eps)",
+        "Fc * tanh(dq / v_eps) +",
+        "Fc tanh(dq / v_eps)",
+        "Fc * dq ^ 2",
+        "Fc * tanh(dq)",
+        "Fc * dq",
+        "Fc * tanh(dq / v_eps) + 0.1",
+        "load_from * tanh(dq / v_eps)",
+        "",
+    ];
+    let mut text: Vec<String> =
+        formulas.iter().map(|formula| told(coulomb, law, &format!("torque = \"{formula}\""), parse)).collect();
+    text.push(told(coulomb, law, "", parse));
+    let null = coulomb.lines().find(|line| line.starts_with("null = ")).expect("its null");
+    text.push(told(coulomb, &format!("{null}\n"), "", parse));
+    insta::assert_snapshot!(text.join("\n\n"));
+}
+
 #[test]
 fn ids_are_module_names() {
     let device = |name: &str| Device::parse(DEVICE, Path::new(name)).map(|device| device.id);

@@ -43,6 +43,11 @@ impl Split {
         self.last.is_some()
     }
 
+    /// All folds; none where whole runs are held out.
+    pub(super) fn folds(&self) -> Vec<&[Run]> {
+        self.others.iter().chain(&self.last).map(Vec::as_slice).collect()
+    }
+
     /// `runs`, which it is of, to fit to and held out: the fold that holds out the last blocks, or themselves.
     pub(super) fn judged<'a>(&'a self, runs: &[&'a Run]) -> Vec<&'a Run> {
         self.last.as_ref().map_or_else(|| runs.to_vec(), |fold| fold.iter().collect())

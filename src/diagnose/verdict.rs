@@ -514,7 +514,7 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
     let left = |refit: &Refit| match (refit.worst_ratio(), refit.torque_percent_validate) {
         (Some(ratio), _) => format!("{ratio:.2} times the noise at the worst joint"),
         (None, Some(percent)) => format!("{percent:.1} % of the torque"),
-        _ => "not known".to_owned(),
+        _ => "an error that is not known".to_owned(),
     };
     let mut sentences = vec![format!("Refitted, the model leaves {} on the held-out runs.", left(first))];
     match verdict {

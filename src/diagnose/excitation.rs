@@ -1,0 +1,150 @@
+//! Can these runs tell anything? Runs that are too short, and joints that do not move, are said before any fit; parameters
+//! that the runs leave open are named after it.
+
+use super::{blocks, refit::Refit};
+use crate::{
+    compare::noise_of_log,
+    error::Error,
+    experiment::Run,
+    identify::ErrorKind,
+    model::Model,
+    report::number,
+    torque::{Motion, MotionError},
+};
+
+/// Samples in which a pattern is told from noise: `compare` says nothing of fewer either.
+const LEAST_SAMPLES: usize = 64;
+/// A joint moves if its positions span so many times their noise.
+const MOVES: f64 = 10.0;
+/// As many parameters are named.
+const NAMED: usize = 6;
+
+/// What should be known of `runs`, of which `folds` are all that is fitted to or held out in turn, before the fit.
+///
+/// # Errors
+/// A run is too short; no joint moves in any.
+pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: ErrorKind) -> Result<Vec<String>, Error> {
+    let n_blocks = if folds.is_empty() { 1 } else { blocks::BLOCKS };
+    for run in runs {
+        long_enough(run, n_blocks * LEAST_SAMPLES, n_blocks)?;
+    }
+    if error == ErrorKind::Torque {
+        for part in folds.iter().copied().flatten() {
+            // A block that is too short for its filter is told as what the whole run would have to be.
+            if let (Err(MotionError::TooShort { needed, .. }), Some(run)) =
+                (Motion::of(part), runs.iter().find(|run| run.file == part.file))
+            {
+                long_enough(run, (n_blocks * needed).max(run.log.len() + 1), n_blocks)?;
+            }
+        }
+    }
+    let still: Vec<(&Run, usize)> = runs
+        .iter()
+        .flat_map(|run| run.free.iter().filter(|joint| !moves(run, **joint)).map(|joint| (*run, *joint)))
+        .collect();
+    if still.len() == runs.iter().map(|run| run.free.len()).sum::<usize>() {
+        let mut joints: Vec<usize> = still.iter().map(|(_, joint)| *joint).collect();
+        joints.sort_unstable();
+        joints.dedup();
+        let names: Vec<String> = joints.iter().flat_map(|joint| parameters_at(model, *joint)).collect();
+        return Err(Error::NothingMoves {
+            runs: listed(&runs.iter().map(|run| run.file.clone()).collect::<Vec<_>>()),
+            open: if names.is_empty() { String::new() } else { format!(", nor of {}", listed(&names)) },
+        });
+    }
+    Ok(still.into_iter().map(|(run, joint)| stands_still(model, run, joint)).collect())
+}
+
+fn long_enough(run: &Run, needed: usize, n_blocks: usize) -> Result<(), Error> {
+    let samples = run.log.len();
+    if samples >= needed {
+        return Ok(());
+    }
+    let step = run.log.sample_time();
+    let because = if n_blocks > 1 {
+        format!(", since no run is held out and each is cut into {n_blocks} blocks")
+    } else {
+        String::new()
+    };
+    Err(Error::TooShortToTell {
+        run: run.file.clone(),
+        samples,
+        span_s: number(samples.saturating_sub(1) as f64 * step),
+        needed,
+        needed_s: number(needed as f64 * step),
+        because,
+    })
+}
+
+fn moves(run: &Run, joint: usize) -> bool {
+    let q = &run.log.q[joint];
+    let (low, high) = q.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+    // Not `>=`: what never changes has no noise either.
+    high - low > MOVES * noise_of_log(q)
+}
+
+fn stands_still(model: &Model, run: &Run, joint: usize) -> String {
+    let names = parameters_at(model, joint);
+    let open = if names.is_empty() { String::new() } else { format!(", so it tells little of {}", listed(&names)) };
+    format!("{}: joint {joint} is free but stays within {MOVES:.0} times its noise{open}", run.file)
+}
+
+/// The unknown parameters of the effects at a joint.
+fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
+    let own = format!("joint.{joint}.");
+    let unknown = model.parameters().into_iter().filter(|(name, parameter)| !parameter.fixed && name.starts_with(&own));
+    unknown.map(|(name, _)| name).collect()
+}
+
+/// The unknowns that the runs leave open, as the fit `base` of `model` has it; `None` where they leave none.
+///
+/// An effect's parameter is left open where the fit does not depend on it by itself, or knows it no better than by a standard
+/// error above its value before and after. Links are told by their number only: most of their parameters never act but
+/// together.
+pub(super) fn left_open(model: &Model, base: &Refit) -> Option<String> {
+    let is_open = |own: &super::Own| {
+        let started = model.parameter(&own.name).map_or(0.0, |parameter| parameter.value.abs());
+        !own.identifiable || own.std_error.is_some_and(|error| error > own.value.abs().max(started))
+    };
+    let is_of_link = |name: &str| name.starts_with("link.");
+    let effects: Vec<String> = base
+        .parameters
+        .iter()
+        .filter(|own| !is_of_link(&own.name) && is_open(own))
+        .map(|own| own.name.clone())
+        .collect();
+    let links = base.parameters.iter().filter(|own| is_of_link(&own.name) && !own.identifiable).count();
+    let mut joints: Vec<&str> =
+        effects.iter().filter_map(|name| name.strip_prefix("joint.")?.split('.').next()).collect();
+    joints.dedup();
+    let of_links = match links {
+        0 => String::new(),
+        1 => "one parameter of the links by itself".to_owned(),
+        links => format!("{links} parameters of the links by themselves"),
+    };
+    if effects.is_empty() {
+        return (links > 0).then(|| {
+            format!("these runs do not determine {of_links}, only in combinations: `dynid plan` says which can be told")
+        });
+    }
+    let and = if links > 0 { format!(", nor {of_links}") } else { String::new() };
+    let excite = if joints.is_empty() {
+        "excite them more: longer, faster and slower motions (`dynid excite`)".to_owned()
+    } else {
+        let plural = if joints.len() == 1 { "joint" } else { "joints" };
+        format!(
+            "excite {plural} {} more: both ways, slowly and fast, over more of the range (`dynid excite`)",
+            joints.join(", ")
+        )
+    };
+    Some(format!("these runs do not determine {}{and}: {excite}", listed(&effects)))
+}
+
+/// The first few, and how many more.
+fn listed(names: &[String]) -> String {
+    let shown = names.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
+    match names.len().saturating_sub(NAMED) {
+        0 => shown,
+        more => format!("{shown} and {more} more"),
+    }
+}

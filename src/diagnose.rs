@@ -166,7 +166,7 @@ pub struct Moved {
     pub parameter: String,
     /// The run.
     pub run: String,
-    /// By how much it differs from the fit of all runs, in standard errors.
+    /// By how much its value in this run differs from that in the other runs, in standard errors of the difference.
     pub change_in_std_errors: f64,
 }
 
@@ -246,7 +246,7 @@ pub fn diagnose(
     let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
     let mut work = Work { runs, judge: &judge, folds: &split.others, options, finished, tell, stop };
     let mut base = work.base(model, "base")?;
-    notes.extend(excitation::left_open(model, &base));
+    notes.extend(excitation::left_open(model, runs, &base));
     let lines: Vec<Run> = runs.iter().map(|run| hold::with_line(run)).collect();
     let lines: Vec<&Run> = lines.iter().collect();
     let line_split = blocks::Split::of(&lines);

@@ -2,17 +2,28 @@
 //!
 //! The machines and their logs are the plant's (`tests/plant`), which shares no code with the program.
 
+use std::collections::BTreeMap;
+use std::fs;
 use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use assert_cmd::Command;
-use dynid_plant::hidden::{Case, table, trial};
+use dynid::diagnose::{Diagnosis, Event, Finished, Options, Verdict, diagnose};
+use dynid::error::Error;
+use dynid::experiment::{Experiment, Run};
+use dynid::identify::ErrorKind;
+use dynid::model::Model;
+use dynid_plant::hidden::{Case, Kind, table, trial};
+use dynid_plant::recipe::{self, Recipe};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// The case of that name (without its number), with runs so short.
-fn case(name: &str, duration_s: f64) -> Case {
+/// The case of that kind and name (without its number), with runs so short.
+fn case(kind: Kind, name: &str, duration_s: f64) -> Case {
     let mut cases = table::cases();
-    let index = cases.iter().position(|case| case.name.ends_with(name)).expect("a case of the table");
+    let is_meant = |case: &Case| case.kind == kind && case.name.ends_with(name);
+    let index = cases.iter().position(is_meant).expect("a case of the table");
     let mut case = cases.swap_remove(index);
     for run in case.truth.runs.iter_mut().chain(&mut case.without.runs) {
         run.duration_s = duration_s;
@@ -37,8 +48,8 @@ fn has_note(diagnosis: &Value, text: &str) -> bool {
 }
 
 /// The same with runs that are all to be fitted to, and only two of them.
-fn without_held_out_runs(name: &str) -> TempDir {
-    let mut case = case(name, 12.0);
+fn without_held_out_runs(kind: Kind, name: &str) -> TempDir {
+    let mut case = case(kind, name, 12.0);
     case.truth.runs.truncate(2);
     case.truth.runs.iter_mut().for_each(|run| run.role = "fit".to_owned());
     played(&case)
@@ -47,7 +58,7 @@ fn without_held_out_runs(name: &str) -> TempDir {
 /// Without a held-out run every block of the runs is held out once, and the answer is the same.
 #[test]
 fn without_a_held_out_run_blocks_are_held_out() {
-    let folder = without_held_out_runs("servo_pendulum-0-stribeck");
+    let folder = without_held_out_runs(Kind::Hidden, "servo_pendulum-0-stribeck");
     let diagnosis = diagnosed(folder.path());
     assert!(has_note(&diagnosis, "blocked cross-validation"), "{}", diagnosis["notes"]);
     assert_eq!(diagnosis["verdict"], "missing_effect", "{diagnosis:#}");
@@ -63,10 +74,131 @@ fn without_a_held_out_run_blocks_are_held_out() {
 /// Nothing is found in blocks of a machine that lacks nothing.
 #[test]
 fn blocks_find_nothing_where_nothing_is_missing() {
-    let folder = without_held_out_runs("servo_pendulum-0-coulomb");
+    let folder = without_held_out_runs(Kind::Nothing, "servo_pendulum-0-coulomb");
     let diagnosis = diagnosed(folder.path());
     assert_eq!(diagnosis["verdict"], "nothing_missing", "{diagnosis:#}");
     assert!(has_note(&diagnosis, "blocked cross-validation"), "{}", diagnosis["notes"]);
     let ratio = diagnosis["worst_ratio"].as_f64().unwrap();
     assert!((0.9..1.2).contains(&ratio), "{ratio}");
+}
+
+/// The library's own answer about the files of a folder.
+fn answer(
+    folder: &Path,
+    options: &Options,
+    finished: &Finished,
+    tell: &(dyn Fn(&Event<'_>) + Sync),
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Diagnosis, Error> {
+    let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap();
+    let model = Model::load(&folder.join("believed.toml")).unwrap();
+    let runs: Vec<&Run> = experiment.runs.iter().collect();
+    diagnose(&model, &experiment, &runs, options, finished, tell, stop)
+}
+
+/// Cables were laid anew after the first run: the spring is stiffer in the other two. No effect is missing.
+#[test]
+fn what_moved_between_runs_is_told_from_what_is_missing() {
+    let case = case(Kind::Nothing, "freedom6s-5-coulomb", 12.0);
+    let folder = played(&case);
+    let mut later = case.truth.clone();
+    let spring = later.effects.iter_mut().find(|entry| entry.id == "spring" && entry.joint == 5).unwrap();
+    *spring.values.get_mut("Ks").unwrap() *= 1.3;
+    let files = recipe::make(&later, dynid_model::device("freedom6s").unwrap()).unwrap();
+    for run in &later.runs[1..] {
+        fs::write(folder.path().join(&run.file), &files[&run.file]).unwrap();
+    }
+    let options = Options { error: Some(ErrorKind::Position), refits: 4, ..Options::default() };
+    let found = answer(folder.path(), &options, &Finished::new(), &|_| (), &|| false).unwrap();
+    assert_eq!(found.verdict, Verdict::NothingMissing, "{:#?}", found.sentences);
+    let most = found.moved.first().expect("something moved");
+    assert_eq!((most.parameter.as_str(), most.run.as_str()), ("joint.5.spring.Ks", later.runs[0].file.as_str()));
+    // The others' value is larger.
+    assert!(most.change_in_std_errors < -10.0, "{most:?}");
+    assert!(found.sentences.iter().any(|sentence| sentence.contains("joint.5.spring.Ks moved most")), "{found:#?}");
+}
+
+/// A machine whose second link lacks an effect, in two runs, both to be fitted to.
+fn arm(effects: &str, runs: &str) -> TempDir {
+    let text = format!(
+        "device = \"planar2r\"\nseed = 11\nsample_s = 0.01\nsteps_per_sample = 20\nnoise_rms = 1e-4\nquantum = 1e-5\nstart = \
+         [-1.5707963267948966, 0.0]\n{effects}{runs}"
+    );
+    let recipe: Recipe = toml::from_str(&text).unwrap();
+    let folder = TempDir::new().unwrap();
+    for (name, text) in recipe::make(&recipe, dynid_model::device("planar2r").unwrap()).unwrap() {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+const VISCOUS: &str =
+    "[[effect]]\nid = \"viscous\"\njoint = 0\nFv = 0.6\n[[effect]]\nid = \"viscous\"\njoint = 1\nFv = 0.15\n";
+const SWINGS: &str = "[[run]]\nfile = \"one.csv\"\nfree = [1]\nrole = \"fit\"\nduration_s = 6.0\n\
+                      torque = [{ joint = 1, amplitude = 0.9, hz = 0.4 }, { joint = 1, amplitude = 0.5, hz = 1.3 }]\n\
+                      [[run]]\nfile = \"two.csv\"\nfree = [1]\nrole = \"fit\"\nduration_s = 6.0\n\
+                      torque = [{ joint = 1, amplitude = 0.8, hz = 0.7 }, { joint = 1, amplitude = 0.4, hz = 1.9 }]\n";
+
+/// Stopped after its first refit and gone on with from its checkpoint's text, a diagnosis ends at the same answer.
+#[test]
+fn a_diagnosis_that_was_stopped_goes_on() {
+    let coulomb = "[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.1\nv_eps = 0.01\n";
+    let folder = arm(&format!("[parameters]\n{VISCOUS}{coulomb}"), SWINGS);
+    fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
+    let options = Options { error: Some(ErrorKind::Torque), refits: 4, ..Options::default() };
+    let told: Mutex<Vec<String>> = Mutex::default();
+    let hear = |event: &Event<'_>| {
+        if let Event::Refitted(key, _) = event {
+            told.lock().unwrap().push((*key).to_owned());
+        }
+    };
+    let whole = answer(folder.path(), &options, &Finished::new(), &hear, &|| false).unwrap();
+    assert_eq!(whole.verdict, Verdict::MissingEffect, "{:#?}", whole.sentences);
+    let all = told.lock().unwrap().len();
+
+    let kept: Mutex<Finished> = Mutex::default();
+    let asked = AtomicBool::new(false);
+    let keep = |event: &Event<'_>| {
+        if let Event::Refitted(key, refit) = event {
+            kept.lock().unwrap().insert((*key).to_owned(), (*refit).clone());
+            asked.fetch_or(refit.suspect.is_some(), Ordering::SeqCst);
+        }
+    };
+    let stopped = answer(folder.path(), &options, &Finished::new(), &keep, &|| asked.load(Ordering::SeqCst));
+    assert!(stopped.is_err(), "it was asked to stop");
+    let kept = kept.into_inner().unwrap();
+    assert!((2..all).contains(&kept.len()), "{} of {all} fits were done", kept.len());
+    // As the checkpoint keeps them.
+    let text = toml::to_string(&BTreeMap::from([("fits", &kept)])).unwrap();
+    let mut read: BTreeMap<String, Finished> = toml::from_str(&text).unwrap();
+    let finished = read.remove("fits").unwrap();
+
+    told.lock().unwrap().clear();
+    let again = answer(folder.path(), &options, &finished, &hear, &|| false).unwrap();
+    let json = |found: &Diagnosis| serde_json::to_string_pretty(found).unwrap();
+    assert_eq!(json(&again), json(&whole));
+    assert_eq!(told.lock().unwrap().len(), all - kept.len(), "what was done is not done again");
+}
+
+/// Of a joint that is free but hangs still the logs tell nothing, and which of its parameters that concerns is said.
+#[test]
+fn what_the_runs_leave_open_is_named() {
+    let hanging = |file: &str, joint: usize, role: &str| {
+        format!("[[run]]\nfile = \"{file}\"\nfree = [{joint}]\nrole = \"{role}\"\nduration_s = 6.0\ntorque = []\n")
+    };
+    let hanging =
+        [hanging("three.csv", 0, "validate"), hanging("four.csv", 0, "fit"), hanging("five.csv", 1, "fit")].concat();
+    let folder = arm(&format!("[parameters]\n{VISCOUS}"), &format!("{SWINGS}{hanging}"));
+    let coulomb = "[[effect]]\nid = \"coulomb\"\njoint = 0\nFc = 0.1\n";
+    fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}{coulomb}")).unwrap();
+    let options = Options { error: Some(ErrorKind::Torque), refits: 1, ..Options::default() };
+    let found = answer(folder.path(), &options, &Finished::new(), &|_| (), &|| false).unwrap();
+    let notes = found.notes.join("\n");
+    for part in [
+        "five.csv: joint 1 is free but stays within 10 times its noise, so it tells little of joint.1.viscous.Fv",
+        "these runs do not determine joint.0.viscous.Fv, joint.0.coulomb.Fc, nor ",
+        "joint 0 stays within 10 times the noise in every run; excite joint 0 more",
+    ] {
+        assert!(notes.contains(part), "`{part}` is not in:\n{notes}");
+    }
 }

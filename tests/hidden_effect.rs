@@ -24,10 +24,13 @@ fn case(name: &str, duration_s: f64) -> Case {
 }
 
 fn tried(name: &str) -> Outcome {
+    tried_in(tempfile::tempdir().expect("a temporary folder").path(), name)
+}
+
+fn tried_in(folder: &Path, name: &str) -> Outcome {
     let case = case(name, 12.0);
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    trial::write(&case, folder.path()).expect("the case can be played");
-    trial::run(&case, folder.path(), program()).expect("every verb answers")
+    trial::write(&case, folder).expect("the case can be played");
+    trial::run(&case, folder, program()).expect("every verb answers")
 }
 
 /// Each of these effects is simulated twice, by the plant and by the program: what a fit of the true model leaves of the
@@ -59,6 +62,11 @@ fn says_that_nothing_is_missing() {
 
 #[test]
 fn says_that_it_knows_no_such_effect() {
-    let outcome = tried("servo_pendulum-0-resonance");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let outcome = tried_in(folder.path(), "servo_pendulum-0-resonance");
     assert!(outcome.right, "{outcome:?}");
+    // Nor does it say that parameters moved: they are the same in every run.
+    let diagnosis = std::fs::read_to_string(folder.path().join("diagnosis.json")).expect("the trial keeps it");
+    let diagnosis: serde_json::Value = serde_json::from_str(&diagnosis).expect("JSON");
+    assert_eq!(diagnosis["moved"], serde_json::json!([]));
 }

@@ -170,9 +170,32 @@ pub fn locate(model: &Model, runs: &[&Run], comparison: &Comparison) -> Vec<Find
     let traces: Vec<Trace> = traces.into_iter().flatten().collect();
     let mut findings: Vec<Finding> = traces.par_iter().flat_map_iter(of_trace).collect();
     findings.extend(between_runs(&traces));
+    let mut findings = twins_together(findings);
     // Stable, so that equal shares keep the order of runs and joints.
     findings.sort_by(|a, b| b.rank.total_cmp(&a.rank));
     findings
+}
+
+/// What both errors of a joint in a run say is said once, by the one that says more, with the other's share.
+fn twins_together(findings: Vec<Finding>) -> Vec<Finding> {
+    let key = |finding: &Finding| (finding.run.clone(), finding.joint, finding.kind, finding.other);
+    let mut told: Vec<Finding> = Vec::new();
+    for finding in findings {
+        let twin = told.iter_mut().find(|other| key(other) == key(&finding) && other.error != finding.error);
+        let Some(twin) = twin else {
+            told.push(finding);
+            continue;
+        };
+        let (mut more, less) =
+            if twin.rank >= finding.rank { (twin.clone(), finding) } else { (finding, twin.clone()) };
+        more.what.push_str(&format!(
+            "; the {} says the same ({:.0} % of its square)",
+            less.error.name(),
+            100.0 * less.share
+        ));
+        *twin = more;
+    }
+    told
 }
 
 /// The same of one error.

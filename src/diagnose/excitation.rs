@@ -26,15 +26,15 @@ const NAMED: usize = 6;
 pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: ErrorKind) -> Result<Vec<String>, Error> {
     let n_blocks = if folds.is_empty() { 1 } else { blocks::BLOCKS };
     for run in runs {
-        long_enough(run, n_blocks * LEAST_SAMPLES, n_blocks)?;
+        long_enough(run, n_blocks * LEAST_SAMPLES, n_blocks, None)?;
     }
     if error == ErrorKind::Torque {
         for part in folds.iter().copied().flatten() {
             // A block that is too short for its filter is told as what the whole run would have to be.
-            if let (Err(MotionError::TooShort { needed, .. }), Some(run)) =
+            if let (Err(MotionError::TooShort { needed, cutoff_hz, .. }), Some(run)) =
                 (Motion::of(part), runs.iter().find(|run| run.file == part.file))
             {
-                long_enough(run, (n_blocks * needed).max(run.log.len() + 1), n_blocks)?;
+                long_enough(run, (n_blocks * needed).max(run.log.len() + 1), n_blocks, Some(cutoff_hz))?;
             }
         }
     }
@@ -52,19 +52,23 @@ pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: Error
             open: if names.is_empty() { String::new() } else { format!(", nor of {}", listed(&names)) },
         });
     }
-    Ok(still.into_iter().map(|(run, joint)| stands_still(model, run, joint)).collect())
+    // A joint that moves in no run is told with what is open after the fit.
+    let moves_elsewhere = |joint: usize| runs.iter().any(|run| run.free.contains(&joint) && moves(run, joint));
+    let still = still.into_iter().filter(|(_, joint)| moves_elsewhere(*joint));
+    Ok(still.map(|(run, joint)| stands_still(model, run, joint)).collect())
 }
 
-fn long_enough(run: &Run, needed: usize, n_blocks: usize) -> Result<(), Error> {
+fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>) -> Result<(), Error> {
     let samples = run.log.len();
     if samples >= needed {
         return Ok(());
     }
     let step = run.log.sample_time();
-    let because = if n_blocks > 1 {
-        format!(", since no run is held out and each is cut into {n_blocks} blocks")
-    } else {
-        String::new()
+    let blocks = format!(", since no run is held out and each is cut into {n_blocks} blocks");
+    let because = match (n_blocks, cutoff_hz) {
+        (1, _) => String::new(),
+        (_, None) => blocks,
+        (_, Some(cutoff_hz)) => format!("{blocks} that a filter of {cutoff_hz} Hz must fit into (cutoff_hz)"),
     };
     Err(Error::TooShortToTell {
         run: run.file.clone(),
@@ -91,53 +95,67 @@ fn stands_still(model: &Model, run: &Run, joint: usize) -> String {
 
 /// The unknown parameters of the effects at a joint.
 fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
-    let own = format!("joint.{joint}.");
-    let unknown = model.parameters().into_iter().filter(|(name, parameter)| !parameter.fixed && name.starts_with(&own));
+    let parameters = model.parameters().into_iter();
+    let unknown = parameters.filter(|(name, parameter)| !parameter.fixed && joint_of(name) == Some(joint));
     unknown.map(|(name, _)| name).collect()
 }
 
 /// The unknowns that the runs leave open, as the fit `base` of `model` has it; `None` where they leave none.
 ///
-/// An effect's parameter is left open where the fit does not depend on it by itself, or knows it no better than by a standard
-/// error above its value before and after. Links are told by their number only: most of their parameters never act but
-/// together.
-pub(super) fn left_open(model: &Model, base: &Refit) -> Option<String> {
+/// An effect's parameter is left open where its joint moves in no run, where the fit does not depend on it by itself, or where
+/// its standard error is above its value before and after. Links are told by their number only: most of their parameters
+/// never act but together.
+pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<String> {
+    let stands_still = |joint: &usize| {
+        let mut free = runs.iter().filter(|run| run.free.contains(joint)).peekable();
+        free.peek().is_some() && free.all(|run| !moves(run, *joint))
+    };
+    let still: Vec<usize> = (0..model.device.joints.len()).filter(stands_still).collect();
     let is_open = |own: &super::Own| {
         let started = model.parameter(&own.name).map_or(0.0, |parameter| parameter.value.abs());
-        !own.identifiable || own.std_error.is_some_and(|error| error > own.value.abs().max(started))
+        joint_of(&own.name).is_some_and(|joint| still.contains(&joint))
+            || !own.identifiable
+            || own.std_error.is_some_and(|error| error > own.value.abs().max(started))
     };
-    let is_of_link = |name: &str| name.starts_with("link.");
-    let effects: Vec<String> = base
-        .parameters
-        .iter()
-        .filter(|own| !is_of_link(&own.name) && is_open(own))
-        .map(|own| own.name.clone())
-        .collect();
-    let links = base.parameters.iter().filter(|own| is_of_link(&own.name) && !own.identifiable).count();
-    let mut joints: Vec<&str> =
-        effects.iter().filter_map(|name| name.strip_prefix("joint.")?.split('.').next()).collect();
-    joints.dedup();
+    let (links, others): (Vec<&super::Own>, Vec<&super::Own>) =
+        base.parameters.iter().partition(|own| own.name.starts_with("link."));
+    let names: Vec<String> = others.into_iter().filter(|own| is_open(own)).map(|own| own.name.clone()).collect();
+    let links = links.into_iter().filter(|own| !own.identifiable).count();
     let of_links = match links {
         0 => String::new(),
         1 => "one parameter of the links by itself".to_owned(),
         links => format!("{links} parameters of the links by themselves"),
     };
-    if effects.is_empty() {
+    if names.is_empty() {
         return (links > 0).then(|| {
             format!("these runs do not determine {of_links}, only in combinations: `dynid plan` says which can be told")
         });
     }
     let and = if links > 0 { format!(", nor {of_links}") } else { String::new() };
-    let excite = if joints.is_empty() {
-        "excite them more: longer, faster and slower motions (`dynid excite`)".to_owned()
-    } else {
-        let plural = if joints.len() == 1 { "joint" } else { "joints" };
-        format!(
-            "excite {plural} {} more: both ways, slowly and fast, over more of the range (`dynid excite`)",
-            joints.join(", ")
-        )
+    let mut joints: Vec<usize> = names.iter().filter_map(|name| joint_of(name)).collect();
+    joints.sort_unstable();
+    joints.dedup();
+    let numbered = |joints: &[usize]| {
+        let numbers: Vec<String> = joints.iter().map(usize::to_string).collect();
+        format!("{} {}", if joints.len() == 1 { "joint" } else { "joints" }, numbers.join(", "))
     };
-    Some(format!("these runs do not determine {}{and}: {excite}", listed(&effects)))
+    let why = if still.is_empty() {
+        String::new()
+    } else {
+        let stay = if still.len() == 1 { "stays" } else { "stay" };
+        format!("{} {stay} within {MOVES:.0} times the noise in every run; ", numbered(&still))
+    };
+    let what = if joints.is_empty() { "the joints".to_owned() } else { numbered(&joints) };
+    Some(format!(
+        "these runs do not determine {}{and}: {why}excite {what} more, both ways, slowly and fast, over more of the range \
+         (`dynid excite`)",
+        listed(&names)
+    ))
+}
+
+/// The joint that an effect's parameter belongs to.
+fn joint_of(name: &str) -> Option<usize> {
+    name.strip_prefix("joint.")?.split('.').next()?.parse().ok()
 }
 
 /// The first few, and how many more.

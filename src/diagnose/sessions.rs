@@ -33,7 +33,6 @@ pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, Error> 
     }
     let mut moved: Vec<Moved> = Vec::new();
     for parameter in base.names() {
-        // Against the mean over the runs, weighed by what each knows.
         let known: Vec<(usize, f64, f64)> = fits
             .iter()
             .enumerate()
@@ -45,11 +44,17 @@ pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, Error> 
         if known.len() < 2 {
             continue;
         }
-        let weight: f64 = known.iter().map(|(.., error)| error.powi(-2)).sum();
-        let mean = known.iter().map(|(_, value, error)| value * error.powi(-2)).sum::<f64>() / weight;
+        // Each run against the mean of the others, weighed by what they know: two that agree show the third.
+        let change = |index: &usize, value: f64, error: f64| {
+            let others = known.iter().filter(|(other, ..)| other != index);
+            let (weight, sum) = others.fold((0.0, 0.0), |(weight, sum), (_, value, error)| {
+                (weight + error.powi(-2), sum + value * error.powi(-2))
+            });
+            (value - sum / weight) / (error * error + 1.0 / weight).sqrt()
+        };
         let farthest = known
             .iter()
-            .map(|(index, value, error)| (*index, (value - mean) / error))
+            .map(|(index, value, error)| (*index, change(index, *value, *error)))
             .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
         if let Some((index, change_in_std_errors)) = farthest.filter(|(_, change)| change.abs() >= LEAST) {
             moved.push(Moved { parameter, run: runs[index].file.clone(), change_in_std_errors });

@@ -31,13 +31,7 @@ struct Trial {
 /// every configuration in which that joint is free and at most as many joints as in the runs.
 pub(super) fn experiment(own: &Model, others: &[(&Suspect, &Model)], runs: &[&Run]) -> Option<String> {
     let (suspect, other) = others.first()?;
-    let best = trials(own, suspect, runs)
-        .into_par_iter()
-        .filter_map(|trial| Some((difference(own, other, &trial, runs)?, trial)))
-        .collect::<Vec<(f64, Trial)>>()
-        .into_iter()
-        .max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let (noises, Trial { free, joint, amplitude, hz, phase }) = best;
+    let (noises, Trial { free, joint, amplitude, hz, phase }) = best(own, suspect, other, runs)?;
     let unit = &own.device.joints[joint].command_unit;
     let wave = if phase == 0.0 { "sin" } else { "cos" };
     let locked: Vec<String> =
@@ -57,6 +51,16 @@ pub(super) fn experiment(own: &Model, others: &[(&Suspect, &Model)], runs: &[&Ru
          {noises:.0} times the noise (root mean square over {DURATION_S} s)",
         crate::report::number(amplitude)
     ))
+}
+
+/// The trial that tells most, and by how many noises the models differ there.
+fn best(own: &Model, suspect: &Suspect, other: &Model, runs: &[&Run]) -> Option<(f64, Trial)> {
+    trials(own, suspect, runs)
+        .into_par_iter()
+        .filter_map(|trial| Some((difference(own, other, &trial, runs)?, trial)))
+        .collect::<Vec<(f64, Trial)>>()
+        .into_iter()
+        .max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Length of a trial (s).
@@ -136,4 +140,76 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Optio
         }
     }
     Some(worst)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::{
+        experiment::{Role, Settings},
+        log::Log,
+        random::Random,
+    };
+
+    const NOISE: f64 = 1e-4;
+    /// Amplitude of the fitted run's command (N).
+    const FORCE: f64 = 0.02;
+
+    /// A mass on a spring that stiffens, and one on a stiffer straight spring: at the run's amplitude the two are alike but
+    /// for the third harmonic, `K + 3/4 K3 A^2` being the stiffness of the first.
+    fn models() -> [Model; 2] {
+        const K3: f64 = 50.0;
+        let text = |stiffness: f64, cubic: &str| {
+            format!(
+                "device = \"oscillator\"\n[link.1]\nm = 8e-4\n[[effect]]\nid = \"gain\"\njoint = 0\n[[effect]]\nid = \
+                 \"viscous\"\njoint = 0\nFv = 0.006\n[[effect]]\nid = \"spring\"\njoint = 0\nKs = {stiffness:?}\n{cubic}"
+            )
+        };
+        let cubic = format!("[[effect]]\nid = \"spring_cubic\"\njoint = 0\nK3 = {K3:?}\n");
+        [text(1.0, &cubic), text(1.0 + 0.75 * K3 * FORCE * FORCE, "")]
+            .map(|text| Model::parse(&text, Path::new("made.toml")).expect("a model"))
+    }
+
+    fn played(model: &Model, trial: &Trial, substeps: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let time: Vec<f64> = (0..(DURATION_S / SAMPLE_S) as usize).map(|k| k as f64 * SAMPLE_S).collect();
+        let command: Vec<f64> =
+            time.iter().map(|t| trial.amplitude * (TAU * (trial.hz * t + trial.phase)).sin()).collect();
+        let system = System::of_model(model, &[0], |_| 0.0).expect("a system");
+        let input = Input { time: &time, command: &command, hold: Hold::Zero };
+        let options = simulate::Options { substeps, ..simulate::Options::default() };
+        let q = simulate::simulate(&system, &input, &[0.0], &options).expect("a motion").q;
+        (time, command, q)
+    }
+
+    #[test]
+    fn what_is_proposed_tells_more_than_what_was_fitted() {
+        let [own, other] = models();
+        let fitted = Trial { free: vec![0], joint: 0, amplitude: FORCE, hz: 1.0, phase: 0.0 };
+        let (t, tau, q) = played(&own, &fitted, 20);
+        let mut random = Random::new(5);
+        let q: Vec<f64> = q.iter().map(|q| q + NOISE * random.normal()).collect();
+        let noise = noise_floor(&q);
+        let log = Log { t, tau: vec![tau], q: vec![q], reference: None, mask: None };
+        let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
+        let run = Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings };
+        let runs = [&run];
+
+        let before = difference(&own, &other, &fitted, &runs).expect("it is what the run has seen");
+        assert!(before < 1.5, "the two fit the run alike: {before}");
+        let suspect = Suspect { effect: "spring_cubic".to_owned(), joint: Some(0), from: None };
+        let (noises, trial) = best(&own, &suspect, &other, &runs).expect("a trial");
+        assert!(noises > 3.0 && noises > 3.0 * before, "{before} {noises} {trial:?}");
+
+        // Played anew, with a finer step.
+        let (one, two) = (played(&own, &trial, 60).2, played(&other, &trial, 60).2);
+        let squares: f64 = one.iter().zip(&two).map(|(a, b)| (a - b) * (a - b)).sum();
+        let again = (squares / one.len() as f64).sqrt() / noise;
+        assert!((again / noises - 1.0).abs() < 0.02, "{again} {noises}");
+        let farthest = one.iter().fold(0.0_f64, |farthest, q| farthest.max(q.abs()));
+        assert!(farthest < 1.6 * FORCE, "nothing is asked for beyond what the run has seen: {farthest}");
+        let told = experiment(&own, &[(&suspect, &other)], &runs).expect("a trial");
+        assert!(told.contains(&format!("by {noises:.0} times the noise")), "{told}");
+    }
 }

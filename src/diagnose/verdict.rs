@@ -7,7 +7,7 @@ use super::{
     candidate::is_symmetric, screen::Scored,
 };
 use crate::{
-    compare::{compare, locate::locate},
+    compare::{Finding, compare, locate},
     error::Error,
     fit::position::PositionFitError,
     identify::ErrorKind,
@@ -443,11 +443,7 @@ pub(super) fn conclude(
     }
     ranking.splice(0..0, found);
     let comparison = compare(&base, work.runs)?;
-    let places = locate(&base, work.runs, &comparison)
-        .into_iter()
-        .take(PLACES)
-        .map(|finding| Place { run: finding.run, joint: finding.joint, what: finding.what })
-        .collect();
+    let places = places(locate(&base, work.runs, &comparison));
     let better = better.map(|better: Refit| better.parsed()).transpose()?;
     Ok(Diagnosis {
         verdict,
@@ -464,6 +460,24 @@ pub(super) fn conclude(
         base: Some(base),
         better,
     })
+}
+
+/// Findings, the most telling first: what several runs say of a joint is told once, of the run that says it most.
+fn places(findings: Vec<Finding>) -> Vec<Place> {
+    let mut told: Vec<(Finding, Vec<String>)> = Vec::new();
+    for finding in findings {
+        let key = |other: &Finding| (other.joint, other.kind, other.other);
+        match told.iter_mut().find(|(other, _)| key(other) == key(&finding)) {
+            Some((first, also)) if first.run != finding.run && !also.contains(&finding.run) => also.push(finding.run),
+            Some(_) => {}
+            None => told.push((finding, Vec::new())),
+        }
+    }
+    let place = |(finding, also): (Finding, Vec<String>)| {
+        let also = if also.is_empty() { String::new() } else { format!("; likewise in {}", also.join(", ")) };
+        Place { run: finding.run, joint: finding.joint, what: finding.what + &also }
+    };
+    told.into_iter().take(PLACES).map(place).collect()
 }
 
 fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {

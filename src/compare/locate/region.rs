@@ -37,7 +37,7 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         .zip(&trace.used)
         .map(|(value, used)| if *used { value * value / mean_square - 1.0 } else { 0.0 })
         .collect();
-    let mut findings: Vec<Finding> = Vec::new();
+    let mut found: Vec<(Region, Finding)> = Vec::new();
     for region in regions(trace) {
         let counts = |k: &usize| trace.used[*k] && region.inside[*k];
         let n_inside = (0..surplus.len()).filter(counts).count() as f64;
@@ -67,15 +67,45 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
             region.place,
             100.0 * expected
         );
-        findings.push(trace.finding(region.kind, what, share, expected));
+        let finding = trace.finding(region.kind, what, share, expected);
+        found.push((region, finding));
     }
-    // Reversals are slow: told once, by the one that says more.
-    let surplus_of = |kind: FindingKind| findings.iter().find(|finding| finding.kind == kind).map(Finding::surplus);
-    if let (Some(reversal), Some(slow)) = (surplus_of(FindingKind::Reversal), surplus_of(FindingKind::LowSpeed)) {
-        let told_less = if reversal >= slow { FindingKind::LowSpeed } else { FindingKind::Reversal };
-        findings.retain(|finding| finding.kind != told_less);
+    grouped(trace, found)
+}
+
+/// The strongest first, with what only looks like it beside it: a region that outside of a stronger one holds no more than
+/// chance gives it is the same samples under another name, as reversals are slow.
+fn grouped(trace: &Trace, mut found: Vec<(Region, Finding)>) -> Vec<Finding> {
+    found.sort_by(|a, b| b.1.surplus().total_cmp(&a.1.surplus()));
+    let mut told: Vec<(Region, Finding, Vec<String>)> = Vec::new();
+    for (region, finding) in found {
+        let alike = told.iter_mut().find(|(stronger, ..)| !is_denser_outside(trace, &region.inside, &stronger.inside));
+        match alike {
+            Some((.., alike)) => alike.push(format!("{} ({:.0} %)", region.place, 100.0 * finding.share)),
+            None => told.push((region, finding, Vec::new())),
+        }
     }
-    findings
+    told.into_iter()
+        .map(|(_, mut finding, alike)| {
+            if !alike.is_empty() {
+                finding.what.push_str(&format!("; that is also where it lies {}", alike.join(", and ")));
+            }
+            finding
+        })
+        .collect()
+}
+
+/// Whether the squared error is denser within a region than elsewhere, among the samples outside of another region.
+fn is_denser_outside(trace: &Trace, inside: &[bool], other: &[bool]) -> bool {
+    let (mut within, mut all) = ((0.0, 0.0), (0.0, 0.0));
+    for k in (0..inside.len()).filter(|k| trace.used[*k] && !other[*k]) {
+        let square = trace.residual[k] * trace.residual[k];
+        all = (all.0 + square, all.1 + 1.0);
+        if inside[k] {
+            within = (within.0 + square, within.1 + 1.0);
+        }
+    }
+    within.0 * all.1 > DENSER * all.0 * within.1
 }
 
 /// Lags after which the squares have forgotten themselves, doubled.

@@ -120,6 +120,47 @@ fn what_lies_at_reversals_is_told_there() {
     assert!(reversal.share > 0.7 && reversal.expected < 0.3, "{found:?}");
 }
 
+/// Reversals are slow, and at the ends of the range: three names of the same samples make one finding, the most telling first.
+#[test]
+fn what_only_looks_like_another_place_is_named_beside_it() {
+    let mut random = Random::new(23);
+    let mut made = trace(|_, _, _| 0.0, 0.0);
+    let turning = made.own.dq.clone();
+    made.residual = turning.iter().map(|dq| random.normal() * if dq.abs() < 0.15 { 3.0 } else { 0.3 }).collect();
+    let found = of_trace(&made);
+    let first = &found[0];
+    assert!(matches!(first.kind, FindingKind::LowSpeed | FindingKind::Reversal), "{found:?}");
+    assert!(first.what.contains("that is also where it lies") && first.what.contains("reversals"), "{}", first.what);
+    let of_places = |kind: FindingKind| found.iter().filter(|finding| finding.kind == kind).count();
+    assert_eq!(of_places(FindingKind::LowSpeed) + of_places(FindingKind::Reversal), 1, "{found:?}");
+    // Two places that have nothing to do with each other remain two.
+    let n = made.residual.len();
+    let mut random = Random::new(24);
+    made.residual = turning
+        .iter()
+        .enumerate()
+        .map(|(k, dq)| {
+            random.normal() * if dq.abs() < 0.15 { 3.0 } else { 0.3 } * if 3 * k > 2 * n { 2.0 } else { 1.0 }
+        })
+        .collect();
+    let kinds: Vec<FindingKind> = of_trace(&made).iter().map(|finding| finding.kind).collect();
+    assert!(kinds.contains(&FindingKind::PartOfRun), "{kinds:?}");
+    assert!(kinds.contains(&FindingKind::LowSpeed) || kinds.contains(&FindingKind::Reversal), "{kinds:?}");
+}
+
+#[test]
+fn what_both_errors_say_is_said_once() {
+    let made = trace(|own, _, k| 0.03 * (own.dq[k] / 1e-3).tanh(), 0.01);
+    let torque = first(&made);
+    let position = Finding { error: Signal::Position, share: 0.4, rank: 0.4, ..torque.clone() };
+    let elsewhere = Finding { joint: 3, ..position.clone() };
+    let told = super::twins_together(vec![position, elsewhere.clone(), torque.clone()]);
+    assert_eq!(told.len(), 2);
+    assert_eq!((told[0].error, told[0].share), (Signal::Torque, torque.share));
+    assert!(told[0].what.ends_with("the position error says the same (40 % of its square)"), "{}", told[0].what);
+    assert_eq!(told[1], elsewhere);
+}
+
 #[test]
 fn a_repetition_in_position_is_told_with_its_period() {
     let found = first(&trace(|own, _, k| 0.01 * (14.0 * own.q[k] + 0.3).sin(), 0.004));

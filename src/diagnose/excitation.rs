@@ -103,7 +103,8 @@ fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
 /// The unknowns that the runs leave open, as the fit `base` of `model` has it; `None` where they leave none.
 ///
 /// An effect's parameter is left open where its joint moves in no run, where the fit does not depend on it by itself, or where
-/// its standard error is above its value before and after. Links are told by their number only: most of their parameters
+/// its standard error is above its value before and after and above its file's first guess (where that is 0, as of positions,
+/// 0 is a value like any other, and none is small beside it). Links are told by their number only: most of their parameters
 /// never act but together.
 pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<String> {
     let stands_still = |joint: &usize| {
@@ -113,9 +114,11 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<St
     let still: Vec<usize> = (0..model.device.joints.len()).filter(stands_still).collect();
     let is_open = |own: &super::Own| {
         let started = model.parameter(&own.name).map_or(0.0, |parameter| parameter.value.abs());
+        let guess = first_guess(model, &own.name).filter(|guess| *guess > 0.0);
+        let size = guess.map(|guess| guess.max(started).max(own.value.abs()));
         joint_of(&own.name).is_some_and(|joint| still.contains(&joint))
             || !own.identifiable
-            || own.std_error.is_some_and(|error| error > own.value.abs().max(started))
+            || own.std_error.zip(size).is_some_and(|(error, size)| error > size)
     };
     let (links, others): (Vec<&super::Own>, Vec<&super::Own>) =
         base.parameters.iter().partition(|own| own.name.starts_with("link."));
@@ -151,6 +154,14 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<St
          (`dynid excite`)",
         listed(&names)
     ))
+}
+
+/// Size of what the effect's file begins with.
+fn first_guess(model: &Model, name: &str) -> Option<f64> {
+    model.effects.iter().find_map(|own| {
+        let index = (0..own.parameters.len()).find(|index| own.parameter_name(*index) == name)?;
+        Some(own.effect.parameters[index].initial.abs())
+    })
 }
 
 /// The joint that an effect's parameter belongs to.

@@ -139,7 +139,7 @@ fn bad_experiments_are_refused_with_place_and_remedy() {
     assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @"experiment.toml:1:10: there is no device `arn`; did you mean `arm`? the devices are arm");
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0]")), @"experiment.toml:4:8: free = [0] is no configuration of `arm`; its configurations are 1 [1], 2 [0, 1]; add one to the device file for another set");
-    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: expected joints of `arm` (0 to 1); name each free joint by its index");
+    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each free joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
     assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);
     assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, start");

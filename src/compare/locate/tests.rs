@@ -140,7 +140,7 @@ fn what_only_looks_like_another_place_is_named_beside_it() {
         .iter()
         .enumerate()
         .map(|(k, dq)| {
-            random.normal() * if dq.abs() < 0.15 { 3.0 } else { 0.3 } * if 3 * k > 2 * n { 2.0 } else { 1.0 }
+            random.normal() * if dq.abs() < 0.15 { 3.0 } else { 0.3 } * if 3 * k > 2 * n { 4.0 } else { 1.0 }
         })
         .collect();
     let kinds: Vec<FindingKind> = of_trace(&made).iter().map(|finding| finding.kind).collect();

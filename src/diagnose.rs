@@ -19,6 +19,7 @@ mod sessions;
 mod tell_apart;
 mod verdict;
 mod view;
+mod weighed;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};

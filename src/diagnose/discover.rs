@@ -26,6 +26,7 @@ use self::{
 use super::{
     screen::{own_column, regular},
     view::{Block, TorqueView, View},
+    weighed::Weighed,
 };
 use crate::{
     experiment::{Role, Run},
@@ -280,35 +281,12 @@ impl<'a> Search<'a> {
         let prior: Vec<f64> = fit.own.values().map(|(spread, _)| spread.powi(-2)).collect();
         let ranges = fit.rows();
         let n: usize = ranges.last()?.end;
-        let raw = DVector::from_iterator(n, fit.blocks.iter().flat_map(|block| block.values.iter().copied()));
         let plain = DMatrix::from_fn(n, names.len(), |row, column| fit.own[names[column]].1[row]);
-        let mut weights: BTreeMap<usize, f64> = fit.joints().into_iter().map(|joint| (joint, 1.0)).collect();
-        let weighed = |weights: &BTreeMap<usize, f64>| {
-            let (mut own, mut error) = (plain.clone(), raw.clone());
-            for (block, range) in fit.blocks.iter().zip(&ranges) {
-                let weight = weights[&block.joint];
-                own.rows_mut(range.start, range.len()).scale_mut(weight);
-                error.rows_mut(range.start, range.len()).scale_mut(weight);
-            }
-            (own, error)
-        };
-        // Each joint counts by what is left of it, which taking the own parameters out finds.
-        let mut left = raw.clone();
-        for _ in 0..2 {
-            for (joint, weight) in &mut weights {
-                let (mut squares, mut count) = (0.0, 0.0);
-                for (_, range) in fit.blocks.iter().zip(&ranges).filter(|(block, _)| block.joint == *joint) {
-                    squares += left.rows(range.start, range.len()).norm_squared();
-                    count += range.len() as f64;
-                }
-                // What is left is weighed already.
-                *weight /= (squares / f64::max(count, 1.0)).sqrt().max(f64::MIN_POSITIVE.sqrt());
-            }
-            let (own, error) = weighed(&weights);
-            let steps = regular(&own.tr_mul(&own), &prior)?.solve(&own.tr_mul(&error));
-            left = &error - &own * steps;
+        let problem = Weighed::new(&fit.blocks, &plain, &prior);
+        if !problem.is_regular() {
+            return None;
         }
-        let (own, error) = weighed(&weights);
+        let Weighed { weights, own, error, .. } = problem;
         let rows: Vec<usize> = fit
             .blocks
             .iter()

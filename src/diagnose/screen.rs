@@ -2,12 +2,13 @@
 //! for it? No refit is needed: the own parameters are projected out to first order.
 
 use dynid_model::Parameter;
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
 use super::{
     candidate::{Probe, Suspect},
     view::{Block, View},
+    weighed::Weighed,
 };
 use crate::model::Model;
 
@@ -35,13 +36,12 @@ const OTHERS: usize = 2;
 /// The model's own parameters, ready to be projected out of an error signal.
 pub struct Screen<'a> {
     view: &'a dyn View,
-    /// Errors of the base, each weighed by its joint's, what the own parameters can take away taken away.
-    left: Vec<f64>,
     /// The errors as they are.
     raw: Vec<Block>,
+    /// The errors, each weighed by its joint's, and the own parameters to be taken out.
+    problem: Weighed,
+    /// The weight of each error.
     weights: Vec<f64>,
-    own: DMatrix<f64>,
-    information: Option<Cholesky<f64, Dyn>>,
     /// Joint and independent samples of each block, and where it ends.
     blocks: Vec<(usize, f64, usize)>,
 }
@@ -60,78 +60,26 @@ impl<'a> Screen<'a> {
             .collect();
         let columns: Vec<(f64, Vec<f64>)> =
             moving.par_iter().filter_map(|(name, parameter)| own_column(view, base, &raw, name, parameter)).collect();
-        let errors: Vec<f64> = raw.iter().flat_map(|block| block.values.iter().copied()).collect();
-        let n = errors.len();
-        if n == 0 {
+        if end == 0 {
             return None;
         }
-        let matrix = DMatrix::from_fn(n, columns.len(), |row, column| columns[column].1[row]);
+        let own = DMatrix::from_fn(end, columns.len(), |row, column| columns[column].1[row]);
         // A parameter's own range is all that is known of it beforehand.
         let prior: Vec<f64> = columns.iter().map(|(spread, _)| spread.powi(-2)).collect();
-        let mut screen = Self {
-            view,
-            left: errors.clone(),
-            raw,
-            weights: vec![1.0; n],
-            own: matrix.clone(),
-            information: None,
-            blocks,
-        };
-        // Each joint counts by what is left of it, which the projection finds.
-        for _ in 0..2 {
-            let deviations = screen.deviations();
-            let mut from = 0;
-            for (index, &(.., end)) in screen.blocks.iter().enumerate() {
-                for row in from..end {
-                    screen.weights[row] /= deviations[index];
-                }
-                from = end;
-            }
-            screen.own = DMatrix::from_fn(n, columns.len(), |row, column| matrix[(row, column)] * screen.weights[row]);
-            screen.information = regular(&screen.own.tr_mul(&screen.own), &prior);
-            let weighed: Vec<f64> = errors.iter().zip(&screen.weights).map(|(error, weight)| error * weight).collect();
-            screen.left = screen.projected(weighed);
-        }
-        Some(screen)
-    }
-
-    /// Root mean square of what is left, per block, pooled over each joint's blocks.
-    fn deviations(&self) -> Vec<f64> {
-        let mut sums: std::collections::BTreeMap<usize, (f64, f64)> = std::collections::BTreeMap::new();
-        let mut from = 0;
-        for &(joint, _, end) in &self.blocks {
-            let sum = sums.entry(joint).or_insert((0.0, 0.0));
-            sum.0 += self.left[from..end].iter().map(|value| value * value).sum::<f64>();
-            sum.1 += (end - from) as f64;
-            from = end;
-        }
-        let deviation = |joint: &usize| {
-            let (sum, count) = sums[joint];
-            (sum / f64::max(count, 1.0)).sqrt().max(f64::MIN_POSITIVE.sqrt())
-        };
-        self.blocks.iter().map(|(joint, ..)| deviation(joint)).collect()
+        let problem = Weighed::new(&raw, &own, &prior);
+        let weights = problem.of_rows(&raw);
+        Some(Self { view, raw, problem, weights, blocks })
     }
 
     /// Sum of squares, unweighed, of what the own parameters leave.
     pub(super) fn squares(&self) -> f64 {
-        self.left.iter().zip(&self.weights).map(|(left, weight)| (left / weight).powi(2)).sum()
-    }
-
-    /// What the own parameters leave of a weighed signal.
-    fn projected(&self, mut signal: Vec<f64>) -> Vec<f64> {
-        if let Some(information) = &self.information {
-            let right = self.own.tr_mul(&DVector::from_column_slice(&signal));
-            let steps = information.solve(&right);
-            let taken = &self.own * steps;
-            signal.iter_mut().zip(taken.iter()).for_each(|(value, taken)| *value -= taken);
-        }
-        signal
+        self.problem.left.iter().zip(&self.weights).map(|(left, weight)| (left / weight).powi(2)).sum()
     }
 
     /// How the errors of `model` differ from the base's, weighed and projected.
     fn change(&self, model: &Model, from: &[Block]) -> Option<Vec<f64>> {
         let errors = self.view.errors(model)?;
-        let mut change = Vec::with_capacity(self.left.len());
+        let mut change = Vec::with_capacity(self.problem.left.len());
         for (block, base) in errors.iter().zip(from) {
             if block.values.len() != base.values.len() {
                 return None;
@@ -139,7 +87,7 @@ impl<'a> Screen<'a> {
             change.extend(block.values.iter().zip(&base.values).map(|(value, base)| value - base));
         }
         change.iter_mut().zip(&self.weights).for_each(|(value, weight)| *value *= weight);
-        Some(self.projected(change))
+        Some(self.problem.projected(change))
     }
 
     /// Scores a suspect by the best of its probes; `None` where none can be evaluated or none changes anything.
@@ -156,7 +104,7 @@ impl<'a> Screen<'a> {
         /// Smaller changes are rounding.
         const NOTHING: f64 = 1e-9;
         let size = |column: &[f64]| (column.iter().map(|value| value * value).sum::<f64>()).sqrt();
-        let scale = NOTHING * (self.left.len() as f64).sqrt();
+        let scale = NOTHING * (self.problem.left.len() as f64).sqrt();
         let shape = self.view.errors(&probe.model)?;
         let mut columns = Vec::new();
         let mut bounds = Vec::new();
@@ -182,8 +130,8 @@ impl<'a> Screen<'a> {
             return None;
         }
         // The error is measured minus modelled: adding the effect changes it by these columns.
-        let taken = bounded_least_squares(&columns, &self.left, &bounds);
-        let mut after = self.left.clone();
+        let taken = bounded_least_squares(&columns, &self.problem.left, &bounds);
+        let mut after = self.problem.left.clone();
         for (column, amount) in columns.iter().zip(&taken) {
             after.iter_mut().zip(column).for_each(|(value, column)| *value += amount * column);
         }
@@ -191,7 +139,7 @@ impl<'a> Screen<'a> {
         let mut from = 0;
         for &(joint, independent, end) in &self.blocks {
             let sum = joints.entry(joint).or_insert((0.0, 0.0, 0.0));
-            sum.0 += self.left[from..end].iter().map(|value| value * value).sum::<f64>();
+            sum.0 += self.problem.left[from..end].iter().map(|value| value * value).sum::<f64>();
             sum.1 += after[from..end].iter().map(|value| value * value).sum::<f64>();
             sum.2 += independent;
             from = end;

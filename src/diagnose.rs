@@ -184,7 +184,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        let fit = position::Options { iterations: 40, tolerance: 1e-5, ..position::Options::default() };
+        let fit = position::Options { iterations: 60, tolerance: 1e-5, ..position::Options::default() };
         Self { error: None, depth: 1, refits: 12, fit }
     }
 }
@@ -209,6 +209,8 @@ pub type Finished = BTreeMap<String, Refit>;
 const TORQUE_ITERATIONS: usize = 15;
 /// Suspects that are fitted at the same time; the result does not depend on the number of threads, but on this.
 const AT_ONCE: usize = 2;
+/// As many suspects, the most promising, are fitted from every start that the screening suggests.
+const MANY_STARTS: usize = 6;
 /// Longest integration step of the screening (s): eight steps per 10 ms matched 24 in the feasibility study.
 const SCREENING_STEP: f64 = 0.01 / 8.0;
 /// Longest integration step of a refit (s), as `compare` judges.
@@ -415,6 +417,8 @@ impl Work<'_> {
         let mut failed = Vec::new();
         let mut waiting = shortlist.clone();
         waiting.truncate(self.options.refits);
+        // The less promising start once.
+        waiting.iter_mut().skip(MANY_STARTS).for_each(|score| score.others.clear());
         while !waiting.is_empty() {
             let later = waiting.split_off(AT_ONCE.min(waiting.len()));
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);

@@ -38,7 +38,7 @@ use screen::Scored;
 
 use crate::{
     error::Error,
-    experiment::{Experiment, Run},
+    experiment::{Experiment, Role, Run},
     fit::position,
     identify::{ErrorKind, default_error},
     model::Model,

@@ -39,7 +39,7 @@ use screen::Scored;
 
 use crate::{
     error::Error,
-    experiment::{Experiment, Run},
+    experiment::{Experiment, Role, Run},
     fit::position,
     identify::{ErrorKind, default_error},
     model::Model,
@@ -186,7 +186,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        let fit = position::Options { iterations: 40, tolerance: 1e-5, ..position::Options::default() };
+        let fit = position::Options { iterations: 60, tolerance: 1e-5, ..position::Options::default() };
         Self { error: None, depth: 1, refits: 12, fit }
     }
 }
@@ -209,8 +209,8 @@ pub type Finished = BTreeMap<String, Refit>;
 
 /// Linearisations of a torque fit, which is nearly linear: what takes more is not going anywhere.
 const TORQUE_ITERATIONS: usize = 15;
-/// Suspects that are fitted at the same time; the result does not depend on the number of threads, but on this.
-const AT_ONCE: usize = 2;
+/// As many suspects, the most promising, are fitted from every start that the screening suggests.
+const MANY_STARTS: usize = 6;
 /// Longest integration step of the screening (s): eight steps per 10 ms matched 24 in the feasibility study.
 const SCREENING_STEP: f64 = 0.01 / 8.0;
 /// Longest integration step of a refit (s), as `compare` judges.
@@ -417,10 +417,15 @@ impl Work<'_> {
         let key = |suspect: &Suspect| format!("{depth}: {} > {suspect}", path.join(" > "));
         let mut fitted: Vec<Refit> = Vec::new();
         let mut failed = Vec::new();
+        // A fit simulates its runs beside one another; the fewer fits there are at a time, the more of them know what another
+        // has reached. The result depends on how many there are, but not on the number of threads.
+        let at_once = if self.judge.runs.iter().filter(|run| run.role == Role::Fit).count() > 1 { 1 } else { 2 };
         let mut waiting = shortlist.clone();
         waiting.truncate(self.options.refits);
+        // The less promising start once.
+        waiting.iter_mut().skip(MANY_STARTS).for_each(|score| score.others.clear());
         while !waiting.is_empty() {
-            let later = waiting.split_off(AT_ONCE.min(waiting.len()));
+            let later = waiting.split_off(at_once.min(waiting.len()));
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
             let fits: Vec<Result<Refit, Error>> = waiting
                 .par_iter()
@@ -454,7 +459,10 @@ impl Work<'_> {
             &format!("{depth}: again, {}", path.join(" > ")),
         )?;
         let torque = screening.torque();
-        let helps_elsewhere = |fit: &Refit| region::helps_elsewhere(torque, refit, fit);
+        // What explains the logs to their noise is right wherever it helps.
+        let explains = |fit: &Refit| fit.worst_ratio().is_some_and(|ratio| ratio < verdict::EXPLAINED);
+        let helps_elsewhere =
+            |fit: &Refit| (!explains(fit)).then(|| region::helps_elsewhere(torque, refit, fit)).flatten();
         let mut fitted = verdict::judge(&refit.of_one_fold(), fitted, &helps_elsewhere);
         if !self.folds.is_empty() {
             fitted = self.confirmed(refit, fitted, &mut failed, &key, &helps_elsewhere)?;

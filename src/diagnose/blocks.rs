@@ -113,7 +113,7 @@ pub(super) fn over_all(
     let mut blocks: Vec<&Run> = Vec::new();
     for fold in others {
         let runs: Vec<&Run> = fold.iter().collect();
-        let fitted = Judge { runs: &runs, ..*judge }.fit(&start, None, stop)?;
+        let fitted = Judge { runs: &runs, ..*judge }.fit(&start, false, None, stop)?;
         let held_out = held_out(&runs);
         compared.extend(compare(&fitted.model, &held_out)?.runs);
         blocks.extend(held_out);

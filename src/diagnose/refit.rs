@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use dynid_model::Parameter;
 use serde::{Deserialize, Serialize};
 
-use super::candidate::Suspect;
+use super::{candidate::Suspect, verdict};
 use crate::{
     compare::{Comparison, compare},
     error::Error,
@@ -158,7 +158,7 @@ impl Judge<'_> {
         reached: Option<f64>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
-        let found = self.fit(start, reached, stop)?;
+        let found = self.fit(start, suspect.is_none(), reached, stop)?;
         let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
         let parameters: Vec<Own> = found
             .parameters
@@ -189,25 +189,41 @@ impl Judge<'_> {
         })
     }
 
-    /// Fits `start` to the runs that are for it.
+    /// Fits `start` to the runs that are for it; unless `thorough`, a fit that stays poor is followed only as long as it falls.
     ///
     /// # Errors
     /// As [`Judge::refit`].
     pub(super) fn fit(
         &self,
         start: &Model,
+        thorough: bool,
         reached: Option<f64>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Identified, Error> {
         /// A fit that can reach what another reached is not so far from it after so many iterations.
         const PATIENCE: usize = 15;
         const FAR: f64 = 30.0;
+        /// What leaves this many times the cost of noise is poor, and its valley flat where so many iterations lower the cost by
+        /// less than this share.
+        const POOR: f64 = 16.0;
+        const FLAT: (usize, f64) = (8, 0.01);
         let how = How::plain(self.error, self.options);
         let mut free_iterations = 0;
+        let mut costs: Vec<f64> = Vec::new();
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
             free_iterations += usize::from(told.tether == 0.0);
             let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
-            if stop() || (is_far && free_iterations >= PATIENCE) { Watch::Stop } else { Watch::Continue }
+            if stop() || (is_far && free_iterations >= PATIENCE) {
+                return Watch::Stop;
+            }
+            if told.tether == 0.0 {
+                costs.push(told.cost);
+            }
+            let (window, share) = FLAT;
+            let earlier = costs.len().checked_sub(window + 1).map(|index| costs[index]);
+            let is_flat = earlier.is_some_and(|earlier| told.cost > (1.0 - share) * earlier);
+            let is_poor = !thorough && told.cost > POOR * verdict::COST_AT_THE_FLOOR;
+            if self.error == ErrorKind::Position && is_poor && is_flat { Watch::Enough } else { Watch::Continue }
         };
         identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)
     }

@@ -238,11 +238,16 @@ pub(super) fn judge(
             Judged { refit, held_out, delta_bic, reason }
         })
         .collect();
+    // Held-out errors of laws that all leave nothing but noise differ by chance.
+    let key = |judged: &Judged| {
+        let is_noise = reaches_the_floor(&judged.refit);
+        (judged.reason.is_some(), !is_noise, if is_noise { judged.delta_bic } else { judged.rank() })
+    };
     judged.sort_by(|a, b| {
-        a.reason
-            .is_some()
-            .cmp(&b.reason.is_some())
-            .then(a.rank().total_cmp(&b.rank()))
+        let (one, other) = (key(a), key(b));
+        (one.0, one.1)
+            .cmp(&(other.0, other.1))
+            .then(one.2.total_cmp(&other.2))
             .then(a.refit.suspect.cmp(&b.refit.suspect))
     });
     plainest_first(&mut judged);
@@ -361,7 +366,11 @@ fn confounded(best: &Judged, all: &[Judged]) -> Vec<Suspect> {
     let mut suspects: Vec<Suspect> = all
         .iter()
         .filter(|other| other.reason.is_none() && other.refit.suspect != best.refit.suspect)
-        .filter(|other| (other.held_out - best.held_out).abs() < SAME || as_good(other, best))
+        .filter(|other| {
+            let both_noise = reaches_the_floor(&other.refit) && reaches_the_floor(&best.refit);
+            let apart = if both_noise { other.delta_bic - best.delta_bic } else { other.held_out - best.held_out };
+            apart.abs() < SAME || as_good(other, best)
+        })
         .filter_map(|other| other.refit.suspect.clone())
         .collect();
     if let Some(Suspect { effect, joint: Some(joint), from: Some(from) }) = &best.refit.suspect

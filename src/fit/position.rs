@@ -393,6 +393,11 @@ pub fn resume(
             return Err(PositionFitError::Interrupted { iterations });
         }
         ended = outcome.ended;
+        // What stiffened on the way may need shorter steps to be simulated at all.
+        let is_cut_short = ended == Ended::Stuck && x != anchor && iterations < options.iterations;
+        if is_cut_short && evaluator.coarse_substeps(&x, options.substeps) > coarse {
+            continue;
+        }
         stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };
     }
 }

@@ -168,6 +168,8 @@ pub enum Watch {
     Continue,
     /// Stop at the best point so far.
     Stop,
+    /// Take the best point so far for the end: what is still to be gained is not worth the time.
+    Enough,
 }
 
 /// Damping at the start: nearly a full Gauss-Newton step.
@@ -260,8 +262,10 @@ pub fn resume(
         idle = if decrease <= IDLE * limits.negligible(quadratic.cost) { idle + 1 } else { 0 };
         let told = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
         let half_spaces = region.half_spaces.clone();
-        if watch(&told, &State { x: x.clone(), damping, growth, idle, iterations, half_spaces }) == Watch::Stop {
-            break Ended::Interrupted;
+        match watch(&told, &State { x: x.clone(), damping, growth, idle, iterations, half_spaces }) {
+            Watch::Continue => {}
+            Watch::Stop => break Ended::Interrupted,
+            Watch::Enough => break Ended::Converged,
         }
     };
     Outcome { x, quadratic: Some(quadratic), ended, iterations }

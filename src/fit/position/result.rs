@@ -175,7 +175,8 @@ pub(super) fn conclude(
         .enumerate()
         .map(|(k, unknown)| {
             let std_error = covariance[(k, k)].max(0.0).sqrt();
-            let reach = 1e-9 * spread[k];
+            // Of a range, and of what the data tell apart: a range may be so wide that it is far from every value.
+            let reach = (1e-9 * spread[k]).min(1e-3 * std_error);
             let identifiable = std_error < IDENTIFIED * spread[k];
             let at_bound = x[k] - region.lower[k] <= reach || region.upper[k] - x[k] <= reach;
             Estimate {

@@ -17,7 +17,7 @@ pub(super) fn may_be_straight(work: &Work<'_>, straight: &Work<'_>, base: &Refit
     let runs = work.judge.runs;
     let stands = |run: &&Run| run.settings.hold == Hold::Zero && run.settings.controller.is_none();
     let is_near = base.worst_ratio().is_none_or(|ratio| ratio < super::verdict::NEAR_THE_FLOOR);
-    if work.judge.error != ErrorKind::Position || is_near || !runs.iter().all(|run| stands(run)) {
+    if work.judge.error != ErrorKind::Position || is_near || !runs.iter().all(stands) {
         return Ok(false);
     }
     let model = base.parsed()?;

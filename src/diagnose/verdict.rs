@@ -24,7 +24,7 @@ pub(super) const NEAR_THE_FLOOR: f64 = 1.5;
 pub(super) const EXPLAINED: f64 = 1.5;
 /// Where noise is not reached, an effect is named if it explains this share of the squared error above the noise at the
 /// joint that it helps most.
-const SHARE_OF_POSITION: f64 = 0.75;
+const SHARE_OF_POSITION: f64 = 0.95;
 /// The same of the torque error, whose noise is not known.
 const SHARE_OF_TORQUE: f64 = 0.3;
 /// An effect is worth its parameters below this change of the information criterion.

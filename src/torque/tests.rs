@@ -207,7 +207,7 @@ fn gradients_by_every_effect_agree_with_differences() {
             // Impacts amplify a change: it must stay small in the torque too.
             let exact = linear.iter().filter_map(|joint| joint.by_parameter[parameter].as_ref()).flatten();
             let largest = exact.fold(1e-3_f64, |size, value| size.max(value.abs()));
-            let step = (1e-6 / largest).min(1e-5 * parameters[parameter].abs().max(1e-2));
+            let step = (1e-6 / largest).min(1e-5 * parameters[parameter].abs().max(1e-1));
             let (low, high) = (at(-step), at(step));
             for slot in 0..2 {
                 let pairs = low[slot].residual.iter().zip(&high[slot].residual);

@@ -449,6 +449,10 @@ impl Work<'_> {
             if let Some(best) = fitted.iter().find(|fit| verdict::reaches_the_floor(fit)) {
                 waiting.retain(|score| verdict::may_rival(score, best, &scored));
             }
+            // Where that is white, only what is no larger.
+            if let Some(plainest) = verdict::plainest_noise(&fitted) {
+                waiting.retain(|score| self.judge.added_unknowns(&score.estimate, base) <= plainest.unknowns);
+            }
         }
         self.again(
             &screening,
@@ -492,6 +496,7 @@ impl Work<'_> {
         let cost = |refit: &Refit| refit.cost().filter(|_| refit.is_finite());
         let best = fitted.iter().filter_map(|refit| Some((cost(refit)?, refit))).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((least, best)) = best else { return Ok(()) };
+        let best = verdict::plainest_noise(fitted).unwrap_or(best);
         let (Some(winner), best_unknowns) = (best.suspect.clone(), best.unknowns) else { return Ok(()) };
         let fell_short = |suspect: &Suspect| match fitted.iter().find(|refit| refit.suspect.as_ref() == Some(suspect)) {
             Some(refit) => refit.unknowns <= best_unknowns && cost(refit).is_none_or(|cost| cost > SHORT * least),

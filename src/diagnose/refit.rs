@@ -172,7 +172,7 @@ impl Judge<'_> {
                 identifiable: parameter.identifiable,
             })
             .collect();
-        let unknowns = count(&found.model, self.runs) - count(base, self.runs);
+        let unknowns = self.added_unknowns(&found.model, base);
         let comparison = compare(&found.model, self.runs)?;
         Ok(Refit {
             suspect: suspect.cloned(),
@@ -187,6 +187,11 @@ impl Judge<'_> {
             blocks: Vec::new(),
             model: found.model.to_toml(),
         })
+    }
+
+    /// How many unknowns that the runs depend on `model` has more than `base`.
+    pub(super) fn added_unknowns(&self, model: &Model, base: &Model) -> f64 {
+        count(model, self.runs) - count(base, self.runs)
     }
 
     /// Fits `start` to the runs that are for it; unless `thorough`, a fit that stays poor is followed only as long as it falls.

@@ -74,6 +74,12 @@ pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
     refit.worst_ratio().is_some_and(|ratio| ratio < AT_THE_FLOOR)
 }
 
+/// Of those that leave nothing but white noise the one with the fewest unknowns.
+pub(super) fn plainest_noise(fitted: &[Refit]) -> Option<&Refit> {
+    let noise = fitted.iter().filter(|refit| reaches_the_floor(refit) && refit.is_white());
+    noise.min_by(|a, b| a.unknowns.total_cmp(&b.unknowns))
+}
+
 /// Two screenings' scores of every suspect in one order: who is high in both comes first.
 pub(super) fn shortlist(scored: &[Scored]) -> Vec<Score> {
     // Each screening in units of its best, so that neither drowns the other.

@@ -493,6 +493,8 @@ impl Work<'_> {
         const SHORT: f64 = 1.2;
         /// As many get another start.
         const MOST: usize = 4;
+        /// Share of the winner's score that a rival's must reach.
+        const NEARLY: f64 = 0.5;
         let cost = |refit: &Refit| refit.cost().filter(|_| refit.is_finite());
         let best = fitted.iter().filter_map(|refit| Some((cost(refit)?, refit))).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((least, best)) = best else { return Ok(()) };
@@ -517,11 +519,17 @@ impl Work<'_> {
                 let _ = start.set_value(&name, found.value);
             }
         }
-        let scores = screening.scores(&start, &rivals, &|| !(self.stop)());
+        let mut asked = rivals;
+        asked.push(winner);
+        let mut scores = screening.scores(&start, &asked, &|| !(self.stop)());
         self.asked_to_stop()?;
+        let told = |scored: &Scored| scored.1.as_ref().or(scored.0.as_ref()).map_or(0.0, |score| score.information);
+        let best = scores.pop().map_or(0.0, |scored| told(&scored));
+        // From values that are right but for the law, a law that may rival the winner tells nearly as much.
+        let rivals: Vec<(&Suspect, Scored)> =
+            asked.iter().zip(scores).filter(|(_, scored)| told(scored) < NEARLY * best).collect();
         let fits: Vec<Option<Refit>> = rivals
-            .par_iter()
-            .zip(scores)
+            .into_par_iter()
             .map(|(suspect, (torque, position))| {
                 let score = position.or(torque)?;
                 (self.tell)(&Event::Refitting(suspect));

@@ -117,14 +117,18 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> (
     (estimated, told)
 }
 
-/// Whether an effect does nothing: every parameter that has a null value is there, and at least one has one.
+/// Whether an effect does nothing of its own: every parameter that has a null value is there, and at least one has one. What
+/// it keeps of an effect whose place it took says nothing about that, unless there is nothing else.
 fn vanishes(instance: &EffectInstance) -> bool {
-    let mut nulls = instance
-        .effect
+    let effect = instance.effect;
+    let is_kept =
+        |symbol: &str| effect.replaces.iter().any(|replaced| replaced.carry.iter().any(|(own, _)| own == symbol));
+    let nulls: Vec<(bool, bool)> = effect
         .parameters
         .iter()
         .zip(&instance.parameters)
-        .filter_map(|(own, parameter)| Some((own.null?, parameter)))
-        .peekable();
-    nulls.peek().is_some() && nulls.all(|(null, parameter)| parameter.value == null && !parameter.fixed)
+        .filter_map(|(own, parameter)| Some((is_kept(&own.symbol), parameter.value == own.null? && !parameter.fixed)))
+        .collect();
+    let has_own = nulls.iter().any(|(is_kept, _)| !is_kept);
+    !nulls.is_empty() && nulls.iter().filter(|(is_kept, _)| !(has_own && *is_kept)).all(|(_, is_null)| *is_null)
 }

@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 
 pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
 pub use discover::{Discovered, DiscoveredTerm, discover};
-pub use estimate::with_first_estimates;
+pub use estimate::{FirstEstimates, with_first_estimates};
 pub use refit::{Judge, Left, Own, Refit};
 pub use screen::{Score, Screen};
 pub use view::{Block, TetheredView, TorqueView, View};

@@ -153,11 +153,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
     let interrupt = if how.error == ErrorKind::Torque { None } else { Some(Interrupt::listen()?) };
     let mut unsaved = None;
-    let (start, estimated) = with_first_estimates(&model, &runs, how.error);
-    for label in &estimated {
+    let first = with_first_estimates(&model, &runs, how.error);
+    for label in &first.labels {
         eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
     }
-    let found = progress::shown(|told| {
+    let start = first.model;
+    let mut found = progress::shown(|told| {
         identify::identify_as(&start, &experiment, &runs, &how, state, &mut |progress, state| {
             told(progress);
             let saved = state.map_or(Ok(()), |state| checkpoint.keep(state));
@@ -168,6 +169,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
         })
     });
+    let is_stopped = |found: &Result<Identified, Error>| {
+        matches!(found, Err(Error::PositionFit(PositionFitError::Interrupted { .. })))
+    };
+    let is_minimum =
+        |found: &Result<Identified, Error>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
+    // A new effect's first estimate may lead nowhere; the next best may not. These are not kept for a later call.
+    for other in first.others {
+        if is_minimum(&found) || is_stopped(&found) || unsaved.is_some() {
+            break;
+        }
+        let next = progress::shown(|told| {
+            identify::identify_as(&other, &experiment, &runs, &how, State::default(), &mut |progress, _| {
+                told(progress);
+                if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
+            })
+        });
+        if is_minimum(&next) || is_stopped(&next) {
+            found = next;
+        }
+    }
     if let Some(error) = unsaved {
         return Err(error.into());
     }

@@ -129,7 +129,7 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
 /// As `dynid fit` does it; only a fit that ends at a minimum goes on.
 fn fit(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<Identified> {
     let error = identify::default_error(model, runs);
-    let (start, _) = with_first_estimates(model, runs, error);
+    let start = with_first_estimates(model, runs, error).model;
     let mut found =
         progress::shown(|told| identify::identify(&start, experiment, runs, error, &Options::default(), told))?;
     if let Some(record) = &mut found.model.fit {

@@ -80,41 +80,67 @@ impl<'a> Screening<'a> {
     }
 }
 
+/// Where a fit of a model with new effects starts.
+#[derive(Debug, Clone)]
+pub struct FirstEstimates {
+    /// The model with the most promising estimates.
+    pub model: Model,
+    /// Other starts, should a fit from there come to no minimum; only where a single effect is new.
+    pub others: Vec<Model>,
+    /// The effects that got an estimate.
+    pub labels: Vec<String>,
+}
+
 /// `model` with a first estimate for every effect that stands where it vanishes, from those of `runs` that are for
-/// fitting; and the labels of the effects that got one.
+/// fitting.
 ///
 /// The estimate is the one that a screening finds ([`Screen`]); where it finds none the effect stays.
-pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> (Model, Vec<String>) {
+pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> FirstEstimates {
+    let mut found = FirstEstimates { model: model.clone(), others: Vec::new(), labels: Vec::new() };
     let new: Vec<EffectInstance> = model.effects.iter().filter(|own| vanishes(own)).cloned().collect();
     if new.is_empty() {
-        return (model.clone(), Vec::new());
+        return found;
     }
     let screening = Screening::new(model, runs, error);
-    let mut estimated = model.clone();
-    let mut told = Vec::new();
+    let is_single = new.len() == 1;
     for instance in new {
         let suspect = Suspect { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
-        let mut without = estimated.clone();
+        let mut without = found.model.clone();
         if without.remove_effect(&suspect.effect, suspect.joint, suspect.from).is_err() {
             continue;
         }
         let scores = screening.scores(&without, std::slice::from_ref(&suspect), &|| true);
-        let Some(score) = scores.into_iter().next().and_then(|(torque, position)| position.or(torque)) else {
-            continue;
-        };
-        for index in 0..instance.parameters.len() {
-            let name = instance.parameter_name(index);
-            let own = instance.parameters[index];
-            if let Some(found) = score.estimate.parameter(&name)
-                && (!own.fixed || instance.effect.parameters[index].scan.is_some())
-            {
-                // The name is the model's own.
-                let _ = estimated.set_value(&name, found.value.clamp(own.lower, own.upper));
-            }
+        let Some((torque, position)) = scores.into_iter().next() else { continue };
+        let mut estimates = Vec::new();
+        for score in [position, torque].into_iter().flatten() {
+            estimates.push(score.estimate);
+            estimates.extend(score.others);
         }
-        told.push(instance.label());
+        let mut estimates = estimates.into_iter().map(|estimate| with_values(&found.model, &instance, &estimate));
+        let Some(first) = estimates.next() else { continue };
+        if is_single {
+            found.others = estimates.filter(|other| other.digest() != first.digest()).collect();
+        }
+        found.model = first;
+        found.labels.push(instance.label());
     }
-    (estimated, told)
+    found
+}
+
+/// `model` with the values that `estimate` has for `instance`.
+fn with_values(model: &Model, instance: &EffectInstance, estimate: &Model) -> Model {
+    let mut model = model.clone();
+    for index in 0..instance.parameters.len() {
+        let name = instance.parameter_name(index);
+        let own = instance.parameters[index];
+        if let Some(found) = estimate.parameter(&name)
+            && (!own.fixed || instance.effect.parameters[index].scan.is_some())
+        {
+            // The name is the model's own.
+            let _ = model.set_value(&name, found.value.clamp(own.lower, own.upper));
+        }
+    }
+    model
 }
 
 /// Whether an effect does nothing of its own: every parameter that has a null value is there, and at least one has one. What

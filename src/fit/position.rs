@@ -214,6 +214,15 @@ pub enum PositionFitError {
         /// What happened.
         error: SimulationError,
     },
+    /// A log can be simulated, but not how it changes with the parameters.
+    #[error(
+        "{run}: how the simulation changes with the parameters grows beyond all bounds: with these values the model is nearly \
+         unstable; start from other values"
+    )]
+    Sensitivities {
+        /// The first of the runs.
+        run: String,
+    },
     /// A log of a closed loop: what moved the joints depended on where they were.
     #[error(
         "{run}: the run is in closed loop (`controller`); its position error is not fitted: fit the torque error \

@@ -463,7 +463,8 @@ impl At<'_, '_> {
             let error = ready.cost(x, self.resolution, &[]).err()?;
             Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
         });
-        failure.unwrap_or(PositionFitError::NoRun)
+        let first = || self.evaluator.ready.first().map(|ready| ready.run.name.clone());
+        failure.or_else(|| Some(PositionFitError::Sensitivities { run: first()? })).unwrap_or(PositionFitError::NoRun)
     }
 }
 

@@ -20,6 +20,7 @@ use super::{Answer, Outcome, inputs};
 Examples:
   dynid ladder experiment.toml believed.toml fitted.toml better-fitted.toml
   dynid ladder experiment.toml fitted.toml better-fitted.toml --out ladder.svg --report ladder.html
+  dynid ladder experiment.toml fitted.toml better-fitted.toml --free 4,5     only runs with just these joints free
 
 Give the models in the order in which they came about. A rung pays for its parameters when the error on the held-out runs
 falls and its BIC (smaller is better, differences below -10 are strong) falls too. Each model's [fit] names the model it was
@@ -30,6 +31,9 @@ pub struct Arguments {
     /// The models, first to last.
     #[arg(required = true)]
     models: Vec<PathBuf>,
+    /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
+    #[arg(long, value_name = "JOINTS", value_delimiter = ',')]
+    free: Option<Vec<usize>>,
     /// Draw the ladder into this SVG file.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -52,7 +56,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
     let models = models(&arguments.models, &experiment)?;
-    let runs: Vec<&Run> = experiment.runs.iter().collect();
+    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
     let ladder = ladder(&models, &runs)?;
     let mut text = told(&ladder);
     if let Some(out) = &arguments.out {

@@ -316,7 +316,7 @@ struct Step {
 impl Step {
     /// The best of those that may be given credit.
     fn best(&self) -> Option<&Refit> {
-        self.fitted.iter().find(|judged| judged.reason.is_none()).map(|judged| &judged.refit)
+        verdict::best(&self.fitted)
     }
 }
 
@@ -464,9 +464,8 @@ impl Work<'_> {
         )?;
         let torque = screening.torque();
         // What explains the logs to their noise is right wherever it helps.
-        let explains = |fit: &Refit| fit.worst_ratio().is_some_and(|ratio| ratio < verdict::EXPLAINED);
         let helps_elsewhere =
-            |fit: &Refit| (!explains(fit)).then(|| region::helps_elsewhere(torque, refit, fit)).flatten();
+            |fit: &Refit| (!verdict::explains(fit)).then(|| region::helps_elsewhere(torque, refit, fit)).flatten();
         let mut fitted = verdict::judge(&refit.of_one_fold(), fitted, &helps_elsewhere);
         if !self.folds.is_empty() {
             fitted = self.confirmed(refit, fitted, &mut failed, &key, &helps_elsewhere)?;
@@ -555,13 +554,8 @@ impl Work<'_> {
     fn is_beaten(&self, base: &Model, refit: &Refit, fitted: &[verdict::Judged]) -> Result<bool, Error> {
         /// Of the squared torque error of the held-out runs.
         const FAR_LESS: f64 = 0.5;
-        let Some(best) = fitted.iter().find(|judged| judged.reason.is_none()).map(|judged| &judged.refit) else {
-            return Ok(false);
-        };
+        let Some(best) = verdict::best(fitted).filter(|best| !verdict::explains(best)) else { return Ok(false) };
         let Some(joint) = verdict::helped_joint(refit, best) else { return Ok(false) };
-        if best.worst_ratio().is_some_and(|ratio| ratio < verdict::EXPLAINED) {
-            return Ok(false);
-        }
         Ok(discover::better_than(base, &best.parsed()?, self.judge.runs, joint, FAR_LESS).is_some())
     }
 

@@ -1,8 +1,8 @@
 //! Sampled signals: uniform resampling, zero-phase low-pass filtering, differentiation, spectra.
 //!
 //! The torque error needs velocities and accelerations that lag nothing. They come from a Butterworth low-pass that runs
-//! over the samples forwards and backwards (no phase, gain squared) and from central differences over nine samples. What is compared
-//! with them passes the same filter.
+//! over the samples forwards and backwards (no phase, gain squared) and from central differences over nine samples. What is
+//! compared with them passes the same filter.
 
 mod filter;
 mod resample;

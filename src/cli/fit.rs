@@ -174,17 +174,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let is_minimum =
         |found: &Result<Identified, Error>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
-    // A new effect's first estimate may lead nowhere; the next best may not. These are not kept for a later call.
+    // Further searches are not kept for a later call.
+    let search = |start: &Model, how: &How| {
+        progress::shown(|told| {
+            identify::identify_as(start, &experiment, &runs, how, State::default(), &mut |progress, _| {
+                told(progress);
+                if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
+            })
+        })
+    };
+    // A new effect's first estimate may lead nowhere; the next best may not.
     for other in first.others {
         if is_minimum(&found) || is_stopped(&found) || unsaved.is_some() {
             break;
         }
-        let next = progress::shown(|told| {
-            identify::identify_as(&other, &experiment, &runs, &how, State::default(), &mut |progress, _| {
-                told(progress);
-                if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
-            })
-        });
+        let next = search(&other, &how);
         if is_minimum(&next) || is_stopped(&next) {
             found = next;
         }
@@ -200,13 +204,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     if !found.status.may_update_model() && arguments.error.is_none() && how.method.is_none() {
         let ended = found.status.as_str();
-        let how = How { error: ErrorKind::Torque, ..how.clone() };
-        let other = progress::shown(|told| {
-            identify::identify_as(&start, &experiment, &runs, &how, State::default(), &mut |progress, _| {
-                told(progress);
-                Watch::Continue
-            })
-        });
+        let other = search(&start, &How { error: ErrorKind::Torque, ..how.clone() });
         // Where even that comes to nothing, the first fit says why.
         if let Ok(mut other) = other
             && other.status.may_update_model()

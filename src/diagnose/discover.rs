@@ -95,9 +95,7 @@ const KEPT: usize = 40;
 
 /// Looks for a formula for the torque error that `base` leaves of `runs`; `None` where none is worth writing.
 pub fn discover(base: &Model, runs: &[&Run]) -> Option<Discovered> {
-    let (fit, held_out): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.role == Role::Fit);
-    let fit = Sampled::of(base, &fit)?;
-    let held_out = Sampled::of(base, &held_out)?;
+    let (fit, held_out) = Sampled::of_roles(base, runs)?;
     let joints = fit.joints();
     let mut found: Vec<(f64, Discovered)> =
         joints.into_iter().filter_map(|joint| Search::new(&fit, joint)?.best(&held_out, TERMS)).collect();
@@ -117,14 +115,12 @@ pub(super) fn better_than(
     joint: usize,
     share: f64,
 ) -> Option<Discovered> {
-    let (fit, held_out): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.role == Role::Fit);
-    let fitted = Sampled::of(base, &fit)?;
-    let judged = Sampled::of(base, &held_out)?;
-    let search = Search::new(&fitted, joint)?;
-    let (_, formula) = search.best(&judged, 1)?;
-    let before = search.left(&judged)?;
-    let fitted = Sampled::of(explained, &fit)?;
-    let left = Search::new(&fitted, joint)?.left(&Sampled::of(explained, &held_out)?)?;
+    let (fit, held_out) = Sampled::of_roles(base, runs)?;
+    let search = Search::new(&fit, joint)?;
+    let (_, formula) = search.best(&held_out, 1)?;
+    let before = search.left(&held_out)?;
+    let (fit, held_out) = Sampled::of_roles(explained, runs)?;
+    let left = Search::new(&fit, joint)?.left(&held_out)?;
     ((1.0 - formula.explained_validate) * before < share * left).then_some(formula)
 }
 
@@ -185,6 +181,12 @@ struct Sampled {
 }
 
 impl Sampled {
+    /// Of the runs to fit to, and of those held out.
+    fn of_roles(base: &Model, runs: &[&Run]) -> Option<(Self, Self)> {
+        let (fit, held_out): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.role == Role::Fit);
+        Some((Self::of(base, &fit)?, Self::of(base, &held_out)?))
+    }
+
     fn of(base: &Model, runs: &[&Run]) -> Option<Self> {
         let runs: Vec<Run> = runs.iter().filter_map(|run| smoother(run)).collect();
         let runs: Vec<(&Run, Motion)> = runs.iter().filter_map(|run| Some((run, Motion::of(run).ok()?))).collect();
@@ -393,6 +395,13 @@ impl<'a> Search<'a> {
         rows.par_iter().map(|(all, joint)| self.normal(all, joint)).collect()
     }
 
+    /// Of several pieces together.
+    fn sum<'n>(&self, pieces: impl IntoIterator<Item = &'n Normal>) -> Normal {
+        let mut sum = Normal::zero(self.names.len(), self.terms.len());
+        pieces.into_iter().for_each(|piece| sum.add(piece));
+        sum
+    }
+
     /// Sums over some rows; `joint` are those of the joint, counted among its own.
     fn normal(&self, all: &[usize], joint: &[usize]) -> Normal {
         let own = DMatrix::from_fn(all.len(), self.own.ncols(), |row, column| self.own[(all[row], column)]);
@@ -424,9 +433,7 @@ impl<'a> Search<'a> {
 
     /// Sum of squares of the joint's torque error in `sampled`, the model's own parameters fitted to the runs to fit to.
     fn left(&self, sampled: &Sampled) -> Option<f64> {
-        let pieces = self.pieces();
-        let mut whole = Normal::zero(self.names.len(), self.terms.len());
-        pieces.iter().for_each(|piece| whole.add(piece));
+        let whole = self.sum(&self.pieces());
         let steps = whole.own_steps(&self.prior, &[], &[])?;
         let left = self.explained(sampled, &[], &[], &steps, &steps);
         Some(left.shares.iter().map(|share| share.before).sum())
@@ -441,8 +448,7 @@ impl<'a> Search<'a> {
     /// The formula of at most so many terms with its score (lower is better); `None` where there is nothing worth writing.
     fn best(&self, held_out: &Sampled, most: usize) -> Option<(f64, Discovered)> {
         let pieces = self.pieces();
-        let mut whole = Normal::zero(self.names.len(), self.terms.len());
-        pieces.iter().for_each(|piece| whole.add(piece));
+        let whole = self.sum(&pieces);
         let reduced = whole.reduced(&self.prior)?;
         let choice = self.choose(&reduced, self.independent, most);
         let shares = self.stability(&pieces, &reduced, &choice.chosen, most);
@@ -519,9 +525,8 @@ impl<'a> Search<'a> {
         let choices: Vec<Vec<usize>> = halves
             .par_iter()
             .map(|half| {
-                let mut sum = Normal::zero(self.names.len(), self.terms.len());
-                half.iter().for_each(|&piece| sum.add(&pieces[piece]));
-                sum.reduced(&self.prior)
+                self.sum(half.iter().map(|&piece| &pieces[piece]))
+                    .reduced(&self.prior)
                     .map(|reduced| self.choose(&reduced, 0.5 * self.independent, most).chosen)
                     .unwrap_or_default()
             })

@@ -1,5 +1,6 @@
 //! A first estimate for an effect that stands where it vanishes: what a fit starts from.
 
+use dynid_model::Parameter;
 use rayon::prelude::*;
 
 use super::{
@@ -22,7 +23,18 @@ pub(super) struct Screening<'a> {
 }
 
 /// Rate of the tether that holds simulations to the log [1/s].
-pub(super) const TETHER: f64 = 4.0;
+const TETHER: f64 = 4.0;
+
+/// Simulations of the runs that are for fitting, held to their logs as a screening has them; `None` where `base` makes no
+/// equations for one.
+pub(super) fn tethered(base: &Model, runs: &[&Run]) -> Option<TetheredView> {
+    TetheredView::new(base, runs, TETHER, screening_substeps(runs)).ok()
+}
+
+/// The model's own parameters that a fit may move.
+pub(super) fn moving(base: &Model) -> Vec<(String, Parameter)> {
+    base.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).collect()
+}
 
 impl<'a> Screening<'a> {
     /// Of those of `runs` that are for fitting.
@@ -55,11 +67,9 @@ impl<'a> Screening<'a> {
     /// Scores suspects against `base`: by the torque error, and by simulations where the position error counts. `told`
     /// hears of every suspect and says whether to go on.
     pub(super) fn scores(&self, base: &Model, suspects: &[Suspect], told: &(dyn Fn() -> bool + Sync)) -> Vec<Scored> {
-        let moving: Vec<_> = base.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).collect();
+        let moving = moving(base);
         let torque = Screen::new(&self.torque, base, &moving);
-        let view = (self.error == ErrorKind::Position)
-            .then(|| TetheredView::new(base, &self.runs, TETHER, screening_substeps(&self.runs)).ok())
-            .flatten();
+        let view = (self.error == ErrorKind::Position).then(|| tethered(base, &self.runs)).flatten();
         let tethered = view.as_ref().and_then(|view| Screen::new(view, base, &moving));
         suspects
             .par_iter()

@@ -1,7 +1,10 @@
 //! How does the command run between samples? Where an experiment has it stand still from sample to sample and the logs say
 //! that it does not, every effect of the drive path would be fitted to half a sample's delay.
 
-use super::{Refit, Screen, TetheredView, Work, estimate::TETHER, screening_substeps};
+use super::{
+    Refit, Screen, Work,
+    estimate::{moving, tethered},
+};
 use crate::{
     error::Error,
     experiment::{Hold, Run},
@@ -54,7 +57,5 @@ pub(super) fn with_line(run: &Run) -> Run {
 
 /// Squared error of simulations on a tether, the model's own parameters free.
 fn left(model: &Model, runs: &[&Run]) -> Option<f64> {
-    let moving: Vec<_> = model.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).collect();
-    let view = TetheredView::new(model, runs, TETHER, screening_substeps(runs)).ok()?;
-    Some(Screen::new(&view, model, &moving)?.squares())
+    Some(Screen::new(&tethered(model, runs)?, model, &moving(model))?.squares())
 }

@@ -213,16 +213,15 @@ impl Judge<'_> {
         const POOR: f64 = 16.0;
         const FLAT: (usize, f64) = (8, 0.01);
         let how = How::plain(self.error, self.options);
-        let mut free_iterations = 0;
+        // Of the iterations without a tether.
         let mut costs: Vec<f64> = Vec::new();
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
-            free_iterations += usize::from(told.tether == 0.0);
-            let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
-            if stop() || (is_far && free_iterations >= PATIENCE) {
-                return Watch::Stop;
-            }
             if told.tether == 0.0 {
                 costs.push(told.cost);
+            }
+            let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
+            if stop() || (is_far && costs.len() >= PATIENCE) {
+                return Watch::Stop;
             }
             let (window, share) = FLAT;
             let earlier = costs.len().checked_sub(window + 1).map(|index| costs[index]);

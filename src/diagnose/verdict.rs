@@ -21,7 +21,7 @@ pub(super) const COST_AT_THE_FLOOR: f64 = 0.5 * AT_THE_FLOOR * AT_THE_FLOOR;
 /// Below this multiple nothing is missing if what is left is white.
 pub(super) const NEAR_THE_FLOOR: f64 = 1.5;
 /// An effect explains what was left if no joint's error is above this multiple of its noise with it.
-pub(super) const EXPLAINED: f64 = 1.5;
+const EXPLAINED: f64 = 1.5;
 /// Where noise is not reached, an effect is named if it explains this share of the squared error above the noise at the
 /// joint that it helps most.
 const SHARE_OF_POSITION: f64 = 0.95;
@@ -72,6 +72,16 @@ impl Judged {
 /// Whether a refit leaves nothing but noise.
 pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
     refit.worst_ratio().is_some_and(|ratio| ratio < AT_THE_FLOOR)
+}
+
+/// Whether a refit explains what was left.
+pub(super) fn explains(refit: &Refit) -> bool {
+    refit.worst_ratio().is_some_and(|ratio| ratio < EXPLAINED)
+}
+
+/// The best of those that may be given credit.
+pub(super) fn best(judged: &[Judged]) -> Option<&Refit> {
+    judged.iter().find(|judged| judged.reason.is_none()).map(|judged| &judged.refit)
 }
 
 /// Of those that leave nothing but white noise the one with the fewest unknowns.
@@ -356,14 +366,12 @@ pub(super) fn helped_joint(before: &Refit, after: &Refit) -> Option<usize> {
 
 /// The answer of one step.
 pub(super) fn of(before: &Refit, fitted: &[Judged]) -> Verdict {
-    let best = fitted.iter().find(|judged| judged.reason.is_none());
     let near_floor = before.worst_ratio().is_some_and(|ratio| ratio < NEAR_THE_FLOOR);
-    let Some(best) = best else {
+    let Some(best) = best(fitted) else {
         return if near_floor { Verdict::NothingMissing } else { Verdict::Unexplained };
     };
     let least = if before.worst_ratio().is_some() { SHARE_OF_POSITION } else { SHARE_OF_TORQUE };
-    let explained = best.refit.worst_ratio().is_some_and(|ratio| ratio < EXPLAINED)
-        || share(before, &best.refit).is_some_and(|(.., excess)| excess >= least);
+    let explained = explains(best) || share(before, best).is_some_and(|(.., excess)| excess >= least);
     if explained { Verdict::MissingEffect } else { Verdict::Unexplained }
 }
 

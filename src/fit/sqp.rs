@@ -187,6 +187,9 @@ const IDLE: f64 = 3.0;
 const NEAR: f64 = 1e-3;
 /// A step counts as good from this share of the foreseen decrease.
 const ACCEPTED_SHARE: f64 = 1e-3;
+/// A constraint farther away than so many free steps is put there: a bound that is a trillion steps away ruins the
+/// interior point's arithmetic.
+const FARTHEST: f64 = 1e3;
 /// How often a subproblem is solved again for new cuts.
 const CUT_ROUNDS: usize = 30;
 
@@ -312,13 +315,16 @@ fn subproblem(hessian: &DMatrix<f64>, gradient: &DVector<f64>, region: &Region, 
     let scale = DVector::from_fn(n, |k, _| 1.0 / hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt());
     let scaled = DMatrix::from_fn(n, n, |row, column| hessian[(row, column)] * scale[row] * scale[column]);
     let slope = gradient.component_mul(&scale);
+    let mut longest = slope.amax();
     if let Some(factor) = scaled.clone().cholesky() {
-        let step = -factor.solve(&slope).component_mul(&scale);
+        let step = -factor.solve(&slope);
+        longest = step.amax();
+        let step = step.component_mul(&scale);
         if within(region, x, &step) {
             return Some(step);
         }
     }
-    let (matrix, limits) = constraints(region, x, &scale);
+    let (matrix, limits) = constraints(region, x, &scale, FARTHEST * longest.max(1.0));
     let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
     let cones = [SupportedConeT::NonnegativeConeT(limits.len())];
     let mut solver =
@@ -339,8 +345,8 @@ fn within(region: &Region, x: &[f64], step: &DVector<f64>) -> bool {
     bounded && region.half_spaces.iter().all(|half_space| half_space.excess(&trial) <= 1e-12 * half_space.size(&trial))
 }
 
-/// `A y <= b` for the scaled step `y = d / scale`, every row scaled to length one.
-fn constraints(region: &Region, x: &[f64], scale: &DVector<f64>) -> (CscMatrix<f64>, Vec<f64>) {
+/// `A y <= b` for the scaled step `y = d / scale`, every row scaled to length one and no limit beyond `farthest`.
+fn constraints(region: &Region, x: &[f64], scale: &DVector<f64>, farthest: f64) -> (CscMatrix<f64>, Vec<f64>) {
     let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); x.len()];
     let mut limits = Vec::new();
     let mut add = |terms: &[(usize, f64)], limit: f64| {
@@ -351,7 +357,7 @@ fn constraints(region: &Region, x: &[f64], scale: &DVector<f64>) -> (CscMatrix<f
         for (index, factor) in terms {
             columns[*index].push((limits.len(), factor * scale[*index] / length));
         }
-        limits.push(limit / length);
+        limits.push((limit / length).min(farthest));
     };
     for k in 0..x.len() {
         add(&[(k, 1.0)], (region.upper[k] - x[k]).max(0.0));
@@ -442,6 +448,17 @@ mod tests {
         assert_eq!(end.ended, Ended::Converged);
         assert!((end.x[0] - 0.5).abs() < 1e-7 && end.x[0] <= 0.5, "{:?}", end.x);
         assert!((end.x[1] - 0.25).abs() < 1e-5, "{:?}", end.x);
+    }
+
+    /// The same optimum within bounds of which one is absurdly far, as a limit of torque is that stands where it limits nothing.
+    #[test]
+    fn a_far_bound_does_no_harm() {
+        let near = minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
+        let mut far = region();
+        far.lower = vec![-1e12; 2];
+        far.upper = vec![1e15; 2];
+        let end = minimise(&Valley { disk: true }, &mut far, &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
+        assert!((end.x[0] - near.x[0]).abs() < 1e-6 && (end.x[1] - near.x[1]).abs() < 1e-6, "{:?}", end.x);
     }
 
     /// The published optimum of Rosenbrock's function in the unit disk: (0.7864, 0.6177).

@@ -36,6 +36,11 @@ const COST_TOLERANCE: f64 = 1e-2;
 /// what the data say about a parameter on average, of a move by its natural size.
 const DAMPING_FIRST: f64 = 1e-6;
 const DAMPING_LAST: f64 = 1e3;
+/// So many steps in a row that gain nothing are enough.
+const IDLE_ITERATIONS: usize = 3;
+/// A search that gets stuck still ends at a minimum if the linearised equations promise less than this per sample: where
+/// the error has kinks (friction that turns with its load), the last promises are not kept.
+const NEAR: f64 = 1e-3;
 /// Rounds in which weights and parameters are found together for one linearisation.
 const WEIGHT_ROUNDS: usize = 20;
 /// Weights have settled when none changes by more than this share.
@@ -194,6 +199,7 @@ pub fn fit(
     let mut status = FitStatus::IterationLimit;
     let mut iterations = 0;
     let mut damping = 0.0;
+    let mut idle = 0;
     while iterations < at_most {
         iterations += 1;
         let (next, ending) = solve(&layout, &region, &data, &x, damping)?;
@@ -209,12 +215,20 @@ pub fn fit(
                 break;
             }
             damping = if damping <= DAMPING_FIRST { 0.0 } else { 0.1 * damping };
-        } else if damping >= DAMPING_LAST {
-            // Not even a tiny step along the gradient helps.
-            status = FitStatus::NumericalError;
-            break;
-        } else {
+            idle = if gain < COST_TOLERANCE { idle + 1 } else { 0 };
+        } else if damping < DAMPING_LAST {
             damping = (10.0 * damping).max(DAMPING_FIRST);
+            continue;
+        } else {
+            // Not even a tiny step along the gradient helps.
+            idle = IDLE_ITERATIONS;
+        }
+        if idle >= IDLE_ITERATIONS {
+            let (best, ending) = solve(&layout, &region, &data, &x, 0.0)?;
+            let promised = data.merit() - data.merit_at(&layout.phi(&best));
+            let is_near = ending == Ending::Minimum && promised <= NEAR * data.samples();
+            status = if is_near { FitStatus::Converged } else { FitStatus::NumericalError };
+            break;
         }
     }
     Ok(conclude(&layout, &region, &data, &x, &start_residuals, status, iterations))
@@ -594,9 +608,23 @@ impl Data {
     /// Minus the logarithm of the likelihood, the joints' variances being what they are: what weighting each joint by its
     /// own residual makes small.
     fn merit(&self) -> f64 {
-        let merit = |data: &JointData| data.n_samples as f64 * data.deviation(data.residual_squared).ln();
+        self.merit_of(&|data| data.residual_squared)
+    }
+
+    /// The same at `phi`, by the linear equations.
+    fn merit_at(&self, phi: &DVector<f64>) -> f64 {
+        self.merit_of(&|data| data.equations.residual_squared(phi))
+    }
+
+    fn merit_of(&self, squares: &dyn Fn(&JointData) -> f64) -> f64 {
+        let merit = |data: &JointData| data.n_samples as f64 * data.deviation(squares(data)).ln();
         let merit: f64 = self.joints.values().map(merit).sum();
         if merit.is_finite() { merit } else { f64::INFINITY }
+    }
+
+    /// Number of samples, those of every joint counted.
+    fn samples(&self) -> f64 {
+        self.joints.values().map(|data| data.n_samples as f64).sum()
     }
 
     /// Half the sum of squared torque errors over their variances.

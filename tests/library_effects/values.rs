@@ -1,7 +1,7 @@
 //! Values at which effects of the library are tested.
 
 /// Values of the size of the two-link arm; what is not here has its first guess.
-pub const VALUES: [(&str, &str, f64); 44] = [
+pub const VALUES: [(&str, &str, f64); 46] = [
     ("backlash", "gap", 0.03),
     ("backlash", "Jm", 0.02),
     ("backlash", "T_contact", 0.004),
@@ -21,7 +21,9 @@ pub const VALUES: [(&str, &str, f64); 44] = [
     ("friction_drift", "tau", 0.4),
     ("friction_drift", "v_eps", 0.2),
     ("friction_load", "mu", 0.2),
+    ("friction_load", "Ia", 0.02),
     ("friction_load", "v_eps", 0.2),
+    ("friction_load", "T_ddq", 0.02),
     ("gain", "Kp", 0.8),
     ("hysteresis", "Kh", 0.8),
     ("hysteresis", "travel", 0.1),

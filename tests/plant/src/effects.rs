@@ -93,13 +93,26 @@ struct Gear {
     mu: f64,
     /// 0: the drive's torque counts; 1: what the gear passes on, after all friction.
     behind: f64,
+    /// Inertia of what turns before the gear (kg m^2).
+    rotor_inertia: f64,
+    /// Time constant of the lag whose state tells the acceleration (s); without one it is not asked for.
+    lag: Option<f64>,
     v_eps: f64,
 }
 
 impl Gear {
+    fn n_states(&self) -> usize {
+        usize::from(self.lag.is_some())
+    }
+
     /// The loss, found from what goes in: `passed = arriving - loss`, where with `behind` = 1 the loss is `mu |passed|`.
-    fn torque(&self, drive: f64, friction: f64, speed: f64) -> f64 {
-        let arriving = drive - self.behind * friction;
+    /// The state is the speed behind a lag.
+    fn torque(&self, drive: f64, friction: f64, speed: f64, states: &[f64], rates: &mut [f64]) -> f64 {
+        let acceleration = self.lag.map_or(0.0, |lag| {
+            rates[0] = (speed - states[0]) / lag;
+            rates[0]
+        });
+        let arriving = drive - self.behind * friction - self.rotor_inertia * acceleration;
         let direction = (speed / self.v_eps).tanh();
         // A gear that is driven loses of what arrives; one that is held back passes on more than that.
         let share = self.mu * direction.abs() * self.behind;
@@ -180,6 +193,8 @@ pub fn by_joint(entries: &[EffectEntry], n_joints: usize) -> Result<Vec<JointEff
             "friction_load" => joint.gears.push(Gear {
                 mu: value("mu")?,
                 behind: entry.values.get("behind").copied().unwrap_or(0.0),
+                rotor_inertia: entry.values.get("Ia").copied().unwrap_or(0.0),
+                lag: entry.values.get("T_ddq").copied(),
                 v_eps: value("v_eps")?,
             }),
             "payload" => joint
@@ -199,7 +214,8 @@ impl JointEffects {
         let laws: usize = self.frictions.iter().map(Friction::n_states).sum();
         let loads: usize = self.loads.iter().map(Load::n_states).sum();
         let outside: usize = self.outside.iter().map(Outside::n_states).sum();
-        laws + loads + outside + self.n_transmission_states()
+        let gears: usize = self.gears.iter().map(Gear::n_states).sum();
+        laws + gears + loads + outside + self.n_transmission_states()
     }
 
     fn n_transmission_states(&self) -> usize {
@@ -238,7 +254,9 @@ impl JointEffects {
         }
         let mut load = friction;
         for gear in &self.gears {
-            load += gear.torque(moment.torque, plain, moment.speed());
+            let range = used..used + gear.n_states();
+            used = range.end;
+            load += gear.torque(moment.torque, plain, moment.speed(), &states[range.clone()], &mut rates[range]);
         }
         for law in &self.loads {
             let range = used..used + law.n_states();

@@ -302,7 +302,7 @@ fn curve(
     let mut path = String::new();
     // what is not a number leaves a gap
     for piece in points.split(|point| !point.1.is_finite()) {
-        for (index, (x, y)) in thinned(piece).iter().enumerate() {
+        for (index, (x, y)) in straightened(&thinned(piece)).iter().enumerate() {
             let _ = write!(path, "{}{x:.1} {y:.1}", if index == 0 { 'M' } else { 'L' });
         }
     }
@@ -320,6 +320,38 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         extremes.sort_by(|a, b| a.0.total_cmp(&b.0));
         extremes.dedup();
         kept.extend(extremes);
+    }
+    kept
+}
+
+/// Without points that a straight line between those kept passes as near as the written digits tell.
+fn straightened(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    /// Pixels.
+    const NEAR: f64 = 0.05;
+    let mut kept: Vec<(f64, f64)> = points.first().into_iter().copied().collect();
+    // Slopes of the lines from the last point kept that pass all points since.
+    let mut slopes = (f64::NEG_INFINITY, f64::INFINITY);
+    for pair in points.windows(2) {
+        let (before, next) = (pair[0], pair[1]);
+        let towards = |start: (f64, f64), height: f64| (next.1 + height - start.1) / (next.0 - start.0);
+        let start = kept[kept.len() - 1];
+        let slope = towards(start, 0.0);
+        if next.0 > start.0 && slopes.0 <= slope && slope <= slopes.1 {
+            slopes = (slopes.0.max(towards(start, -NEAR)), slopes.1.min(towards(start, NEAR)));
+        } else {
+            if before != start {
+                kept.push(before);
+            }
+            slopes = if next.0 > before.0 {
+                (towards(before, -NEAR), towards(before, NEAR))
+            } else {
+                // A vertical line: the next point is kept.
+                (f64::INFINITY, f64::NEG_INFINITY)
+            };
+        }
+    }
+    if points.len() > 1 {
+        kept.extend(points.last());
     }
     kept
 }
@@ -417,6 +449,23 @@ mod tests {
         assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
         let highest = |points: &[(f64, f64)]| points.iter().fold(0.0_f64, |high, point| high.max(point.1));
         assert_eq!(highest(&kept), highest(&points));
+    }
+
+    #[test]
+    fn straightening_moves_no_point_visibly() {
+        let wave: Vec<(f64, f64)> =
+            (0..3_000).map(|k| f64::from(k) * 0.2).map(|x| (x, 40.0 * (x / 50.0).sin())).collect();
+        let kept = straightened(&wave);
+        assert!(kept.len() < 300, "{}", kept.len());
+        assert_eq!((kept.first(), kept.last()), (wave.first(), wave.last()));
+        for (x, y) in wave {
+            let after = kept.iter().position(|point| point.0 >= x).unwrap().max(1);
+            let (one, other) = (kept[after - 1], kept[after]);
+            let line = one.1 + (other.1 - one.1) * (x - one.0) / (other.0 - one.0);
+            assert!((line - y).abs() <= 0.1, "{x}: {line} and {y}");
+        }
+        let steps = [(0.0, 0.0), (1.0, 0.0), (1.0, 5.0), (1.0, 2.0), (2.0, 2.0), (3.0, 2.0)];
+        assert_eq!(straightened(&steps), [(0.0, 0.0), (1.0, 0.0), (1.0, 5.0), (1.0, 2.0), (3.0, 2.0)]);
     }
 
     #[test]

@@ -209,8 +209,12 @@ pub type Finished = BTreeMap<String, Refit>;
 
 /// Linearisations of a torque fit, which is nearly linear: what takes more is not going anywhere.
 const TORQUE_ITERATIONS: usize = 15;
-/// As many suspects, the most promising, are fitted from every start that the screening suggests.
+/// As many suspects, the most promising, are fitted from every start that the screening suggests; of machines with many
+/// free joints, whose fits take long, fewer.
 const MANY_STARTS: usize = 6;
+const MANY_STARTS_OF_MANY_JOINTS: usize = 2;
+/// Joints free at once beyond which there are many.
+const FEW_JOINTS: usize = 3;
 /// Longest integration step of the screening (s): eight steps per 10 ms matched 24 in the feasibility study.
 const SCREENING_STEP: f64 = 0.01 / 8.0;
 /// Longest integration step of a refit (s), as `compare` judges.
@@ -423,7 +427,9 @@ impl Work<'_> {
         let mut waiting = shortlist.clone();
         waiting.truncate(self.options.refits);
         // The less promising start once.
-        waiting.iter_mut().skip(MANY_STARTS).for_each(|score| score.others.clear());
+        let free = self.judge.runs.iter().map(|run| run.free.len()).max().unwrap_or(0);
+        let many = if free > FEW_JOINTS { MANY_STARTS_OF_MANY_JOINTS } else { MANY_STARTS };
+        waiting.iter_mut().skip(many).for_each(|score| score.others.clear());
         while !waiting.is_empty() {
             let later = waiting.split_off(at_once.min(waiting.len()));
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);

@@ -82,7 +82,7 @@ impl<'a> Screening<'a> {
                 let by_torque = torque.as_ref().and_then(|screen| screen.score(suspect, &probes));
                 let by_position = tethered.as_ref().and_then(|screen| {
                     // Where the torque error has told which values are worth a simulation, few are left to try.
-                    screen.score(suspect, &verdict::worth_simulating(&probes, by_torque.as_ref()))
+                    screen.score(suspect, &verdict::worth_simulating(&probes, by_torque.as_ref(), suspects.len()))
                 });
                 (by_torque, by_position)
             })

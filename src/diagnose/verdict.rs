@@ -192,14 +192,18 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
     own.0 < NEARLY * best.0 || own.1 < NEARLY * best.1
 }
 
-/// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate.
-pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>) -> Vec<Probe> {
-    /// As many simulations are cheap.
-    const FEW: usize = 32;
-    if probes.len() <= FEW {
+/// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate. The more
+/// suspects there are, the fewer are few.
+pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>, suspects: usize) -> Vec<Probe> {
+    /// As many simulations of all suspects are cheap.
+    const AFFORDED: usize = 1500;
+    /// As many of one suspect are few, at least and at most.
+    const FEW: (usize, usize) = (4, 32);
+    let few = (AFFORDED / suspects.max(1)).clamp(FEW.0, FEW.1);
+    if probes.len() <= few {
         return probes.to_vec();
     }
-    let Some(score) = by_torque else { return probes.iter().step_by(probes.len().div_ceil(FEW)).cloned().collect() };
+    let Some(score) = by_torque else { return probes.iter().step_by(probes.len().div_ceil(few)).cloned().collect() };
     // The estimate, with its amplitudes to be found anew about it.
     let near = |estimate: &Model| {
         probes.iter().min_by(|a, b| distance(a, estimate).total_cmp(&distance(b, estimate))).cloned()

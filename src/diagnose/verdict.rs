@@ -172,24 +172,24 @@ fn bring_alternatives(list: &mut Vec<Score>) {
 }
 
 /// Whether a suspect may explain as much as `best` does, which leaves nothing: one that the screening finds
-/// nearly as telling.
+/// nearly as telling, or that would leave next to nothing.
 pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool {
     /// Share of the best's score.
     const NEARLY: f64 = 0.6;
+    /// Share of the squared error; beyond it a screening, which is linear, tells no more.
+    const NEARLY_ALL: f64 = 0.98;
     let Some(winner) = &best.suspect else { return true };
     let of = |suspect: &Suspect| {
-        scored.iter().find_map(|(torque, position)| {
-            let any = torque.as_ref().or(position.as_ref())?;
-            (any.suspect == *suspect).then(|| {
-                (
-                    torque.as_ref().map_or(0.0, |score| score.information),
-                    position.as_ref().map_or(0.0, |score| score.information),
-                )
-            })
-        })
+        scored
+            .iter()
+            .find(|(torque, position)| torque.as_ref().or(position.as_ref()).is_some_and(|any| any.suspect == *suspect))
     };
     let (Some(own), Some(best)) = (of(&score.suspect), of(winner)) else { return true };
-    own.0 < NEARLY * best.0 || own.1 < NEARLY * best.1
+    let information = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.information);
+    let is_near = |own: &Option<Score>, best: &Option<Score>| {
+        own.as_ref().is_some_and(|own| own.explained > NEARLY_ALL) || information(own) < NEARLY * information(best)
+    };
+    is_near(&own.0, &best.0) || is_near(&own.1, &best.1)
 }
 
 /// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate. The more

@@ -40,7 +40,7 @@ use screen::Scored;
 use crate::{
     error::Error,
     experiment::{Experiment, Role, Run},
-    fit::position,
+    fit::{FitStatus, position},
     identify::{ErrorKind, default_error},
     model::Model,
 };
@@ -211,8 +211,12 @@ pub type Finished = BTreeMap<String, Refit>;
 const TORQUE_ITERATIONS: usize = 15;
 /// As many suspects, the most promising, are fitted from every start that the screening suggests; of machines with many
 /// free joints, whose fits take long, fewer.
-const MANY_STARTS: usize = 6;
+const MANY_STARTS: usize = 4;
 const MANY_STARTS_OF_MANY_JOINTS: usize = 2;
+/// A suspect is worth a second start if the screening promises this share of the squared error, and its fit keeps less than
+/// the other share of that promise.
+const MUCH: f64 = 0.2;
+const KEPT: f64 = 0.8;
 /// Joints free at once beyond which there are many.
 const FEW_JOINTS: usize = 3;
 /// Longest integration step of the screening (s): eight steps per 10 ms matched 24 in the feasibility study.
@@ -249,16 +253,16 @@ pub fn diagnose(
     notes.extend(excitation::check(model, runs, &split.folds(), error)?);
     let judged = split.judged(runs);
     let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
-    let mut work = Work { runs, judge: &judge, folds: &split.others, options, finished, tell, stop };
+    let mut work = Work { runs, believed: model, judge: &judge, folds: &split.others, options, finished, tell, stop };
     let mut base = work.base(model, "base")?;
-    notes.extend(excitation::left_open(model, runs, &base));
-    let lines: Vec<Run> = runs.iter().map(|run| hold::with_line(run)).collect();
+    let in_question: &[&Run] = if hold::is_in_question(&work, &base) { runs } else { &[] };
+    let lines: Vec<Run> = in_question.iter().map(|run| hold::with_line(run)).collect();
     let lines: Vec<&Run> = lines.iter().collect();
     let line_split = blocks::Split::of(&lines);
     let line_judged = line_split.judged(&lines);
     let line_judge = Judge { runs: &line_judged, ..judge };
     let straight = Work { runs: &lines, judge: &line_judge, folds: &line_split.others, ..work };
-    if hold::may_be_straight(&work, &straight, &base)? {
+    if !lines.is_empty() && hold::may_be_straight(&work, &straight, &base)? {
         let refitted = straight.base(&base.parsed()?, "base, straight")?;
         if hold::is_worth_it(&base, &refitted) {
             notes.push(hold::note(&base, &refitted));
@@ -266,6 +270,7 @@ pub fn diagnose(
             work = straight;
         }
     }
+    notes.extend(excitation::left_open(model, runs, &base));
     let mut steps = Vec::new();
     let first = base.clone();
     for depth in 1..=options.depth.max(1) {
@@ -296,6 +301,8 @@ fn fit_options(options: &Options, error: ErrorKind, runs: &[&Run]) -> position::
 struct Work<'a> {
     /// As they were given.
     runs: &'a [&'a Run],
+    /// The model that was given.
+    believed: &'a Model,
     /// Of these, or of the fold that holds out the last blocks of them.
     judge: &'a Judge<'a>,
     /// The other folds; none where runs of their own are held out.
@@ -332,7 +339,17 @@ impl Work<'_> {
     /// The model itself, fitted.
     fn base(&self, model: &Model, key: &str) -> Result<Refit, Error> {
         (self.tell)(&Event::FittingModel);
-        let base = self.remembered(key, None, model, std::slice::from_ref(model), None)?;
+        /// A search that ran out of iterations gets as many again, so often.
+        const MORE: usize = 2;
+        let mut base = self.remembered(key, None, model, std::slice::from_ref(model), (None, None))?;
+        for more in 1..=MORE {
+            if base.status != FitStatus::IterationLimit {
+                break;
+            }
+            let start = base.parsed()?;
+            let key = format!("{key}, more {more}");
+            base = self.remembered(&key, None, &start, std::slice::from_ref(&start), (None, None))?;
+        }
         self.over_blocks(key, base)
     }
 
@@ -351,24 +368,30 @@ impl Work<'_> {
         Ok(refit)
     }
 
-    /// A fit from several starts, the lowest cost kept; from memory where it is there.
+    /// A fit from several starts, the lowest cost kept; from memory where it is there. Given are the costs per sample that
+    /// another suspect's fit has reached, and that is low enough not to try another start.
     fn remembered(
         &self,
         key: &str,
         suspect: Option<&Suspect>,
         base: &Model,
         starts: &[Model],
-        reached: Option<f64>,
+        (reached, enough): (Option<f64>, Option<f64>),
     ) -> Result<Refit, Error> {
         if let Some(refit) = self.finished.get(key) {
             return Ok(refit.clone());
         }
         let mut fits: Vec<Result<Refit, Error>> = Vec::new();
-        for start in starts {
+        let digests: Vec<String> = starts.iter().map(Model::digest).collect();
+        let new = starts.iter().enumerate().filter(|(index, _)| !digests[..*index].contains(&digests[*index]));
+        for (_, start) in new {
             let fit = self.judge.refit(suspect, base, start, reached, self.stop);
             // Another start is worth its time only while nothing explains the logs.
             let done = reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR)
-                || fit.as_ref().is_ok_and(verdict::reaches_the_floor);
+                || fit.as_ref().is_ok_and(|fit| {
+                    verdict::reaches_the_floor(fit)
+                        || fit.cost().zip(enough).is_some_and(|(cost, enough)| cost <= enough)
+                });
             fits.push(fit);
             if done || (self.stop)() {
                 break;
@@ -430,6 +453,9 @@ impl Work<'_> {
         let free = self.judge.runs.iter().map(|run| run.free.len()).max().unwrap_or(0);
         let many = if free > FEW_JOINTS { MANY_STARTS_OF_MANY_JOINTS } else { MANY_STARTS };
         waiting.iter_mut().skip(many).for_each(|score| score.others.clear());
+        waiting.iter_mut().filter(|score| score.explained < MUCH).for_each(|score| score.others.clear());
+        // A fit that keeps what the screening promised needs no other start.
+        let kept = |score: &Score| Some(refit.cost()? * (1.0 - KEPT * score.explained));
         while !waiting.is_empty() {
             let later = waiting.split_off(at_once.min(waiting.len()));
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
@@ -440,7 +466,7 @@ impl Work<'_> {
                     (self.tell)(&Event::Refitting(&score.suspect));
                     let mut starts = vec![score.estimate.clone()];
                     starts.extend(score.others.iter().cloned());
-                    self.remembered(&key(&score.suspect), Some(&score.suspect), base, &starts, reached)
+                    self.remembered(&key(&score.suspect), Some(&score.suspect), base, &starts, (reached, kept(score)))
                 })
                 .collect();
             self.asked_to_stop()?;
@@ -468,10 +494,17 @@ impl Work<'_> {
             &mut failed,
             &format!("{depth}: again, {}", path.join(" > ")),
         )?;
+        if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
+            let key = format!("{depth}: believed, {}", path.join(" > "));
+            self.as_believed(&screening, base, &mut fitted, &mut failed, &key)?;
+        }
         let torque = screening.torque();
         // What explains the logs to their noise is right wherever it helps.
-        let helps_elsewhere =
-            |fit: &Refit| (!verdict::explains(fit)).then(|| region::helps_elsewhere(torque, refit, fit)).flatten();
+        let before_errors = torque.errors(base);
+        let helps_elsewhere = |fit: &Refit| {
+            let before = before_errors.as_deref().filter(|_| !verdict::explains(fit))?;
+            region::helps_elsewhere(torque, before, fit)
+        };
         let mut fitted = verdict::judge(&refit.of_one_fold(), fitted, &helps_elsewhere);
         if !self.folds.is_empty() {
             fitted = self.confirmed(refit, fitted, &mut failed, &key, &helps_elsewhere)?;
@@ -539,17 +572,51 @@ impl Work<'_> {
                 let score = position.or(torque)?;
                 (self.tell)(&Event::Refitting(suspect));
                 let key = format!("{key} > {suspect}");
-                self.remembered(&key, Some(suspect), base, std::slice::from_ref(&score.estimate), Some(least)).ok()
+                self.remembered(&key, Some(suspect), base, std::slice::from_ref(&score.estimate), (Some(least), None))
+                    .ok()
             })
             .collect();
         self.asked_to_stop()?;
-        for refit in fits.into_iter().flatten() {
-            let own = |other: &Refit| other.suspect == refit.suspect;
-            let before = fitted.iter().find(|other| own(other)).and_then(cost).unwrap_or(f64::INFINITY);
-            if cost(&refit).is_some_and(|cost| cost < before) {
-                failed.retain(|failed| Some(&failed.suspect) != refit.suspect.as_ref());
-                fitted.retain(|other| !own(other));
-                fitted.push(refit);
+        take_better(fits.into_iter().flatten(), fitted, failed);
+        Ok(())
+    }
+
+    /// Another start for what the screening finds most promising at the values that were believed before any fit: a model that
+    /// lacks an effect may be fitted to values so far off that the effect that is missing does nothing there.
+    fn as_believed(
+        &self,
+        screening: &Screening<'_>,
+        base: &Model,
+        fitted: &mut Vec<Refit>,
+        failed: &mut Vec<Refused>,
+        key: &str,
+    ) -> Result<(), Error> {
+        /// As many are fitted.
+        const MOST: usize = 3;
+        let mut start = base.clone();
+        for (name, parameter) in base.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed) {
+            let earlier = self.believed.fit.as_ref().and_then(|fit| fit.believed.get(&name).copied());
+            let own = || self.believed.parameter(&name).map(|parameter| parameter.value);
+            if let Some(value) = earlier.or_else(own) {
+                // The name is the model's own.
+                let _ = start.set_value(&name, value.clamp(parameter.lower, parameter.upper));
+            }
+        }
+        if start.digest() == base.digest() {
+            return Ok(());
+        }
+        let mut promising = verdict::shortlist(&self.screened(screening, &start)?);
+        promising.truncate(MOST);
+        for score in promising {
+            let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
+            (self.tell)(&Event::Refitting(&score.suspect));
+            let key = format!("{key} > {}", score.suspect);
+            let starts = std::slice::from_ref(&score.estimate);
+            let fit = self.remembered(&key, Some(&score.suspect), base, starts, (reached, None));
+            self.asked_to_stop()?;
+            take_better(fit.into_iter(), fitted, failed);
+            if fitted.iter().any(verdict::explains) {
+                break;
             }
         }
         Ok(())
@@ -616,6 +683,20 @@ impl Work<'_> {
         let scored = screening.scores(base, &suspects, &told);
         self.asked_to_stop()?;
         Ok(scored)
+    }
+}
+
+/// Puts refits in the place of those of the same suspects that cost more, or of none.
+fn take_better(refits: impl Iterator<Item = Refit>, fitted: &mut Vec<Refit>, failed: &mut Vec<Refused>) {
+    let cost = |refit: &Refit| refit.cost().filter(|_| refit.is_finite());
+    for refit in refits {
+        let own = |other: &Refit| other.suspect == refit.suspect;
+        let before = fitted.iter().find(|other| own(other)).and_then(cost).unwrap_or(f64::INFINITY);
+        if cost(&refit).is_some_and(|cost| cost < before) {
+            failed.retain(|failed| Some(&failed.suspect) != refit.suspect.as_ref());
+            fitted.retain(|other| !own(other));
+            fitted.push(refit);
+        }
     }
 }
 

@@ -369,6 +369,14 @@ fn record(found: &mut Identified, parent: &Model, experiment: &Experiment, metho
             .filter(|parameter| parameter.held)
             .map(|parameter| parameter.name.clone())
             .collect(),
+        believed: found
+            .parameters
+            .iter()
+            .filter_map(|parameter| {
+                let earlier = parent.fit.as_ref().and_then(|fit| fit.believed.get(&parameter.name).copied());
+                Some((parameter.name.clone(), earlier.or_else(|| Some(parent.parameter(&parameter.name)?.value))?))
+            })
+            .collect::<BTreeMap<String, f64>>(),
         method: method.map(str::to_owned),
         budget: found.budget.clone(),
     });

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use anyhow::bail;
 use dynid::diagnose::{self, Diagnosis, Discovered, Event, Finished, Options, Ranked, Verdict};
 use dynid::error::Error;
 use dynid::experiment::{Experiment, Run};
@@ -75,7 +76,12 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
-    for output in [&arguments.out, &arguments.save, &arguments.discovered].into_iter().flatten() {
+    let outputs: Vec<&PathBuf> =
+        [&arguments.out, &arguments.save, &arguments.discovered].into_iter().flatten().collect();
+    for (index, output) in outputs.iter().enumerate() {
+        if outputs[..index].contains(output) {
+            bail!("{} is asked for twice; give each output a file of its own", output.display());
+        }
         check_output(output, overwrite)?;
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
@@ -120,7 +126,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         found => found?,
     };
-    kept.remove()?;
     let wall_seconds = started.elapsed().as_secs_f64();
     let mut json = serde_json::to_value(&found)?;
     if let Some(object) = json.as_object_mut() {
@@ -159,6 +164,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let _ = writeln!(text, "written: {}", save.display());
     }
     text.push_str(&next(arguments, &found));
+    kept.remove()?;
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
@@ -306,21 +312,30 @@ fn next(arguments: &Arguments, found: &Diagnosis) -> String {
     let joint = best.suspect.joint.map_or(String::new(), |joint| format!(" --joint {joint}"));
     let from = best.suspect.from.map_or(String::new(), |from| format!(" --from {from}"));
     let experiment = arguments.experiment.display();
+    let asked = as_asked(arguments);
     format!(
-        "\nNext:\n  dynid add {}{joint}{from} --model {model} --out better.toml\n  dynid fit {experiment} --model \
+        "\nNext:\n  dynid add {}{joint}{from} --model {model} --out better.toml\n  dynid fit {experiment}{asked} --model \
          better.toml --out better-fitted.toml\n",
         best.suspect.effect
     )
+}
+
+/// Which runs and which error, as the options that were given say.
+fn as_asked(arguments: &Arguments) -> String {
+    let joints: Option<Vec<String>> =
+        arguments.free.as_ref().map(|free| free.iter().map(ToString::to_string).collect());
+    let free = joints.map_or(String::new(), |joints| format!(" --free {}", joints.join(",")));
+    let error = arguments.error.map_or(String::new(), |error| format!(" --error {}", ErrorKind::from(error)));
+    free + &error
 }
 
 /// The commands that put a discovered effect to use.
 fn after_discovery(arguments: &Arguments, discovered: &Discovered) -> String {
     let model = arguments.model.as_deref().map_or("fitted.toml".to_owned(), |path| path.display().to_string());
     let experiment = arguments.experiment.display();
+    let asked = as_asked(arguments);
     let Some(path) = &arguments.discovered else {
-        return format!(
-            "\nNext:\n  dynid diagnose {experiment} --model {model} --discovered effects/discovered.toml\n"
-        );
+        return format!("\nNext:\n  dynid diagnose {experiment}{asked} --model {model} --discovered discovered.toml\n");
     };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.map_or(".".to_owned(), |folder| folder.display().to_string());
@@ -328,7 +343,7 @@ fn after_discovery(arguments: &Arguments, discovered: &Discovered) -> String {
     let from = discovered.from.map_or(String::new(), |from| format!(" --from {from}"));
     format!(
         "\nNext:\n  DYNID_EFFECTS={folder} cargo build --release\n  dynid add {id} --joint {}{from} --model {model} --out \
-         better.toml\n  dynid fit {experiment} --model better.toml --out better-fitted.toml\n",
+         better.toml\n  dynid fit {experiment}{asked} --model better.toml --out better-fitted.toml\n",
         discovered.joint
     )
 }
@@ -340,6 +355,9 @@ fn interrupted(path: &Path, count: usize) -> Outcome {
         answer: Answer::Interrupted,
     }
 }
+
+/// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
+const FORMAT: u32 = 2;
 
 /// Fits that are done, beside the model, for a diagnosis that is stopped.
 struct Kept {
@@ -355,7 +373,13 @@ struct File {
 
 impl Kept {
     fn new(arguments: &Arguments, experiment: &Experiment, model: &Model, runs: &[&Run], options: &Options) -> Self {
-        let mut text = format!("{} {} {} {options:?}", env!("CARGO_PKG_VERSION"), experiment.digest, model.digest());
+        let believed = model.fit.as_ref().map(|fit| &fit.believed);
+        let mut text = format!(
+            "{FORMAT} {} {} {} {believed:?} {options:?}",
+            env!("CARGO_PKG_VERSION"),
+            experiment.digest,
+            model.digest()
+        );
         for run in runs {
             let _ = write!(text, "\n{} {} {:?} {:?}", run.file, run.role, run.free, run.settings);
         }

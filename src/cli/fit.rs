@@ -202,7 +202,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         found => found?,
     };
-    if !found.status.may_update_model() && arguments.error.is_none() && how.method.is_none() {
+    let may_fall_back = arguments.error.is_none() && how.method.is_none() && how.error != ErrorKind::Torque;
+    if !found.status.may_update_model() && may_fall_back {
         let ended = found.status.as_str();
         let other = search(&start, &How { error: ErrorKind::Torque, ..how.clone() });
         // Where even that comes to nothing, the first fit says why.

@@ -300,7 +300,7 @@ impl<'a> Search<'a> {
             fit.runs.iter().flat_map(|run| run.free.iter().copied()).collect();
         let free: Vec<usize> = free.into_iter().collect();
         let terms = dictionary(joint, &free, &fit.kinds);
-        let weight = weights[&joint];
+        let weight = *weights.get(&joint)?;
         let load = fit.column(&Term::load(), joint);
         let (columns, shares): (Vec<Vec<f64>>, Vec<f64>) = terms
             .par_iter()

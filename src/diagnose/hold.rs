@@ -15,16 +15,17 @@ use crate::{
 /// The squared error of what is screened must fall by this share before a fit is tried, and that of the fit in the end.
 const WORTH: f64 = 0.3;
 
-/// Whether the runs of `work`, whose command stands still between samples, may be better taken as `straight` has them.
-pub(super) fn may_be_straight(work: &Work<'_>, straight: &Work<'_>, base: &Refit) -> Result<bool, Error> {
-    let runs = work.judge.runs;
+/// Whether every command of `work` stands still between samples and something is left that this may explain.
+pub(super) fn is_in_question(work: &Work<'_>, base: &Refit) -> bool {
     let stands = |run: &&Run| run.settings.hold == Hold::Zero && run.settings.controller.is_none();
     let is_near = base.worst_ratio().is_none_or(|ratio| ratio < super::verdict::NEAR_THE_FLOOR);
-    if work.judge.error != ErrorKind::Position || is_near || !runs.iter().all(stands) {
-        return Ok(false);
-    }
+    work.judge.error == ErrorKind::Position && !is_near && work.judge.runs.iter().all(stands)
+}
+
+/// Whether the runs of `work`, whose command stands still between samples, may be better taken as `straight` has them.
+pub(super) fn may_be_straight(work: &Work<'_>, straight: &Work<'_>, base: &Refit) -> Result<bool, Error> {
     let model = base.parsed()?;
-    let (Some(standing), Some(straight)) = (left(&model, runs), left(&model, straight.judge.runs)) else {
+    let (Some(standing), Some(straight)) = (left(&model, work.judge.runs), left(&model, straight.judge.runs)) else {
         return Ok(false);
     };
     Ok(straight < (1.0 - WORTH) * standing)

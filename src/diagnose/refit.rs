@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{candidate::Suspect, verdict};
 use crate::{
-    compare::{Comparison, compare},
+    compare::{Comparison, compare, noise_of_log},
     error::Error,
     experiment::{Experiment, Role, Run},
     fit::sqp::Watch,
@@ -302,12 +302,25 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                 add(joint.joint, held_out, squares, torque.n_used() as f64, correlation, None, false);
             } else if let (Some(rmse), Some(simulated)) = (joint.rmse, &told.simulated) {
                 let measured = &run.log.q[joint.joint];
+                // A joint that stands still here moves in another run, or tells nothing.
+                let noise_floor = if joint.noise_floor > 0.0 {
+                    joint.noise_floor
+                } else {
+                    runs.iter().map(|other| noise_of_log(&other.log.q[joint.joint])).fold(0.0, f64::max)
+                };
+                if noise_floor == 0.0 {
+                    continue;
+                }
                 let residual: Vec<f64> =
                     measured.iter().zip(&simulated[slot]).map(|(measured, model)| measured - model).collect();
                 let samples = residual.len() as f64;
                 let correlation = correlation_time(&residual, &vec![true; residual.len()]);
-                let noise = Some(joint.noise_floor);
+                let noise = Some(noise_floor);
                 add(joint.joint, held_out, rmse * rmse * samples, samples, correlation, noise, joint.white);
+            } else {
+                // A run that cannot be simulated to its end is not one without error.
+                let noise = Some(joint.noise_floor);
+                add(joint.joint, held_out, f64::INFINITY, run.log.t.len() as f64, 1.0, noise, false);
             }
         }
     }

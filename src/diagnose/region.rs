@@ -1,13 +1,14 @@
 //! Does an effect help where it acts?
 
-use super::{Refit, TorqueView, View};
+use super::{Block, Refit, TorqueView, View};
 
 /// Why an effect that lowers the error is not believed: most of the gain lies where it hardly acts. `None` where it is
 /// believed, or where the torque error does not tell.
 ///
 /// Where an effect acts is told by what the torque error changes when it alone is taken out of the fitted model. If it is
-/// the cause, the squared error falls there, in those samples in which it acts more than in half of all.
-pub(super) fn helps_elsewhere(view: &TorqueView, before: &Refit, after: &Refit) -> Option<String> {
+/// the cause, the squared error falls there, in those samples in which it acts more than in half of all. `before` is what the
+/// view shows of the model without it.
+pub(super) fn helps_elsewhere(view: &TorqueView, before: &[Block], after: &Refit) -> Option<String> {
     /// At least so much of the gain lies in the half of the samples in which the effect acts most.
     const LEAST: f64 = 0.35;
     /// A gain of less than this share of the squared torque error says nothing of where it lies.
@@ -17,10 +18,10 @@ pub(super) fn helps_elsewhere(view: &TorqueView, before: &Refit, after: &Refit) 
     let with = after.parsed().ok()?;
     let mut without = with.clone();
     without.remove_effect(&suspect.effect, suspect.joint, suspect.from).ok()?;
-    let (base, with, without) = (view.errors(&before.parsed().ok()?)?, view.errors(&with)?, view.errors(&without)?);
+    let (with, without) = (view.errors(&with)?, view.errors(&without)?);
     let mut samples: Vec<(f64, f64)> = Vec::new();
     let mut before_squares = 0.0;
-    for ((base, with), without) in base.iter().zip(&with).zip(&without).filter(|((base, _), _)| base.joint == joint) {
+    for ((base, with), without) in before.iter().zip(&with).zip(&without).filter(|((base, _), _)| base.joint == joint) {
         if base.values.len() != with.values.len() || base.values.len() != without.values.len() {
             return None;
         }

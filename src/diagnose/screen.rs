@@ -78,7 +78,11 @@ impl<'a> Screen<'a> {
 
     /// How the errors of `model` differ from the base's, weighed and projected.
     fn change(&self, model: &Model, from: &[Block]) -> Option<Vec<f64>> {
-        let errors = self.view.errors(model)?;
+        self.changed(&self.view.errors(model)?, from)
+    }
+
+    /// How these errors differ from the base's, weighed and projected.
+    fn changed(&self, errors: &[Block], from: &[Block]) -> Option<Vec<f64>> {
         let mut change = Vec::with_capacity(self.problem.left.len());
         for (block, base) in errors.iter().zip(from) {
             if block.values.len() != base.values.len() {
@@ -108,7 +112,7 @@ impl<'a> Screen<'a> {
         let shape = self.view.errors(&probe.model)?;
         let mut columns = Vec::new();
         let mut bounds = Vec::new();
-        let whole = self.change(&probe.model, &self.raw)?;
+        let whole = self.changed(&shape, &self.raw)?;
         let has_whole = size(&whole) > scale;
         if has_whole {
             columns.push(whole);

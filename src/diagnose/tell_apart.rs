@@ -129,8 +129,13 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Optio
             .map(|run| noise_floor(&run.log.q[joint]))
             .fold(0.0, f64::max);
         let mut squares = 0.0;
+        // No run has seen this joint move.
+        if !half.is_finite() {
+            return None;
+        }
+        let leaves = |q: f64| (q - centre).abs() > FARTHEST * half || q.is_nan();
         for (a, b) in a.q.iter().zip(&b.q).skip(slot).step_by(n) {
-            if half > 0.0 && (a - centre).abs() > FARTHEST * half {
+            if half > 0.0 && (leaves(*a) || leaves(*b)) {
                 return None;
             }
             squares += (a - b) * (a - b);

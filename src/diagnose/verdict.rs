@@ -208,19 +208,33 @@ pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>, susp
     let near = |estimate: &Model| {
         probes.iter().min_by(|a, b| distance(a, estimate).total_cmp(&distance(b, estimate))).cloned()
     };
-    [&score.estimate].into_iter().chain(&score.others).filter_map(near).collect()
+    let mut near: Vec<Probe> = [&score.estimate].into_iter().chain(&score.others).filter_map(near).collect();
+    let mut seen = Vec::new();
+    near.retain(|probe| {
+        let digest = probe.model.digest();
+        let is_new = !seen.contains(&digest);
+        seen.push(digest);
+        is_new
+    });
+    near
 }
 
-/// How far a probe's tried values are from those of a model.
+/// How far a probe's tried values are from those of a model; of values that a factor multiplies, how far their ratios are.
 fn distance(probe: &Probe, model: &Model) -> f64 {
     let stepped =
         |name: &str| probe.steps.iter().any(|step| step.name == name) || probe.scaled.iter().any(|own| own == name);
+    let apart = |own: f64, other: f64| (own - other).abs() / (own.abs() + other.abs()).max(f64::MIN_POSITIVE);
+    let ratio = |of: &Model, name: &str| Some(of.parameter(name)?.value / of.parameter(probe.scaled.first()?)?.value);
+    let ratios = probe.scaled.iter().skip(1).filter_map(|name| {
+        let apart = apart(ratio(&probe.model, name)?, ratio(model, name)?);
+        apart.is_finite().then_some(apart)
+    });
     let differences =
         probe.model.parameters().into_iter().filter(|(name, _)| !stepped(name)).filter_map(|(name, own)| {
             let other = model.parameter(&name)?;
-            Some((own.value - other.value).abs() / (own.value.abs() + other.value.abs()).max(f64::MIN_POSITIVE))
+            Some(apart(own.value, other.value))
         });
-    differences.sum()
+    differences.sum::<f64>() + ratios.sum::<f64>()
 }
 
 /// Sum over the joints of `n_eff ln(after / before)` on the runs held out or on those fitted to, and of `n_eff`.
@@ -358,7 +372,12 @@ fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
             let noise = base.noise_squares.unwrap_or(0.0);
             let gain = 1.0 - own.squares / base.squares.max(f64::MIN_POSITIVE);
             let excess = (base.squares - own.squares) / (base.squares - noise).max(f64::MIN_POSITIVE);
-            Some((own.joint, gain, if base.squares > noise { excess } else { 0.0 }))
+            let is_known = base.squares.is_finite() && own.squares.is_finite();
+            Some((
+                own.joint,
+                if is_known { gain } else { 0.0 },
+                if is_known && base.squares > noise { excess } else { 0.0 },
+            ))
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))
 }
@@ -375,8 +394,19 @@ pub(super) fn of(before: &Refit, fitted: &[Judged]) -> Verdict {
         return if near_floor { Verdict::NothingMissing } else { Verdict::Unexplained };
     };
     let least = if before.worst_ratio().is_some() { SHARE_OF_POSITION } else { SHARE_OF_TORQUE };
-    let explained = explains(best) || share(before, best).is_some_and(|(.., excess)| excess >= least);
-    if explained { Verdict::MissingEffect } else { Verdict::Unexplained }
+    let explains_much = share(before, best).is_some_and(|(.., excess)| excess >= least);
+    // Where little is left, little is no news; and what more iterations of the model's own fit might have gained is no
+    // effect's merit.
+    let explained = match (near_floor, before.status.may_update_model()) {
+        (true, _) => explains_much || reaches_the_floor(best),
+        (false, true) => explains_much || explains(best),
+        (false, false) => explains(best),
+    };
+    match (explained, near_floor) {
+        (true, _) => Verdict::MissingEffect,
+        (false, true) => Verdict::NothingMissing,
+        (false, false) => Verdict::Unexplained,
+    }
 }
 
 /// Effects that fit as well as `best`.
@@ -455,16 +485,19 @@ pub(super) fn conclude(
     if verdict == Verdict::Unexplained {
         sentences.push(discovered.as_ref().map_or_else(super::discover::nothing, super::discover::sentence));
     }
-    let mut models: BTreeMap<Suspect, Model> = BTreeMap::new();
-    for judged in steps.iter().flat_map(|step| &step.fitted) {
-        if let (Some(suspect), Ok(model)) = (&judged.refit.suspect, judged.refit.parsed()) {
-            models.insert(suspect.clone(), model);
+    let mut models: BTreeMap<(usize, Suspect), Model> = BTreeMap::new();
+    for (index, step) in steps.iter().enumerate() {
+        for judged in &step.fitted {
+            if let (Some(suspect), Ok(model)) = (&judged.refit.suspect, judged.refit.parsed()) {
+                models.insert((index + 1, suspect.clone()), model);
+            }
         }
     }
     for ranked in found.iter_mut().chain(ranking.iter_mut().take(1)) {
+        let fitted = |suspect: &Suspect| models.get(&(ranked.depth, suspect.clone()));
         let others: Vec<(&Suspect, &Model)> =
-            ranked.confounded_with.iter().filter_map(|suspect| Some((suspect, models.get(suspect)?))).collect();
-        if let Some(own) = models.get(&ranked.suspect) {
+            ranked.confounded_with.iter().filter_map(|suspect| Some((suspect, fitted(suspect)?))).collect();
+        if let Some(own) = fitted(&ranked.suspect) {
             ranked.experiment = super::tell_apart::experiment(own, &others, work.judge.runs);
         }
     }
@@ -559,7 +592,13 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
     };
     let mut sentences = vec![format!("Refitted, the model leaves {} on the held-out runs.", left(first))];
     match verdict {
-        Verdict::NothingMissing => sentences.push("Nothing is missing: what is left is noise.".to_owned()),
+        Verdict::NothingMissing if reaches_the_floor(first) || first.is_white() => {
+            sentences.push("Nothing is missing: what is left is noise.".to_owned());
+        }
+        Verdict::NothingMissing => sentences.push(
+            "Nothing is named: what is left is near the noise; it has a pattern, but no effect of the library explains it."
+                .to_owned(),
+        ),
         Verdict::MissingEffect => {
             for ranked in found {
                 let with = match (ranked.worst_ratio_after, ranked.torque_percent_after) {

@@ -186,7 +186,7 @@ pub fn fit(
     let rigid: Vec<Vec<RigidColumns>> = runs.iter().map(|run| rigid_columns(&run.system, &run.motion)).collect();
 
     let mut x = layout.start.clone();
-    let mut data = Data::new(&layout, &runs, &rigid, &x);
+    let mut data = Data::new(&layout, &runs, &rigid, &x, false);
     // What the runs do not touch keeps its value and leaves the problem.
     let layout = layout.touched(&data);
     if layout.start.is_empty() {
@@ -203,7 +203,7 @@ pub fn fit(
     while iterations < at_most {
         iterations += 1;
         let (next, ending) = solve(&layout, &region, &data, &x, damping)?;
-        let next_data = Data::new(&layout, &runs, &rigid, &next);
+        let next_data = Data::new(&layout, &runs, &rigid, &next, false);
         let gain = data.merit() - next_data.merit();
         if gain >= -COST_TOLERANCE {
             x = next;
@@ -231,6 +231,7 @@ pub fn fit(
             break;
         }
     }
+    let data = Data::new(&layout, &runs, &rigid, &x, true);
     Ok(conclude(&layout, &region, &data, &x, &start_residuals, status, iterations))
 }
 
@@ -569,10 +570,10 @@ struct JointData {
 }
 
 impl Data {
-    /// Linearises all runs about `x`.
-    fn new(layout: &Layout, runs: &[&TorqueRun], rigid: &[Vec<RigidColumns>], x: &[f64]) -> Self {
+    /// Linearises all runs about `x`; correlation times, which only standard errors need, are found if asked for.
+    fn new(layout: &Layout, runs: &[&TorqueRun], rigid: &[Vec<RigidColumns>], x: &[f64], with_errors: bool) -> Self {
         let parts: Vec<Vec<(usize, JointData)>> =
-            runs.par_iter().zip(rigid).map(|(run, rigid)| run_equations(layout, run, rigid, x)).collect();
+            runs.par_iter().zip(rigid).map(|(run, rigid)| run_equations(layout, run, rigid, x, with_errors)).collect();
         let mut joints: BTreeMap<usize, JointData> = BTreeMap::new();
         for (joint, part) in parts.into_iter().flatten() {
             let Some(sum) = joints.get_mut(&joint) else {
@@ -642,7 +643,13 @@ impl JointData {
 }
 
 /// The equations of one run, for each of its free joints.
-fn run_equations(layout: &Layout, run: &TorqueRun, rigid: &[RigidColumns], x: &[f64]) -> Vec<(usize, JointData)> {
+fn run_equations(
+    layout: &Layout,
+    run: &TorqueRun,
+    rigid: &[RigidColumns],
+    x: &[f64],
+    with_errors: bool,
+) -> Vec<(usize, JointData)> {
     let mut system = run.system.clone();
     layout.install(&mut system, x);
     let lumps_by_pi = lumps_by_standard(layout, &system);
@@ -710,7 +717,7 @@ fn run_equations(layout: &Layout, run: &TorqueRun, rigid: &[RigidColumns], x: &[
             residual_squared,
             torque_squared: rows.iter().map(|&sample| torque[sample].powi(2)).sum(),
             n_samples: rows.len(),
-            correlation_time: correlation_time(&linear.residual, used),
+            correlation_time: if with_errors { correlation_time(&linear.residual, used) } else { 1.0 },
         };
         (free[slot], data)
     };

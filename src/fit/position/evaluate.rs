@@ -3,8 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion, noise_floor};
+use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion};
 use crate::{
+    compare::noise_of_log,
     fit::{
         sensitivity::{self, Columns, Lumps},
         sqp::{HalfSpace, Objective, Quadratic},
@@ -503,7 +504,7 @@ impl Objective for At<'_, '_> {
 }
 
 /// Position and speed at the first sample by the line of least squares through the first few.
-fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
+pub(crate) fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
     const SAMPLES: usize = 6;
     let n = run.time.len().min(SAMPLES);
     let position = |k: usize| run.position[k * run.system.n_free() + slot];
@@ -516,10 +517,10 @@ fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
     [mean + speed * (run.time[0] - time), speed]
 }
 
-/// Noise of a log; a log without noise counts as one of a millionth of its range.
+/// Noise of a log as `compare` has it; a log without noise counts as one of a millionth of its range.
 pub(super) fn noise_of(measured: &[f64]) -> f64 {
     let (low, high) = range(measured);
-    noise_floor(measured).max(1e-6 * (high - low)).max(1e-12)
+    noise_of_log(measured).max(1e-6 * (high - low)).max(1e-12)
 }
 
 fn range(values: &[f64]) -> (f64, f64) {

@@ -277,7 +277,7 @@ pub fn closed_loop(system: &System, run: &Run, options: &simulate::Options) -> R
     let rows = 0..run.log.len();
     let reference: Vec<f64> = rows.flat_map(|k| reference.iter().map(move |joint| joint[k])).collect();
     let first: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
-    Ok(Some(control::simulate(system, &controller, &run.log.t, &reference, &first, options)))
+    Ok(Some(control::simulate(system, &controller, &run.elapsed_s(), &reference, &first, options)))
 }
 
 /// Whether a simulation of `model` from the run's first positions under its commands shows the motion of the log, not one of

@@ -37,6 +37,8 @@ pub struct Motion {
     pub kept: Vec<usize>,
     /// Per free joint, for each kept sample: whether it counts in the torque error.
     pub used: Vec<Vec<bool>>,
+    /// First time of the grid, counted from the beginning of the run (s).
+    from_s: f64,
     filter: Lowpass,
     decimation: usize,
 }
@@ -163,6 +165,7 @@ impl Motion {
             dq,
             ddq,
             kept,
+            from_s: grid.start - run.began_s(),
             filter,
             decimation,
         })
@@ -191,6 +194,11 @@ impl Motion {
         let c = slope + slope_next - 2.0 * (next - now);
         let value = now + share * (slope + share * (b + share * c));
         (value, (slope + share * (2.0 * b + share * 3.0 * c)) / self.grid.step)
+    }
+
+    /// Time of sample `k`, counted from the beginning of the run (s): the effects' time.
+    pub fn elapsed_s(&self, k: usize) -> f64 {
+        self.from_s + k as f64 * self.grid.step
     }
 
     /// Number of samples on the grid.

@@ -89,7 +89,8 @@ pub struct JointComparison {
     pub max_abs: Option<f64>,
     /// Standard deviation of the log's own noise, from the log alone [rad or m].
     pub noise_floor: f64,
-    /// Whether the position error is white noise (Ljung-Box, 1 %): nothing is left to explain. False without one.
+    /// Whether the position error is white noise beside its mean (Ljung-Box, 1 %), so that no pattern is left to explain.
+    /// False without one.
     pub white: bool,
     /// Root mean square of the torque error [unit of the command].
     pub torque_rmse: Option<f64>,
@@ -107,9 +108,14 @@ pub struct JointComparison {
 const NOTHING_LEFT: f64 = 1.2;
 
 impl JointComparison {
+    /// The position error over the noise of the log: 0 without any error, infinite where the log shows no noise.
+    pub fn times_noise(&self) -> Option<f64> {
+        self.rmse.map(|rmse| if rmse == 0.0 { 0.0 } else { rmse / self.noise_floor })
+    }
+
     /// Whether the position error is white noise of the log's own size.
     pub fn is_explained(&self) -> bool {
-        self.white && self.rmse.is_some_and(|rmse| rmse < NOTHING_LEFT * self.noise_floor)
+        self.white && self.times_noise().is_some_and(|ratio| ratio < NOTHING_LEFT)
     }
 }
 
@@ -167,6 +173,12 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
             Vec::new()
         }
     };
+    if system.has_sensors() && !torque.is_empty() {
+        notes.push(
+            "the torque error takes the logged positions for the true ones: the model's sensor effects are not in it"
+                .to_owned(),
+        );
+    }
     let mut lost = false;
     let simulated = match simulated(model, run, &mut lost)? {
         Ok(simulated) => Some(simulated),
@@ -231,11 +243,11 @@ fn means(joint: &JointComparison, lost: bool) -> Vec<String> {
     let mut means = Vec::new();
     if lost {
         means.push("The simulation has lost the log, so the size of the position error means nothing.".to_owned());
-    } else if let Some(rmse) = joint.rmse {
-        let ratio = rmse / joint.noise_floor;
-        let times = if joint.noise_floor > 0.0 { format!("{ratio:.2} times") } else { "above".to_owned() };
+    } else if let Some(ratio) = joint.times_noise() {
+        let times = if ratio.is_finite() { format!("{ratio:.2} times") } else { "above".to_owned() };
+        let has_pattern = joint.whiteness.is_some() && !joint.white;
         means.push(match ratio {
-            ratio if ratio < NOTHING_LEFT => {
+            ratio if ratio < NOTHING_LEFT && !has_pattern => {
                 format!("The position error is {times} the noise of the log: nothing is left to explain.")
             }
             ratio if ratio < 2.0 => format!("The position error is {times} the noise of the log: little is left."),
@@ -277,10 +289,10 @@ pub fn closed_loop(system: &System, run: &Run, options: &simulate::Options) -> R
     let rows = 0..run.log.len();
     let reference: Vec<f64> = rows.flat_map(|k| reference.iter().map(move |joint| joint[k])).collect();
     let first: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
-    Ok(Some(control::simulate(system, &controller, &run.log.t, &reference, &first, options)))
+    Ok(Some(control::simulate(system, &controller, &run.elapsed_s(), &reference, &first, options)))
 }
 
-/// Whether a simulation of `model` from the run's first positions under its commands shows the motion of the log, not one of
+/// Whether a simulation of `model` from where the run begins, under its commands, shows the motion of the log, not one of
 /// its own.
 pub fn stays_near(model: &Model, run: &Run) -> bool {
     /// Share of the motion's spread that the error may reach: far from [`LOST`].
@@ -290,15 +302,41 @@ pub fn stays_near(model: &Model, run: &Run) -> bool {
     let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
     let options = simulate::Options { substeps, ..simulate::Options::default() };
     let n = run.free.len();
-    let Some(first) = fit_run.position.get(..n) else { return false };
-    let Ok(trajectory) = simulate::simulate(&fit_run.system, &input, first, &options) else { return false };
-    run.free.iter().enumerate().all(|(slot, &joint)| {
+    let start = first_state(&fit_run);
+    let Ok(trajectory) = simulate::simulate(&fit_run.system, &input, &start, &options) else { return false };
+    let simulated: Vec<Vec<f64>> =
+        (0..n).map(|slot| trajectory.q.iter().skip(slot).step_by(n).copied().collect()).collect();
+    !strays(run, &simulated, NEAR)
+}
+
+/// The first positions of a run; where it begins in motion, then the speeds over its first samples.
+fn first_state(run: &FitRun) -> Vec<f64> {
+    /// Few enough for the speed to stay, and enough for it to rise above the noise.
+    const SAMPLES: usize = 6;
+    let n = run.system.n_free();
+    let mut state: Vec<f64> = run.position.iter().take(n).copied().collect();
+    if run.moving && run.time.len() > 1 {
+        let last = SAMPLES.min(run.time.len()) - 1;
+        let span_s = run.time[last] - run.time[0];
+        state.extend((0..n).map(|slot| (run.position[last * n + slot] - run.position[slot]) / span_s));
+    }
+    state
+}
+
+/// Whether the simulated positions of a free joint are off its log by more than `share` of its motion. The noise of a joint
+/// that stands still is no motion to compare with; one whose log does not change at all says nothing beside one that moves.
+fn strays(run: &Run, simulated: &[Vec<f64>], share: f64) -> bool {
+    /// The least motion of a joint, in standard deviations of its log's noise: as much as the noise itself shows.
+    const LEAST_MOTION: f64 = 6.0;
+    let changes = |joint: &usize| run.log.q[*joint].windows(2).any(|pair| pair[0] != pair[1]);
+    let one_moves = run.free.iter().any(changes);
+    run.free.iter().zip(simulated).filter(|(joint, _)| !one_moves || changes(joint)).any(|(&joint, simulated)| {
         let measured = &run.log.q[joint];
-        let model = trajectory.q.iter().skip(slot).step_by(n);
-        let residual: Vec<f64> = measured.iter().zip(model).map(|(y, model)| y - model).collect();
+        let residual: Vec<f64> = measured.iter().zip(simulated).map(|(y, model)| y - model).collect();
         let mean = run.log.mean_position(joint);
         let spread: Vec<f64> = measured.iter().map(|y| y - mean).collect();
-        rms(&residual) <= NEAR * rms(&spread)
+        let motion = rms(&spread).max(LEAST_MOTION * noise_of_log(measured));
+        rms(&residual) > share * motion
     })
 }
 
@@ -310,7 +348,6 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
     let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
     let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
     let options = simulate::Options { substeps, ..simulate::Options::default() };
-    let first: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
     let by_joint = |values: &[f64]| -> Vec<Vec<f64>> {
         let n_free = run.free.len();
         (0..n_free).map(|slot| values.iter().skip(slot).step_by(n_free).copied().collect()).collect()
@@ -319,18 +356,11 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
         return Ok(played.map(|(trajectory, _)| by_joint(&trajectory.q)).map_err(|error| error.to_string()));
     }
     // From the first sample first: where that loses the log, a better start does not bring it back.
-    let from_first = match simulate::simulate(&fit_run.system, &input, &first, &options) {
+    let from_first = match simulate::simulate(&fit_run.system, &input, &first_state(&fit_run), &options) {
         Ok(trajectory) => by_joint(&trajectory.q),
         Err(error) => return Ok(Err(error.to_string())),
     };
-    let is_lost = run.free.iter().zip(&from_first).any(|(&joint, simulated)| {
-        let measured = &run.log.q[joint];
-        let residual: Vec<f64> = measured.iter().zip(simulated).map(|(y, model)| y - model).collect();
-        let mean = run.log.mean_position(joint);
-        let spread: Vec<f64> = measured.iter().map(|y| y - mean).collect();
-        rms(&residual) > LOST * rms(&spread)
-    });
-    if is_lost {
+    if strays(run, &from_first, LOST) {
         *lost = true;
         return Ok(Ok(from_first));
     }
@@ -348,14 +378,24 @@ pub(crate) fn noise_of_log(measured: &[f64]) -> f64 {
 }
 
 /// The smallest step between samples that is not rounding of the decimal text: the last digit of the log. Zero for a
-/// position that does not move.
+/// position that does not move, and where the steps are not several whole numbers of it: then it is the slowest motion, not
+/// a digit.
 pub(crate) fn last_digit(measured: &[f64]) -> f64 {
     /// Smaller differences are rounding of the decimal text, not digits.
     const ROUNDING: f64 = 1e-9;
+    /// How far from a whole number of digits a step may be, and up to how many digits that can be told.
+    const WHOLE: f64 = 0.02;
+    const MOST_DIGITS: f64 = 1000.0;
     let size = measured.iter().fold(0.0_f64, |size, q| size.max(q.abs()));
-    let steps = measured.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-    let digit = steps.filter(|step| *step > ROUNDING * size).fold(f64::INFINITY, f64::min);
-    if digit.is_finite() { digit } else { 0.0 }
+    let steps = || measured.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let digit = steps().filter(|step| *step > ROUNDING * size).fold(f64::INFINITY, f64::min);
+    if !digit.is_finite() {
+        return 0.0;
+    }
+    let digits = || steps().map(|step| step / digit).filter(|digits| *digits < MOST_DIGITS);
+    let are_whole = digits().all(|digits| (digits - digits.round()).abs() <= WHOLE);
+    let differ = digits().any(|digits| digits.round() != 1.0);
+    if are_whole && differ { digit } else { 0.0 }
 }
 
 fn rms(values: &[f64]) -> f64 {
@@ -384,6 +424,105 @@ mod tests {
         let rounded: Vec<f64> = (0..1000).map(|k| ((f64::from(k) * 1e-3).sin() * 100.0).round() / 100.0).collect();
         assert!((noise_of_log(&rounded) - 0.01 / 12.0_f64.sqrt()).abs() < 2e-3 * 0.01);
         assert_eq!(noise_of_log(&[0.5; 10]), 0.0);
+    }
+
+    /// A joint that turns steadily: its slowest step is no digit.
+    #[test]
+    fn a_steady_speed_is_no_digit() {
+        for wave in [1e-3, 0.1] {
+            let steady: Vec<f64> =
+                (0..1000).map(|k| 0.01 * f64::from(k) + wave * (0.01 * f64::from(k)).sin()).collect();
+            assert_eq!(last_digit(&steady), 0.0);
+            let counted: Vec<f64> = steady.iter().map(|q| (q / 8e-3).round() * 8e-3).collect();
+            assert!((last_digit(&counted) - 8e-3).abs() < 1e-12);
+        }
+    }
+
+    fn run(q: Vec<Vec<f64>>) -> Run {
+        let n_samples = q[0].len();
+        let log = crate::log::Log {
+            t: (0..n_samples).map(|k| 0.01 * k as f64).collect(),
+            tau: vec![vec![0.0; n_samples]; q.len()],
+            q,
+            reference: None,
+            mask: None,
+        };
+        let settings = crate::experiment::Settings::default();
+        Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0, 1], configuration: 1, log, settings }
+    }
+
+    /// One joint swings, the other stands still: its log is noise, or one value.
+    #[test]
+    fn a_joint_that_stands_still_loses_no_log() {
+        let swing: Vec<f64> = (0..1000).map(|k| (0.01 * f64::from(k)).sin()).collect();
+        let mut random = crate::random::Random::new(3);
+        let noise: Vec<f64> = (0..1000).map(|_| 0.3 + 1e-4 * random.normal()).collect();
+        let simulated = |away: f64| vec![swing.clone(), vec![0.3 + away; 1000]];
+        for still in [noise.clone(), vec![0.3; 1000]] {
+            assert!(!strays(&run(vec![swing.clone(), still]), &simulated(1e-4), LOST));
+        }
+        assert!(strays(&run(vec![swing.clone(), noise]), &simulated(1e-2), LOST), "it moves in the simulation alone");
+        assert!(strays(&run(vec![vec![0.3; 1000]; 2]), &simulated(0.0), LOST), "nothing moves but the simulation");
+        assert!(strays(&run(vec![swing.clone(), vec![0.3; 1000]]), &vec![vec![2.0; 1000]; 2], LOST));
+    }
+
+    /// Friction that falls as the joint warms up counts from the beginning of the run, whatever clock the log has.
+    #[test]
+    fn the_clock_of_a_log_does_not_matter() {
+        let mut model = Model::of_device(dynid_model::device("planar2r").expect("a shipped device"));
+        for (name, value) in [("Fd", 0.4), ("tau", 1.0), ("v_eps", 0.2)] {
+            if name == "Fd" {
+                model.add_effect("friction_drift", Some(0), None).expect("an effect of the library");
+            }
+            model.set_value(&format!("joint.0.friction_drift.{name}"), value).expect("a parameter");
+        }
+        let swing = |hertz: f64| (0..400).map(|k| 0.2 * (0.01 * hertz * f64::from(k)).cos()).collect::<Vec<f64>>();
+        let mut early = run(vec![swing(2.0), swing(3.0)]);
+        early.log.tau = vec![swing(2.0), swing(3.0)];
+        early.settings.min_speed = vec![0.0; 2];
+        early.settings.cutoff_hz = Some(5.0);
+        let mut late = early.clone();
+        late.log.t.iter_mut().for_each(|t| *t += 1e6);
+        let [early, late] = [&early, &late].map(|run| compare(&model, &[run]).expect("equations").runs.remove(0));
+        for (early, late) in early.joints.iter().zip(&late.joints) {
+            for (early, late) in [(early.rmse, late.rmse), (early.torque_rmse, late.torque_rmse)] {
+                let (early, late) = early.zip(late).expect("both errors");
+                assert!((early - late).abs() < 1e-6 * early, "{early} {late}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_pattern_of_the_size_of_the_noise_leaves_little_not_nothing() {
+        let told = |rmse: f64, noise_floor: f64, white: bool| {
+            let joint = JointComparison {
+                joint: 0,
+                rmse: Some(rmse),
+                fit_percent: None,
+                max_abs: None,
+                noise_floor,
+                white,
+                torque_rmse: None,
+                torque_percent: None,
+                whiteness: Some(if white { 20.0 } else { 90.0 }),
+                inputs: Vec::new(),
+                means: Vec::new(),
+            };
+            means(&joint, false).remove(0)
+        };
+        assert_eq!(
+            told(1.0, 1.0, true),
+            "The position error is 1.00 times the noise of the log: nothing is left to explain."
+        );
+        assert_eq!(told(1.0, 1.0, false), "The position error is 1.00 times the noise of the log: little is left.");
+        assert_eq!(
+            told(0.0, 0.0, true),
+            "The position error is 0.00 times the noise of the log: nothing is left to explain."
+        );
+        assert_eq!(
+            told(1.0, 0.0, false),
+            "The position error is above the noise of the log: the model misses something."
+        );
     }
 
     #[test]

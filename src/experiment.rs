@@ -47,6 +47,19 @@ pub struct Run {
     pub settings: Settings,
 }
 
+impl Run {
+    /// When the run began, as its log counts time (s).
+    pub fn began_s(&self) -> f64 {
+        self.settings.began_s.or_else(|| self.log.t.first().copied()).unwrap_or(0.0)
+    }
+
+    /// Times of the samples, counted from the beginning of the run (s): the effects' time, whatever clock the log has.
+    pub fn elapsed_s(&self) -> Vec<f64> {
+        let began_s = self.began_s();
+        self.log.t.iter().map(|t| t - began_s).collect()
+    }
+}
+
 /// What a run is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
@@ -87,6 +100,8 @@ pub struct Settings {
     pub moving: bool,
     /// Where all joints of a planned run start [rad or m]: it was not played on the robot yet and has no measured positions.
     pub start: Option<Vec<f64>>,
+    /// When the run began, as its log counts time (s), where the log is a later part of it; else its first sample.
+    pub began_s: Option<f64>,
 }
 
 impl Default for Settings {
@@ -102,6 +117,7 @@ impl Default for Settings {
             first_half: 1.0,
             moving: false,
             start: None,
+            began_s: None,
         }
     }
 }
@@ -451,7 +467,18 @@ impl<'a> RunSource<'a> {
             None => false,
         };
         let start = self.start()?;
-        Ok(Settings { cutoff_hz, decimate, min_speed, hold, controller, from_s, first_half, moving, start })
+        Ok(Settings {
+            cutoff_hz,
+            decimate,
+            min_speed,
+            hold,
+            controller,
+            from_s,
+            first_half,
+            moving,
+            start,
+            began_s: None,
+        })
     }
 
     /// One speed a joint of the device, or one a free joint.

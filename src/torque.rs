@@ -108,7 +108,7 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
             for k in range {
                 sample.load(motion, states.as_ref(), k);
                 let Sample { x, ddq, command, dx, .. } = &mut sample;
-                linear.along(system, motion.grid.time(k), x, None, command, dx);
+                linear.along(system, motion.elapsed_s(k), x, None, command, dx);
                 (system.kernel().inverse_dynamics)(system.prepared(), &x[..n], &x[n..2 * n], ddq, &mut needed);
                 system.add_inertia_torque(ddq, &mut needed);
                 for slot in 0..n {
@@ -159,7 +159,7 @@ pub(crate) fn delivered(system: &System, motion: &Motion) -> (Vec<Vec<f64>>, Vec
     for k in 0..motion.len() {
         sample.load(motion, states.as_ref(), k);
         let Sample { x, command, dx, .. } = &mut sample;
-        linear.along(system, motion.grid.time(k), x, None, command, dx);
+        linear.along(system, motion.elapsed_s(k), x, None, command, dx);
         delivered.iter_mut().zip(linear.drive()).for_each(|(delivered, drive)| delivered.push(*drive));
     }
     (delivered, slopes)
@@ -237,7 +237,7 @@ pub(crate) fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]
                 sample.load(motion, states.as_ref(), k);
                 let Sample { x, ddq, command, late, dx, .. } = &mut sample;
                 linear.set_late(late.iter().copied());
-                linear.along(system, motion.grid.time(k), x, Some(ddq), command, dx);
+                linear.along(system, motion.elapsed_s(k), x, Some(ddq), command, dx);
                 inertial.fill(0.0);
                 system.add_inertia_torque(ddq, &mut inertial);
                 let mut add = |slot: usize, column: usize, value: f64| {
@@ -338,7 +338,7 @@ fn passed(system: &System, motion: &Motion, states: Option<&states::States>) -> 
                 let Sample { x, command, late, dx, .. } = &mut sample;
                 linear.set_late(late.iter().copied());
                 let mut net = |command: &[f64]| {
-                    linear.along(system, motion.grid.time(k), x, None, command, dx);
+                    linear.along(system, motion.elapsed_s(k), x, None, command, dx);
                     (linear.drive().to_vec(), linear.load().to_vec())
                 };
                 let (drive, load) = net(command);

@@ -55,16 +55,17 @@ impl Effect {
 
     /// Number of different signals that its formulas read.
     pub fn n_signals(&self) -> usize {
-        let mut read = std::collections::BTreeSet::new();
+        SIGNALS.into_iter().filter(|signal| self.reads(signal)).count()
+    }
+
+    /// Whether its formulas read that signal; a parameter of the same name hides it.
+    pub fn reads(&self, signal: &str) -> bool {
+        let mut occurs = false;
         let formulas = self.terms.iter().chain(&self.outputs).map(|(_, formula)| formula);
         for formula in formulas.chain(self.states.iter().map(|state| &state.rate)) {
-            formula.for_each_symbol(&mut |symbol| {
-                if SIGNALS.contains(&symbol) && self.parameter(symbol).is_none() {
-                    read.insert(symbol.to_owned());
-                }
-            });
+            formula.for_each_symbol(&mut |symbol| occurs |= symbol == signal);
         }
-        read.len()
+        occurs && self.parameter(signal).is_none()
     }
 
     /// Terms, outputs and state rates at one point: outputs in order, then rates.

@@ -227,7 +227,7 @@ fn read_parameters(root: &Table) -> Result<Vec<EffectParameter>, ModelError> {
     Ok(parameters)
 }
 
-/// A symbol that is a name, not taken by a signal, a word of `[[effect]]` tables or an earlier symbol.
+/// What the values of a `scan` may be multiples of, by their names.
 const MEASURES: [(&str, Measure); 12] = [
     ("value", Measure::Value),
     ("speed", Measure::Speed),
@@ -273,6 +273,7 @@ fn read_scan(entry: &Entry) -> Result<Scan, ModelError> {
     Ok(Scan { of, at })
 }
 
+/// A symbol that is a name, not taken by a signal, a word of `[[effect]]` tables or an earlier symbol.
 fn new_symbol<'t>(entry: &Entry, mut taken: impl Iterator<Item = &'t str>) -> Result<String, ModelError> {
     let symbol = entry.text()?;
     if is_keyword(symbol) {

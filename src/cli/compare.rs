@@ -112,6 +112,9 @@ fn meanings(comparison: &Comparison) -> String {
         .flat_map(|run| run.joints.iter().map(move |joint| (run.file.as_str(), joint)))
         .filter(|(_, joint)| !joint.means.is_empty())
         .collect();
+    if joints.is_empty() {
+        return String::new();
+    }
     let n_joints = joints.len();
     if n_joints > MOST_EXPLAINED {
         // Stable: equal ones stay in the order of the runs.
@@ -133,7 +136,7 @@ fn meanings(comparison: &Comparison) -> String {
 
 /// Error over noise, or the share of the torque where there is no noise to compare with.
 fn how_far_off(joint: &JointComparison) -> f64 {
-    let ratio = joint.rmse.map(|rmse| rmse / joint.noise_floor).filter(|ratio| ratio.is_finite());
+    let ratio = joint.times_noise().filter(|ratio| ratio.is_finite());
     ratio.or(joint.torque_percent).unwrap_or(0.0)
 }
 
@@ -202,7 +205,7 @@ fn table(comparison: &Comparison, shown: Shown) -> String {
                     number(joint.noise_floor),
                     told(joint.max_abs),
                     percent(joint.fit_percent),
-                    if joint.white { "yes" } else { "no" }.to_owned(),
+                    joint.rmse.map_or("\u{2014}", |_| if joint.white { "yes" } else { "no" }).to_owned(),
                 ]);
             }
             if shown != Shown::Position {
@@ -273,9 +276,11 @@ fn page(
 fn sentences(comparison: &Comparison) -> Vec<String> {
     let mut sentences = Vec::new();
     for (role, runs) in [("fit", "the runs to fit to"), ("validate", "the held-out runs")] {
-        let of_role = comparison.runs.iter().filter(|run| run.role == role);
+        // A simulation that has lost its log says nothing by its size, and a log without noise compares with nothing.
+        let of_role = comparison.runs.iter().filter(|run| run.role == role && !run.lost);
         let ratios = of_role.flat_map(|run| {
-            run.joints.iter().filter_map(move |joint| Some((joint.rmse? / joint.noise_floor, &run.file, joint.joint)))
+            let finite = |joint: &JointComparison| joint.times_noise().filter(|ratio| ratio.is_finite());
+            run.joints.iter().filter_map(move |joint| Some((finite(joint)?, &run.file, joint.joint)))
         });
         if let Some((ratio, file, joint)) = ratios.max_by(|a, b| a.0.total_cmp(&b.0)) {
             sentences.push(format!(
@@ -299,7 +304,7 @@ pub fn run_panels(device: &Device, run: &Run, compared: &RunComparison, shown: S
             panels.extend(position_panel(run, compared, slot, joint, kind));
         }
         if shown != Shown::Position {
-            panels.extend(torque_panel(compared, slot, kind));
+            panels.extend(torque_panel(compared, slot, &device.joints[joint.joint].command_unit));
         }
     }
     panels
@@ -327,7 +332,7 @@ fn position_panel(
     })
 }
 
-fn torque_panel(compared: &RunComparison, slot: usize, kind: JointKind) -> Option<Panel> {
+fn torque_panel(compared: &RunComparison, slot: usize, unit: &str) -> Option<Panel> {
     let error = compared.torque.get(slot)?;
     // samples that do not count leave gaps
     let counted = |values: &[f64]| -> Vec<f64> {
@@ -337,7 +342,7 @@ fn torque_panel(compared: &RunComparison, slot: usize, kind: JointKind) -> Optio
     Some(Panel {
         title: format!("{}, joint {}, {}", compared.file, error.joint, compared.role),
         quantity: "torque".to_owned(),
-        unit: if kind == JointKind::Prismatic { "N" } else { "N m" }.to_owned(),
+        unit: unit.to_owned(),
         time: error.time.clone(),
         measured: counted(&error.torque),
         predicted: counted(&predicted),

@@ -200,7 +200,8 @@ impl<'a> Report<'a> {
         }];
         let first = &self.ladder.rungs[0];
         let fell = |before: Option<f64>, after: Option<f64>| before.zip(after).filter(|(_, after)| *after > 0.0);
-        let position = if held_out { fell(first.rmse_validate, rmse) } else { fell(first.rmse_fit, rmse) };
+        let rmse_first = if held_out { first.rmse_validate } else { first.rmse_fit };
+        let position = fell(rmse_first.filter(|_| !is_lost(first)), rmse);
         let torque = if held_out {
             fell(first.torque_percent_validate, percent)
         } else {
@@ -251,7 +252,7 @@ impl<'a> Report<'a> {
         for index in order {
             let compared = &rung.comparison.runs[index];
             panels.extend(run_panels(subject.device, self.runs[index], compared, Shown::Both));
-            for joint in &compared.joints {
+            for joint in compared.joints.iter().filter(|joint| !joint.means.is_empty()) {
                 means.push(format!("{}, joint {}: {}", compared.file, joint.joint, joint.means.join(" ")));
             }
             means.extend(compared.notes.iter().map(|note| format!("{}: {note}", compared.file)));

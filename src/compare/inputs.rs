@@ -75,8 +75,10 @@ pub(super) fn correlations(
 fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step: f64) -> Option<InputCorrelation> {
     let n = residual.len();
     let size = (square(residual) * square(command)).sqrt();
-    let stride = ((LONGEST_S / step / LAGS as f64).round() as i64).max(1);
-    if size <= 0.0 || n < 4 * (LAGS * stride) as usize {
+    // Where the samples are far apart, fewer lags reach the longest.
+    let lags = LAGS.min((LONGEST_S / step) as i64).max(1);
+    let stride = ((LONGEST_S / step / lags as f64).round() as i64).max(1);
+    if size <= 0.0 || n < 4 * (lags * stride) as usize {
         return None;
     }
     let at = |lag: i64| -> f64 {
@@ -84,7 +86,7 @@ fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step:
         let (early, late) = if lag >= 0 { (command, residual) } else { (residual, command) };
         early.iter().zip(&late[shift..]).map(|(a, b)| a * b).sum::<f64>() / size
     };
-    let (lag, value) = (-LAGS..=LAGS)
+    let (lag, value) = (-lags..=lags)
         .map(|lag| lag * stride)
         .map(|lag| (lag, at(lag)))
         .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
@@ -149,6 +151,10 @@ mod tests {
         let late: Vec<f64> = (0..4000).map(|k| noise[k] + if k >= 8 { -command[k - 8] } else { 0.0 }).collect();
         let found = largest(Signal::Torque, 2, &late, &command, 0.01).expect("long enough");
         assert!((found.lag_s - 0.08).abs() < 1e-12 && found.value < -0.6 && found.bound < 0.1, "{found:?}");
+        // The same at samples far apart: no lag beyond the longest is looked at.
+        let found = largest(Signal::Torque, 2, &late, &command, 0.1).expect("long enough");
+        assert!((found.lag_s - 0.8).abs() < 1e-12, "{found:?}");
+        assert!(largest(Signal::Torque, 2, &late, &command, 0.2).expect("long enough").lag_s.abs() <= LONGEST_S + 1e-9);
         let found = largest(Signal::Torque, 2, &noise, &command, 0.01).expect("long enough");
         assert!(found.value.abs() < found.bound && found.what.contains("does not"), "{found:?}");
     }

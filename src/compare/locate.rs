@@ -56,12 +56,31 @@ pub struct Finding {
     /// The other joint, where one has to do with it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other: Option<usize>,
+    /// What `kind` leaves open: which signal it follows, on which side or in which part it lies.
+    #[serde(skip)]
+    about: String,
+    /// From and to which frequency it lies (Hz), where it is about frequencies.
+    #[serde(skip)]
+    band_hz: Option<[f64; 2]>,
+    /// Index of the run, for two may have one log.
+    #[serde(skip)]
+    run_index: usize,
     /// By which findings are ordered.
     #[serde(skip)]
     rank: f64,
 }
 
 impl Finding {
+    /// Whether it says of its joint what `other` says, of whichever error and run.
+    pub(crate) fn says_the_same(&self, other: &Self) -> bool {
+        let overlap = match (self.band_hz, other.band_hz) {
+            (Some([low, high]), Some([other_low, other_high])) => low <= other_high && other_low <= high,
+            _ => true,
+        };
+        (self.joint, self.kind, self.other, &self.about) == (other.joint, other.kind, other.other, &other.about)
+            && overlap
+    }
+
     /// Share beyond chance, of what chance leaves.
     pub fn surplus(&self) -> f64 {
         (self.share - self.expected) / (1.0 - self.expected).max(1e-3)
@@ -165,8 +184,12 @@ pub enum FindingKind {
 
 /// Where the errors of `comparison`, which is of `model` and `runs`, lie: the most telling first.
 pub fn locate(model: &Model, runs: &[&Run], comparison: &Comparison) -> Vec<Finding> {
-    let traces: Vec<Vec<Trace>> =
-        runs.par_iter().zip(&comparison.runs).map(|(run, compared)| trace::of_run(model, run, compared)).collect();
+    let traces: Vec<Vec<Trace>> = runs
+        .par_iter()
+        .zip(&comparison.runs)
+        .enumerate()
+        .map(|(index, (run, compared))| trace::of_run(model, index, run, compared))
+        .collect();
     let traces: Vec<Trace> = traces.into_iter().flatten().collect();
     let mut findings: Vec<Finding> = traces.par_iter().flat_map_iter(of_trace).collect();
     findings.extend(between_runs(&traces));
@@ -178,10 +201,11 @@ pub fn locate(model: &Model, runs: &[&Run], comparison: &Comparison) -> Vec<Find
 
 /// What both errors of a joint in a run say is said once, by the one that says more, with the other's share.
 fn twins_together(findings: Vec<Finding>) -> Vec<Finding> {
-    let key = |finding: &Finding| (finding.run.clone(), finding.joint, finding.kind, finding.other);
     let mut told: Vec<Finding> = Vec::new();
     for finding in findings {
-        let twin = told.iter_mut().find(|other| key(other) == key(&finding) && other.error != finding.error);
+        let twin = told.iter_mut().find(|other| {
+            other.run_index == finding.run_index && other.says_the_same(&finding) && other.error != finding.error
+        });
         let Some(twin) = twin else {
             told.push(finding);
             continue;
@@ -240,10 +264,12 @@ fn between_runs(traces: &[Trace]) -> Vec<Finding> {
         let power: f64 = of_runs.iter().map(|(trace, ..)| trace.power()).sum();
         let overall = of_runs.iter().map(|(_, mean, _, n)| mean * n).sum::<f64>() / samples;
         let degrees = of_runs.len() - 1;
-        let statistic: f64 = of_runs
-            .iter()
-            .map(|(_, mean, variance, _)| (mean - overall).powi(2) / variance.max(f64::MIN_POSITIVE))
-            .sum();
+        // Chi-squared about the mean that makes it smallest: each run's weighed by what it is certain of.
+        let certainty = |variance: f64| variance.max(f64::MIN_POSITIVE).recip();
+        let certain: f64 = of_runs.iter().map(|(_, _, variance, _)| certainty(*variance)).sum();
+        let centre = of_runs.iter().map(|(_, mean, variance, _)| mean * certainty(*variance)).sum::<f64>() / certain;
+        let statistic: f64 =
+            of_runs.iter().map(|(_, mean, variance, _)| (mean - centre).powi(2) * certainty(*variance)).sum();
         let share = of_runs.iter().map(|(_, mean, _, n)| n * (mean - overall).powi(2)).sum::<f64>() / power;
         let expected = of_runs.iter().map(|(_, _, variance, n)| n * variance).sum::<f64>() / power;
         if statistic < statistics::critical(degrees, 1) || share < LEAST_SHARE || share < 2.0 * expected {

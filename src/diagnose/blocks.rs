@@ -82,6 +82,7 @@ fn part(run: &Run, rows: std::ops::Range<usize>, role: Role) -> Run {
     let take = |values: &Vec<f64>| values[rows.clone()].to_vec();
     let mut settings = run.settings.clone();
     if rows.start > 0 {
+        settings.began_s = Some(run.began_s());
         // The transient, and what is said of the first half, are the beginning's; later the joints are under way.
         settings.moving = true;
         settings.from_s = None;
@@ -172,6 +173,7 @@ mod tests {
                         assert_eq!(part.log.t, run.log.t[rows.clone()]);
                         assert_eq!(part.log.tau[0], run.log.tau[0][rows.clone()]);
                         assert_eq!(part.log.mask.as_deref(), run.log.mask.as_ref().map(|mask| &mask[rows.clone()]));
+                        assert_eq!(part.began_s(), run.log.t[0], "effects keep the run's time");
                         let is_first = seen == 0;
                         assert_eq!((part.settings.moving, part.settings.from_s.is_some()), (!is_first, is_first));
                         if part.role == Role::Validate {

@@ -526,8 +526,7 @@ pub(super) fn conclude(
 fn places(findings: Vec<Finding>) -> Vec<Place> {
     let mut told: Vec<(Finding, Vec<String>)> = Vec::new();
     for finding in findings {
-        let key = |other: &Finding| (other.joint, other.kind, other.other);
-        match told.iter_mut().find(|(other, _)| key(other) == key(&finding)) {
+        match told.iter_mut().find(|(other, _)| other.says_the_same(&finding)) {
             Some((first, also)) if first.run != finding.run && !also.contains(&finding.run) => also.push(finding.run),
             Some(_) => {}
             None => told.push((finding, Vec::new())),

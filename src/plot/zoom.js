@@ -12,8 +12,9 @@ for (const picture of document.querySelectorAll("svg.dynid-plot[data-from]")) {
     high: Number(view.dataset.high),
     margin: Number(view.dataset.margin),
     grid: picture.querySelector(`g.grid-of[data-view="${view.dataset.view}"]`),
-    points: [...view.querySelectorAll("path.curve")].flatMap((path) =>
-      path.getAttribute("d").split(/[ML]/).slice(1).map((pair) => pair.split(" ").map(Number))),
+    lines: [...view.querySelectorAll("path.curve")].flatMap((path) =>
+      path.getAttribute("d").split("M").slice(1).map((line) =>
+        line.split("L").map((pair) => pair.split(" ").map(Number)))),
   }));
   const foot = picture.querySelector("g.foot");
   const foot_y = Number(foot.dataset.y);
@@ -32,6 +33,18 @@ for (const picture of document.querySelectorAll("svg.dynid-plot[data-from]")) {
     }
     return all;
   };
+  // Heights of a line between two places, and at them: where it is straight it has no points of its own.
+  const heights = (line, left, right) => {
+    const seen = line.filter(([x]) => x >= left && x <= right).map(([, y]) => y);
+    for (const place of [left, right]) {
+      const next = line.findIndex(([x]) => x > place);
+      if (next > 0) {
+        const [[x0, y0], [x1, y1]] = [line[next - 1], line[next]];
+        seen.push(y0 + ((place - x0) / (x1 - x0)) * (y1 - y0));
+      }
+    }
+    return seen;
+  };
   const make = (parent, name, attributes, text) => {
     const element = document.createElementNS(picture.namespaceURI, name);
     for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
@@ -47,7 +60,7 @@ for (const picture of document.querySelectorAll("svg.dynid-plot[data-from]")) {
       const width = ((to - from) / span) * own.width;
       let [top, bottom] = [0, own.height];
       if (to - from < 0.999 * span) {
-        const seen = own.points.filter(([x]) => x >= left && x <= left + width).map(([, y]) => y);
+        const seen = own.lines.flatMap((line) => heights(line, left, left + width));
         if (seen.length > 1) {
           const [least, most] = [Math.min(...seen), Math.max(...seen)];
           const extra = own.margin * Math.max(most - least, 1e-3 * own.height);

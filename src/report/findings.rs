@@ -126,8 +126,9 @@ impl Section for TorqueTerms {
             }
         }
         html.push_str(
-            "<p class=\"note\">Along the measured, filtered motion, in the unit of the command. An effect's term is what the torque \
-             error would have more without it. Shares of the RMS do not add up to 100 %, for terms stand against each other.</p>\n",
+            "<p class=\"note\">Along the measured, filtered motion, in the unit of the command. Effects are taken \
+             out one after the other, first those that build on others; an effect's term is what the torque error then has more. \
+             Shares of the RMS do not add up to 100 %, for terms stand against each other.</p>\n",
         );
         html
     }

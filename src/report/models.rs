@@ -203,7 +203,9 @@ impl Section for Accuracy<'_> {
         let percent = |value: Option<f64>| value.map_or_else(|| told(None), |value| format!("{value:.2}"));
         for run in &self.comparison.runs {
             for joint in &run.joints {
-                let ratio = joint.rmse.map(|rmse| rmse / joint.noise_floor);
+                let ratio = joint.times_noise();
+                let white =
+                    joint.rmse.map_or_else(|| told(None), |_| if joint.white { "yes" } else { "no" }.to_owned());
                 let _ = write!(
                     html,
                     "<tr><td class=\"word\">{}</td><td class=\"word\">{}</td><td>{}</td><td>{}</td><td>{}</td>\
@@ -216,7 +218,7 @@ impl Section for Accuracy<'_> {
                     percent(ratio.filter(|ratio| ratio.is_finite())),
                     told(joint.max_abs),
                     percent(joint.fit_percent),
-                    if joint.white { "yes" } else { "no" },
+                    white,
                 );
                 if self.with_torque {
                     let _ = write!(html, "<td>{}</td>", percent(joint.torque_percent));

@@ -80,6 +80,21 @@ impl Grid {
             })
             .collect()
     }
+
+    /// Which samples of the grid are more than `reach` samples away from every gap of the log.
+    pub fn away_from_gaps(&self, t: &[f64], reach: usize) -> Vec<bool> {
+        let mut away = vec![true; self.len];
+        if self.is_native {
+            return away;
+        }
+        for pair in t.windows(2).filter(|pair| pair[1] - pair[0] > GAP * self.step) {
+            let [last, next] = [pair[0], pair[1]].map(|time| (time - self.start) / self.step);
+            let to = (next.ceil() as usize).saturating_add(reach + 1).min(self.len);
+            let from = (last.floor() as usize).saturating_sub(reach).min(to);
+            away[from..to].fill(false);
+        }
+        away
+    }
 }
 
 /// `values` at times `t`, straight from sample to sample, on the grid.

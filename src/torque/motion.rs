@@ -37,6 +37,8 @@ pub struct Motion {
     pub kept: Vec<usize>,
     /// Per free joint, for each kept sample: whether it counts in the torque error.
     pub used: Vec<Vec<bool>>,
+    /// First time of the grid, counted from the beginning of the run (s).
+    from_s: f64,
     filter: Lowpass,
     decimation: usize,
 }
@@ -146,10 +148,12 @@ impl Motion {
 
         let kept: Vec<usize> = (0..grid.len).step_by(decimation).collect();
         let unmasked = grid.between(&log.t, log.mask.as_deref());
+        // What the line across a gap makes up, the filter spreads as far as what it makes up at the ends.
+        let away = grid.away_from_gaps(&log.t, filter.settling());
         let inside = filter.settling()..grid.len - filter.settling();
         let used = run.free.iter().zip(&dq).map(|(&joint, dq)| {
             let slowest = run.settings.min_speed[joint];
-            kept.iter().map(|&k| inside.contains(&k) && unmasked[k] && dq[k].abs() >= slowest).collect()
+            kept.iter().map(|&k| inside.contains(&k) && away[k] && unmasked[k] && dq[k].abs() >= slowest).collect()
         });
         let locked = (0..log.q.len()).filter(|joint| !run.free.contains(joint));
         Ok(Self {
@@ -163,6 +167,7 @@ impl Motion {
             dq,
             ddq,
             kept,
+            from_s: grid.start - run.began_s(),
             filter,
             decimation,
         })
@@ -191,6 +196,11 @@ impl Motion {
         let c = slope + slope_next - 2.0 * (next - now);
         let value = now + share * (slope + share * (b + share * c));
         (value, (slope + share * (2.0 * b + share * 3.0 * c)) / self.grid.step)
+    }
+
+    /// Time of sample `k`, counted from the beginning of the run (s): the effects' time.
+    pub fn elapsed_s(&self, k: usize) -> f64 {
+        self.from_s + k as f64 * self.grid.step
     }
 
     /// Number of samples on the grid.
@@ -271,6 +281,24 @@ mod tests {
         }
         run.settings.decimate = 10;
         assert!((Motion::of(&run).expect("long enough").parallel_cutoff_hz - 5.0).abs() < 1e-9);
+    }
+
+    /// Half a second is not logged: the filter spreads what the line across it makes up.
+    #[test]
+    fn samples_beside_a_gap_do_not_count() {
+        let mut run = sine_run(200.0, 2000, settings());
+        let log = &mut run.log;
+        for values in log.q.iter_mut().chain(&mut log.tau).chain([&mut log.t]) {
+            values.drain(900..1000);
+        }
+        let motion = Motion::of(&run).expect("long enough");
+        let counted = |k: usize| motion.used[0][k];
+        assert!((40..=850).all(counted) && (1050..1950).all(counted));
+        assert!(!(861..=1038).any(counted));
+        for k in (0..motion.len()).filter(|k| counted(*k)) {
+            let phase = 2.0 * PI * motion.grid.time(k);
+            assert!((motion.ddq[0][k] + 2.0 * PI * PI * phase.sin()).abs() < 0.05 * 2.0 * PI * PI, "sample {k}");
+        }
     }
 
     #[test]

@@ -148,7 +148,7 @@ impl<'a> Field<'a> {
             command.iter_mut().zip(&self.motion.command).for_each(|(value, command)| *value = between(command));
             self.sample.delay(self.motion, k as f64 + share);
         }
-        self.evaluate(self.motion.grid.time(k) + share * self.motion.grid.step);
+        self.evaluate(self.motion.elapsed_s(k) + share * self.motion.grid.step);
         rate[..n_states].copy_from_slice(&self.sample.dx[2 * n..]);
         self.sensitivities(&y[n_states..], &mut rate[n_states..]);
     }
@@ -181,12 +181,12 @@ impl<'a> Field<'a> {
         let first = 2 * self.system.n_free();
         for k in 0..self.motion.len() {
             self.sample.load(self.motion, None, k);
-            self.evaluate(self.motion.grid.time(k));
+            self.evaluate(self.motion.elapsed_s(k));
             fastest = fastest.max(fastest_rate(&self.linear.rate_by_state, first));
             if self.system.drive_has_states() {
                 // A contact that is open at first closes.
                 self.sample.x[first..].iter_mut().for_each(|state| *state += 1.0);
-                self.evaluate(self.motion.grid.time(k));
+                self.evaluate(self.motion.elapsed_s(k));
                 self.sample.x[first..].iter_mut().for_each(|state| *state -= 1.0);
                 fastest = fastest.max(fastest_rate(&self.linear.rate_by_state, first));
             }

@@ -1,9 +1,10 @@
 //! The torque of a measured motion, taken apart into physical terms.
 //!
 //! `command = D ddq + C dq + phi + effects + what is left`, all brought to the unit of the command and through the filter
-//! that the torque error passes. The term of an effect is what the torque error has more without it.
+//! that the torque error passes. Effects are taken out one after the other, first those that build on others (friction that
+//! grows with the load, say); the term of each is what the torque error then has more, so that the terms add up.
 
-use dynid_model::{Place, Stage};
+use dynid_model::{Effect, Place, Stage, effect::REST_POSITION};
 
 use super::{Motion, Sample, along, typical_commands};
 use crate::{error::Error, experiment::Run, model::Model, system::System};
@@ -40,48 +41,63 @@ pub fn terms(model: &Model, run: &Run) -> Result<Vec<JointTerms>, Error> {
     let system = of_model(model)?;
     let motion = Motion::of(run)?;
     let whole = along(&system, &motion);
-    let slopes = system.drive_slope(&typical_commands(&system, &motion)).0;
-    let rigid = rigid(&system, &motion, &slopes);
-    let mut joints: Vec<JointTerms> = whole
-        .iter()
-        .zip(rigid)
-        .map(|(error, rigid)| JointTerms {
-            joint: error.joint,
-            time: error.time.clone(),
-            command: error.torque.clone(),
-            terms: rigid.into_iter().map(|(name, values)| (name.to_owned(), motion.filtered(&values))).collect(),
-            used: error.used.clone(),
-        })
-        .collect();
-    for effect in &model.effects {
-        // The gain is the scale of all terms; a sensor's effect changes the motion itself; a body is in inertia and gravity.
+    // What the torque error of each joint is without the effects that are taken out so far, and each one's term.
+    let mut left: Vec<Vec<f64>> = whole.iter().map(|error| error.residual.clone()).collect();
+    let mut of_effects: Vec<Vec<(usize, String, Vec<f64>)>> = vec![Vec::new(); whole.len()];
+    let mut rest = model.clone();
+    let mut bare = system;
+    // Stable, so that the others keep the model's order.
+    let mut order: Vec<usize> = (0..model.effects.len()).collect();
+    order.sort_by_key(|&index| !builds_on_others(model.effects[index].effect));
+    for index in order {
+        let effect = &model.effects[index];
+        // The gain is the scale of all terms; a sensor's effect acts on the logged positions, which the torque error takes for
+        // true ones; a body is in inertia and gravity.
         let is_body = effect.effect.outputs.iter().any(|(name, _)| name == "m");
         if effect.effect.place == Place::Sensor || effect.effect.stage == Some(Stage::Gain) || is_body {
             continue;
         }
-        let mut without = model.clone();
+        let mut without = rest.clone();
         without.remove_effect(&effect.effect.id, effect.joint, effect.from)?;
         let name = match effect.from {
             Some(from) => format!("{} from {from}", effect.effect.id),
             None => effect.effect.id.clone(),
         };
-        // What others build on cannot be taken out alone.
-        let Ok(without) = of_model(&without) else { continue };
-        for ((joint, with), without) in joints.iter_mut().zip(&whole).zip(along(&without, &motion)) {
-            let term: Vec<f64> = without.residual.iter().zip(&with.residual).map(|(more, left)| more - left).collect();
+        // What others build on cannot be taken out while they are there.
+        let Ok(system) = of_model(&without) else { continue };
+        let errors = along(&system, &motion);
+        (rest, bare) = (without, system);
+        for (slot, error) in errors.into_iter().enumerate() {
             // A pair's law may act on both joints; what an actuator delivers acts on its own.
             let other = effect.from.filter(|_| effect.effect.place != Place::Actuator);
-            let own = effect.joint.is_none_or(|own| own == joint.joint) || other == Some(joint.joint);
-            if own && term.iter().any(|value| *value != 0.0) {
-                joint.terms.push((name.clone(), term));
+            let own = effect.joint.is_none_or(|own| own == error.joint) || other == Some(error.joint);
+            if own {
+                let term = error.residual.iter().zip(&left[slot]).map(|(more, left)| more - left).collect();
+                of_effects[slot].push((index, name.clone(), term));
+                left[slot] = error.residual;
             }
         }
     }
-    for (joint, error) in joints.iter_mut().zip(&whole) {
-        joint.terms.retain(|(_, values)| values.iter().any(|value| *value != 0.0));
-        joint.terms.push(("what is left".to_owned(), error.residual.clone()));
-    }
-    Ok(joints)
+    let rigid = rigid(&bare, &motion, &bare.drive_slope(&typical_commands(&bare, &motion)).0);
+    Ok(whole
+        .into_iter()
+        .zip(rigid)
+        .zip(of_effects)
+        .map(|((error, rigid), mut of_effects)| {
+            let mut terms: Vec<(String, Vec<f64>)> =
+                rigid.into_iter().map(|(name, values)| (name.to_owned(), motion.filtered(&values))).collect();
+            of_effects.sort_by_key(|(index, ..)| *index);
+            terms.extend(of_effects.into_iter().map(|(_, name, term)| (name, term)));
+            terms.retain(|(_, values)| values.iter().any(|value| *value != 0.0));
+            terms.push(("what is left".to_owned(), error.residual));
+            JointTerms { joint: error.joint, time: error.time, command: error.torque, terms, used: error.used }
+        })
+        .collect())
+}
+
+/// Whether an effect at the joint acts by what other effects do there: their friction, the drive's torque, the rest position.
+fn builds_on_others(effect: &Effect) -> bool {
+    effect.place == Place::Joint && ["friction", "load", REST_POSITION].iter().any(|signal| effect.reads(signal))
 }
 
 /// Inertia, Coriolis and centrifugal, and gravity torque of each free joint on the grid, in the unit of the command.

@@ -228,6 +228,36 @@ fn gradients_by_every_effect_agree_with_differences() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// The terms add up to the command also where effects build on others.
+#[test]
+fn terms_add_up_where_effects_read_each_other() {
+    let mut model = Model::of_device(dynid_model::device("planar2r").expect("a shipped device"));
+    model.effects.clear();
+    for joint in [0, 1] {
+        for id in ["spring", "lugre", "friction_bias", "friction_load", "dead_zone", "saturation"] {
+            model.add_effect(id, Some(joint), None).expect("an effect of the library");
+        }
+    }
+    for (id, symbol, value) in values::VALUES {
+        for joint in [0, 1] {
+            let name = format!("joint.{joint}.{id}.{symbol}");
+            if model.parameter(&name).is_some() {
+                model.set_value(&name, value).expect("a parameter");
+            }
+        }
+    }
+    for joint in terms(&model, &run()).expect("a configuration of the device") {
+        let names: Vec<&str> = joint.terms.iter().map(|(name, _)| name.as_str()).collect();
+        let effects = ["spring", "lugre", "friction_bias", "friction_load", "dead_zone"];
+        assert!(effects.iter().all(|name| names.contains(name)), "joint {}: {names:?}", joint.joint);
+        let size = joint.rms(&joint.command);
+        for (k, command) in joint.command.iter().enumerate() {
+            let sum: f64 = joint.terms.iter().map(|(_, values)| values[k]).sum();
+            assert!((sum - command).abs() < 1e-9 * size, "joint {}, sample {k}: {sum} {command}", joint.joint);
+        }
+    }
+}
+
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let (system, motion) = (arm(), Motion::of(&run()).expect("long enough"));

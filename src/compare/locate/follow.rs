@@ -74,7 +74,7 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
     let coefficients = together(trace, &told);
     let mut findings: Vec<Finding> = Vec::new();
     for (taken, coefficients) in told.into_iter().zip(coefficients) {
-        let Candidate { kind, other, columns, looked, words, .. } = &taken.candidate;
+        let Candidate { kind, other, name, columns, looked, words } = &taken.candidate;
         let share = taken.gain / total;
         let expected = (columns.len() as f64 + 2.0 * (*looked as f64).ln()) / effective * fit.left() / total;
         let (besides, more) = if findings.is_empty() { ("", "") } else { ("besides, ", "more ") };
@@ -89,7 +89,7 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
             let nearly = &taken.nearly[..taken.nearly.len().min(3)];
             what.push_str(&format!("; {} would explain nearly as much", nearly.join(", ")));
         }
-        let found = Finding { other: *other, ..trace.finding(*kind, what, share, expected) };
+        let found = Finding { other: *other, about: name.clone(), ..trace.finding(*kind, what, share, expected) };
         // What was taken in later says how much more it explains, and stands behind what it was added to.
         let rank = findings.last().map_or(found.rank, |before| found.rank.min(before.rank));
         findings.push(Finding { rank, ..found });

@@ -25,6 +25,8 @@ struct Region {
     inside: Vec<bool>,
     /// As in "lies ..".
     place: String,
+    /// Which of several regions of the kind.
+    which: &'static str,
 }
 
 /// The regions that hold more of the squared error than chance gives them.
@@ -67,7 +69,7 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
             region.place,
             100.0 * expected
         );
-        let finding = trace.finding(region.kind, what, share, expected);
+        let finding = Finding { about: region.which.to_owned(), ..trace.finding(region.kind, what, share, expected) };
         found.push((region, finding));
     }
     grouped(trace, found)
@@ -128,23 +130,27 @@ fn regions(trace: &Trace) -> Vec<Region> {
             kind: FindingKind::LowSpeed,
             inside: speed.iter().map(|speed| *speed < slow).collect(),
             place: format!("at speeds below {} {unit}", number(slow)),
+            which: "",
         });
         regions.push(Region {
             kind: FindingKind::HighSpeed,
             inside: speed.iter().map(|speed| *speed > fast).collect(),
             place: format!("at speeds above {} {unit}", number(fast)),
+            which: "",
         });
         let (low, high) = (quantile(trace, &own.q, 0.1), quantile(trace, &own.q, 0.9));
         regions.push(Region {
             kind: FindingKind::EndOfRange,
             inside: own.q.iter().map(|q| *q < low || *q > high).collect(),
             place: format!("below {} or above {} {}", number(low), number(high), trace.position_unit),
+            which: "",
         });
         for (side, above) in [("below", false), ("above", true)] {
             regions.push(Region {
                 kind: FindingKind::OneSide,
                 inside: own.q.iter().map(|q| (*q > trace.rest) == above).collect(),
                 place: format!("{side} {} {}, where the joint rests", number(trace.rest), trace.position_unit),
+                which: side,
             });
         }
     }
@@ -155,6 +161,7 @@ fn regions(trace: &Trace) -> Vec<Region> {
             kind: FindingKind::HighLoad,
             inside: load.iter().map(|load| *load > large).collect(),
             place: format!("at commanded torques above {}", number(large)),
+            which: "",
         });
     }
     for (part, name) in ["first", "second", "last"].iter().enumerate() {
@@ -162,6 +169,7 @@ fn regions(trace: &Trace) -> Vec<Region> {
             kind: FindingKind::PartOfRun,
             inside: (0..n).map(|k| 3 * k / n.max(1) == part).collect(),
             place: format!("in the {name} third of the run"),
+            which: name,
         });
     }
     regions
@@ -198,7 +206,7 @@ fn reversals(trace: &Trace) -> Option<Region> {
         inside[turn.saturating_sub(near)..end].fill(true);
     }
     let place = format!("within {} s of its {} velocity reversals", number(near as f64 * trace.step), turns.len());
-    Some(Region { kind: FindingKind::Reversal, inside, place })
+    Some(Region { kind: FindingKind::Reversal, inside, place, which: "" })
 }
 
 /// The value below which so large a share of the samples that count lies; 0 without samples.

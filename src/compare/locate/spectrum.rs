@@ -55,15 +55,17 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         let share = held(from, to);
         let expected = by_chance(trace, resolution, power.len(), n_seen, from, to);
         if share > DENSER * expected && n_seen >= 16 {
+            let [low, high] = [(from as f64 - 0.5) * resolution, (to as f64 + 0.5) * resolution];
             let what = format!(
                 "{:.0} % of the squared {} lies between {} and {} Hz ({:.1} % by chance)",
                 100.0 * share,
                 trace.error.name(),
-                number((from as f64 - 0.5) * resolution),
-                number((to as f64 + 0.5) * resolution),
+                number(low),
+                number(high),
                 100.0 * expected
             );
-            findings.push(trace.finding(FindingKind::Band, what, share, expected));
+            let finding = trace.finding(FindingKind::Band, what, share, expected);
+            findings.push(Finding { band_hz: Some([low, high]), ..finding });
         }
     }
     findings.extend(beat(trace, &power, total, resolution, n_seen));
@@ -94,7 +96,7 @@ fn beat(trace: &Trace, power: &[f64], total: f64, resolution: f64, n_seen: usize
         100.0 * expected,
         number(1.0 / (high - low))
     );
-    Some(trace.finding(FindingKind::Beat, what, share, expected))
+    Some(Finding { band_hz: Some([low, high]), ..trace.finding(FindingKind::Beat, what, share, expected) })
 }
 
 /// The share of the power of noise that lies in bins `from..=to`.

@@ -42,6 +42,7 @@ fn trace(residual: impl Fn(&Signals, &Signals, usize) -> f64, noise: f64) -> Tra
     let residual = (0..N).map(|k| residual(&own, &other, k) + noise * random.normal()).collect();
     Trace {
         run: "made.csv".to_owned(),
+        run_index: 0,
         joint: 4,
         error: Signal::Torque,
         unit: "N*m".to_owned(),
@@ -162,6 +163,26 @@ fn what_both_errors_say_is_said_once() {
 }
 
 #[test]
+fn what_differs_between_the_errors_is_said_twice() {
+    let torque = first(&trace(|own, _, k| 0.03 * (own.dq[k] / 1e-3).tanh(), 0.01));
+    let position = Finding { error: Signal::Position, ..torque.clone() };
+    let parts = ["first", "last"].map(|part| Finding {
+        kind: FindingKind::PartOfRun,
+        about: part.to_owned(),
+        error: if part == "first" { Signal::Torque } else { Signal::Position },
+        ..torque.clone()
+    });
+    assert_eq!(super::twins_together(parts.to_vec()), parts);
+    let runs = [torque.clone(), Finding { run_index: 1, ..position.clone() }];
+    assert_eq!(super::twins_together(runs.to_vec()), runs, "two runs of one log");
+    let in_band = |finding: &Finding, band| Finding { kind: FindingKind::Band, band_hz: Some(band), ..finding.clone() };
+    let apart = [in_band(&torque, [1.0, 2.0]), in_band(&position, [5.0, 8.0])];
+    assert_eq!(super::twins_together(apart.to_vec()), apart);
+    let near = vec![in_band(&torque, [1.0, 2.0]), in_band(&position, [1.8, 3.0])];
+    assert_eq!(super::twins_together(near).len(), 1);
+}
+
+#[test]
 fn a_repetition_in_position_is_told_with_its_period() {
     let found = first(&trace(|own, _, k| 0.01 * (14.0 * own.q[k] + 0.3).sin(), 0.004));
     assert_eq!(found.kind, FindingKind::PeriodicPosition, "{found:?}");
@@ -250,4 +271,26 @@ fn means_that_differ_between_runs_are_told() {
     let found = between_runs(&traces);
     assert_eq!(found.len(), 1);
     assert_eq!((found[0].run.as_str(), found[0].kind), ("1.csv", FindingKind::BetweenRuns));
+}
+
+/// A run with a large and slow error hardly knows its mean: that it is off tells nothing of the others.
+#[test]
+fn a_mean_that_is_hardly_known_does_not_differ() {
+    const STRETCH: usize = 600;
+    let mut traces: Vec<Trace> = (0..3)
+        .map(|run| {
+            let mut random = Random::new(40 + run);
+            let mut made = trace(|_, _, _| 0.0, 0.0);
+            made.residual = (0..N).map(|_| random.normal()).collect();
+            made.run = format!("{run}.csv");
+            made
+        })
+        .collect();
+    let mut random = Random::new(7);
+    let slow: Vec<f64> = (0..N / STRETCH).map(|_| 30.0 * random.normal()).collect();
+    traces[0].residual.iter_mut().enumerate().for_each(|(k, value)| *value += slow[k / STRETCH]);
+    // Two standard errors of its mean.
+    let off = 2.0 * 30.0 / (slow.len() as f64).sqrt() - traces[0].mean();
+    traces[0].residual.iter_mut().for_each(|value| *value += off);
+    assert_eq!(between_runs(&traces), []);
 }

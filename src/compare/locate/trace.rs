@@ -31,6 +31,8 @@ pub struct Signals {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
     pub run: String,
+    /// Index of the run.
+    pub run_index: usize,
     pub joint: usize,
     pub error: Signal,
     /// Unit of the error.
@@ -76,17 +78,19 @@ impl Trace {
     }
 
     pub fn finding(&self, kind: FindingKind, what: String, share: f64, expected: f64) -> Finding {
-        let (run, joint, error) = (self.run.clone(), self.joint, self.error);
-        Finding { run, joint, what, kind, share, expected, error, other: None, rank: 0.0 }.ranked()
+        let (run, run_index, joint, error) = (self.run.clone(), self.run_index, self.joint, self.error);
+        let (other, about, band_hz, rank) = (None, String::new(), None, 0.0);
+        Finding { run, joint, what, kind, share, expected, error, other, about, band_hz, run_index, rank }.ranked()
     }
 }
 
 /// The errors of every free joint of a run: torque where there is one, position unless it has lost its log. Of a joint whose
 /// position error is white noise of the log's own size there is nothing to ask: what its torque error shows then is what
 /// filters do to the corners of friction.
-pub fn of_run(model: &Model, run: &Run, compared: &RunComparison) -> Vec<Trace> {
+pub fn of_run(model: &Model, run_index: usize, run: &Run, compared: &RunComparison) -> Vec<Trace> {
     let Ok(motion) = Motion::of(run) else {
-        return (0..run.free.len()).filter_map(|slot| without_motion(model, run, compared, slot)).collect();
+        let trace = |slot| without_motion(model, run_index, run, compared, slot);
+        return (0..run.free.len()).filter_map(trace).collect();
     };
     let stride = motion.kept.len().div_ceil(MOST_SAMPLES).max(1);
     let kept: Vec<usize> = motion.kept.iter().step_by(stride).copied().collect();
@@ -117,6 +121,7 @@ pub fn of_run(model: &Model, run: &Run, compared: &RunComparison) -> Vec<Trace> 
             let nyquist = 0.5 / step;
             Trace {
                 run: compared.file.clone(),
+                run_index,
                 joint,
                 error,
                 unit: if error == Signal::Torque { command_unit } else { position_unit }.to_owned(),
@@ -145,13 +150,14 @@ pub fn of_run(model: &Model, run: &Run, compared: &RunComparison) -> Vec<Trace> 
 }
 
 /// Where a run's motion cannot be filtered, its position error still has a mean, a drift and a spectrum.
-fn without_motion(model: &Model, run: &Run, compared: &RunComparison, slot: usize) -> Option<Trace> {
+fn without_motion(model: &Model, run_index: usize, run: &Run, compared: &RunComparison, slot: usize) -> Option<Trace> {
     let joint = run.free[slot];
     let residual = position_error(run, compared, slot)?;
     let (position_unit, _) = units(model.device, joint);
     let step = run.log.sample_time();
     Some(Trace {
         run: compared.file.clone(),
+        run_index,
         joint,
         error: Signal::Position,
         unit: position_unit.to_owned(),

@@ -191,7 +191,7 @@ impl Term {
             };
             for (k, value) in values.iter_mut().enumerate() {
                 *value *= match factor {
-                    Time => motion.grid.time(k),
+                    Time => motion.elapsed_s(k),
                     Load | Command(_) | Position(_) | Speed(_) => signal[k],
                     LoadSize | CommandSize(_) | SpeedSize(_) => signal[k].abs(),
                     Sine(_, order) => (f64::from(order) * signal[k]).sin(),

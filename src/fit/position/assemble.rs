@@ -12,17 +12,18 @@ impl FitRun {
     pub fn of_run(model: &Model, run: &Run) -> Result<Self, SystemError> {
         let system = System::of_model(model, &run.free, |joint| run.log.mean_position(joint))?;
         let samples = 0..run.log.len();
+        let time = run.elapsed_s();
         let command = samples.clone().flat_map(|k| run.log.tau.iter().map(move |tau| tau[k])).collect();
         let position = samples.flat_map(|k| run.free.iter().map(move |joint| run.log.q[*joint][k])).collect();
         Ok(Self {
             name: run.file.clone(),
             system,
-            time: run.log.t.clone(),
             command,
             position,
             hold: run.settings.hold,
             weights: vec![1.0; run.free.len()],
-            from_s: run.settings.from_s.map_or(f64::NEG_INFINITY, |span| run.log.t[0] + span),
+            from_s: run.settings.from_s.map_or(f64::NEG_INFINITY, |span| time[0] + span),
+            time,
             first_half: run.settings.first_half,
             moving: run.settings.moving,
         })

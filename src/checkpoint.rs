@@ -103,7 +103,7 @@ impl Identity {
 /// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
 fn request(how: &How) -> String {
     let How { error, method, weighting, only, starts, options } = how;
-    let Options { substeps, iterations, tolerance, start } = *options;
+    let Options { substeps, iterations, tolerance, start, worth_refining } = *options;
     let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
     if let Some(method) = method {
         text.push_str(&format!(" --method {method}"));
@@ -117,8 +117,9 @@ fn request(how: &How) -> String {
     if starts.count > 1 {
         text.push_str(&format!(" --starts {} --seed {}", starts.count, starts.seed));
     }
-    if (tolerance, start) != (Options::default().tolerance, Options::default().start) {
-        text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?})"));
+    let default = Options::default();
+    if (tolerance, start, worth_refining) != (default.tolerance, default.start, default.worth_refining) {
+        text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?}, worth refining below {worth_refining:e})"));
     }
     text
 }

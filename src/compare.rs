@@ -18,7 +18,7 @@ pub use locate::{Finding, FindingKind, locate};
 use crate::{
     error::Error,
     experiment::{Role, Run},
-    fit::position::{self, FitRun, RunError, noise_floor},
+    fit::position::{self, FitRun, RunError, noise_of_log},
     model::Model,
     signal::{WHITENESS_BOUND, is_white, whiteness},
     simulate::{
@@ -371,33 +371,6 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
     })
 }
 
-/// The noise of a logged position: what its fourth differences show, at least that of its last digit, `digit / sqrt(12)`,
-/// which a position at rest does not show.
-pub(crate) fn noise_of_log(measured: &[f64]) -> f64 {
-    noise_floor(measured).max(last_digit(measured) / 12.0_f64.sqrt())
-}
-
-/// The smallest step between samples that is not rounding of the decimal text: the last digit of the log. Zero for a
-/// position that does not move, and where the steps are not several whole numbers of it: then it is the slowest motion, not
-/// a digit.
-pub(crate) fn last_digit(measured: &[f64]) -> f64 {
-    /// Smaller differences are rounding of the decimal text, not digits.
-    const ROUNDING: f64 = 1e-9;
-    /// How far from a whole number of digits a step may be, and up to how many digits that can be told.
-    const WHOLE: f64 = 0.02;
-    const MOST_DIGITS: f64 = 1000.0;
-    let size = measured.iter().fold(0.0_f64, |size, q| size.max(q.abs()));
-    let steps = || measured.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-    let digit = steps().filter(|step| *step > ROUNDING * size).fold(f64::INFINITY, f64::min);
-    if !digit.is_finite() {
-        return 0.0;
-    }
-    let digits = || steps().map(|step| step / digit).filter(|digits| *digits < MOST_DIGITS);
-    let are_whole = digits().all(|digits| (digits - digits.round()).abs() <= WHOLE);
-    let differ = digits().any(|digits| digits.round() != 1.0);
-    if are_whole && differ { digit } else { 0.0 }
-}
-
 fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
@@ -419,25 +392,6 @@ mod tests {
     use super::*;
 
     /// A slow motion, rounded to 0.01: uniform errors within a digit have a standard deviation of digit / sqrt(12).
-    #[test]
-    fn the_last_digit_is_noise() {
-        let rounded: Vec<f64> = (0..1000).map(|k| ((f64::from(k) * 1e-3).sin() * 100.0).round() / 100.0).collect();
-        assert!((noise_of_log(&rounded) - 0.01 / 12.0_f64.sqrt()).abs() < 2e-3 * 0.01);
-        assert_eq!(noise_of_log(&[0.5; 10]), 0.0);
-    }
-
-    /// A joint that turns steadily: its slowest step is no digit.
-    #[test]
-    fn a_steady_speed_is_no_digit() {
-        for wave in [1e-3, 0.1] {
-            let steady: Vec<f64> =
-                (0..1000).map(|k| 0.01 * f64::from(k) + wave * (0.01 * f64::from(k)).sin()).collect();
-            assert_eq!(last_digit(&steady), 0.0);
-            let counted: Vec<f64> = steady.iter().map(|q| (q / 8e-3).round() * 8e-3).collect();
-            assert!((last_digit(&counted) - 8e-3).abs() < 1e-12);
-        }
-    }
-
     fn run(q: Vec<Vec<f64>>) -> Run {
         let n_samples = q[0].len();
         let log = crate::log::Log {

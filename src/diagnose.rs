@@ -211,7 +211,7 @@ pub type Finished = BTreeMap<String, Refit>;
 const TORQUE_ITERATIONS: usize = 15;
 /// As many suspects, the most promising, are fitted from every start that the screening suggests; of machines with many
 /// free joints, whose fits take long, fewer.
-const MANY_STARTS: usize = 4;
+const MANY_STARTS: usize = 3;
 const MANY_STARTS_OF_MANY_JOINTS: usize = 2;
 /// A suspect is worth a second start if the screening promises this share of the squared error, and its fit keeps less than
 /// the other share of that promise.
@@ -537,6 +537,10 @@ impl Work<'_> {
         let best = fitted.iter().filter_map(|refit| Some((cost(refit)?, refit))).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((least, best)) = best else { return Ok(()) };
         let best = verdict::plainest_noise(fitted).unwrap_or(best);
+        // What explains nothing sets no mark.
+        if !verdict::explains(best) {
+            return Ok(());
+        }
         let (Some(winner), best_unknowns) = (best.suspect.clone(), best.unknowns) else { return Ok(()) };
         let fell_short = |suspect: &Suspect| match fitted.iter().find(|refit| refit.suspect.as_ref() == Some(suspect)) {
             Some(refit) => refit.unknowns <= best_unknowns && cost(refit).is_none_or(|cost| cost > SHORT * least),

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::{
-    compare::{last_digit, noise_of_log},
     experiment::Run,
+    fit::position::{last_digit, noise_of_log},
     signal::motion_bandwidth,
     torque::Motion,
 };

@@ -3,9 +3,9 @@
 
 use super::{blocks, refit::Refit};
 use crate::{
-    compare::noise_of_log,
     error::Error,
     experiment::Run,
+    fit::position::noise_of_log,
     identify::ErrorKind,
     model::Model,
     report::number,

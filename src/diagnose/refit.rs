@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{candidate::Suspect, verdict};
 use crate::{
-    compare::{Comparison, compare, noise_of_log},
+    compare::{Comparison, compare},
     error::Error,
     experiment::{Experiment, Role, Run},
     fit::sqp::Watch,
-    fit::{FitStatus, identifiability::correlation_time, position},
+    fit::{FitStatus, identifiability::correlation_time, position, position::noise_of_log},
     identify::{self, ErrorKind, How, Identified},
     model::Model,
 };
@@ -211,8 +211,11 @@ impl Judge<'_> {
         /// What leaves this many times the cost of noise is poor, and its valley flat where so many iterations lower the cost by
         /// less than this share.
         const POOR: f64 = 16.0;
-        const FLAT: (usize, f64) = (8, 0.01);
-        let how = How::plain(self.error, self.options);
+        const FLAT: (usize, f64) = (8, 0.05);
+        /// Ten times the noise.
+        const WORTH_REFINING: f64 = 100.0 * verdict::COST_AT_THE_FLOOR;
+        let worth_refining = if thorough { f64::INFINITY } else { WORTH_REFINING };
+        let how = How::plain(self.error, position::Options { worth_refining, ..self.options });
         // Of the iterations without a tether.
         let mut costs: Vec<f64> = Vec::new();
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {

@@ -3,9 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion};
+use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion, noise::noise_of_log};
 use crate::{
-    compare::noise_of_log,
     fit::{
         sensitivity::{self, Columns, Lumps},
         sqp::{HalfSpace, Objective, Quadratic},

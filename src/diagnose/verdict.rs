@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{
-    Diagnosis, Place, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work,
+    Diagnosis, Left, Place, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work,
     candidate::is_symmetric, screen::Scored,
 };
 use crate::{
@@ -35,6 +35,10 @@ const LEAST_GAIN: f64 = 0.01;
 const LEAST_PROMISE: f64 = 0.05;
 /// As many are fitted in any case.
 const FEWEST: usize = 5;
+/// What would explain less than this share of the squared error, of torque or on a tether, is not fitted, but for a few: of
+/// what the cases of `cargo xtask hidden-effects` hide each explains a sixth at least.
+const LEAST_SHARE: f64 = 0.05;
+const FEWEST_OF_LITTLE: usize = 3;
 /// As many places where the model fails are told.
 const PLACES: usize = 12;
 /// Held-out log-likelihoods that differ by less are the same.
@@ -112,6 +116,16 @@ pub(super) fn shortlist(scored: &[Scored]) -> Vec<Score> {
     let most = order.first().map_or(0.0, |index| promise(*index));
     let enough = order.iter().filter(|index| promise(**index) >= LEAST_PROMISE * most).count();
     order.truncate(enough.max(FEWEST));
+    // Nor is what a screening, whose errors do not pile up, sees explain little.
+    let explained = |index: usize| {
+        let of = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.explained);
+        of(&scored[index].0).max(of(&scored[index].1))
+    };
+    let mut place = 0;
+    order.retain(|index| {
+        place += 1;
+        place <= FEWEST_OF_LITTLE || explained(*index) >= LEAST_SHARE
+    });
     let mut list: Vec<Score> = order
         .into_iter()
         .filter_map(|index| {
@@ -244,7 +258,7 @@ fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held
         let Some(base) = before.side(held_out).find(|left| left.joint == own.joint) else { continue };
         let count = own.samples / correlations.get(&own.joint).copied().unwrap_or(1.0).max(1.0);
         independent += count;
-        gain += count * (own.squares.max(f64::MIN_POSITIVE) / base.squares.max(f64::MIN_POSITIVE)).ln();
+        gain += count * (own.squares.max(f64::MIN_POSITIVE) / without(base).max(f64::MIN_POSITIVE)).ln();
     }
     (gain, independent)
 }
@@ -362,6 +376,13 @@ fn refusal(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
     None
 }
 
+/// Squared error of the model without an effect. Where it cannot be simulated to the end of a run, a thousand times the
+/// noise: any law that can be is then a gain.
+fn without(base: &Left) -> f64 {
+    const FAR: f64 = 1e6;
+    if base.squares.is_finite() { base.squares } else { FAR * base.noise_squares.unwrap_or(1.0) }
+}
+
 /// At the joint that a refit helps most: the joint, by what share its held-out squared error falls, and by what share of
 /// what is above the noise.
 fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
@@ -370,14 +391,10 @@ fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
         .filter_map(|own| {
             let base = before.judged().find(|left| left.joint == own.joint)?;
             let noise = base.noise_squares.unwrap_or(0.0);
-            let gain = 1.0 - own.squares / base.squares.max(f64::MIN_POSITIVE);
-            let excess = (base.squares - own.squares) / (base.squares - noise).max(f64::MIN_POSITIVE);
-            let is_known = base.squares.is_finite() && own.squares.is_finite();
-            Some((
-                own.joint,
-                if is_known { gain } else { 0.0 },
-                if is_known && base.squares > noise { excess } else { 0.0 },
-            ))
+            let squares = without(base);
+            let gain = 1.0 - own.squares / squares.max(f64::MIN_POSITIVE);
+            let excess = (squares - own.squares) / (squares - noise).max(f64::MIN_POSITIVE);
+            Some((own.joint, gain, if squares > noise { excess } else { 0.0 }))
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))
 }

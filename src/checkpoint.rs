@@ -103,7 +103,7 @@ impl Identity {
 /// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
 fn request(how: &How) -> String {
     let How { error, method, weighting, only, starts, options } = how;
-    let Options { substeps, iterations, tolerance, start, worth_refining } = *options;
+    let Options { substeps, iterations, tolerance, start } = *options;
     let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
     if let Some(method) = method {
         text.push_str(&format!(" --method {method}"));
@@ -118,8 +118,8 @@ fn request(how: &How) -> String {
         text.push_str(&format!(" --starts {} --seed {}", starts.count, starts.seed));
     }
     let default = Options::default();
-    if (tolerance, start, worth_refining) != (default.tolerance, default.start, default.worth_refining) {
-        text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?}, worth refining below {worth_refining:e})"));
+    if (tolerance, start) != (default.tolerance, default.start) {
+        text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?})"));
     }
     text
 }

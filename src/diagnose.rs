@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
 pub use discover::{Discovered, DiscoveredTerm, discover};
 pub use estimate::{FirstEstimates, with_first_estimates};
-pub use refit::{Judge, Left, Own, Refit};
+pub use refit::{Judge, Left, Marks, Own, Refit};
 pub use screen::{Score, Screen};
 pub use view::{Block, TetheredView, TorqueView, View};
 
@@ -341,14 +341,14 @@ impl Work<'_> {
         (self.tell)(&Event::FittingModel);
         /// A search that ran out of iterations gets as many again, so often.
         const MORE: usize = 2;
-        let mut base = self.remembered(key, None, model, std::slice::from_ref(model), (None, None))?;
+        let mut base = self.remembered(key, None, model, std::slice::from_ref(model), Marks::default())?;
         for more in 1..=MORE {
             if base.status != FitStatus::IterationLimit {
                 break;
             }
             let start = base.parsed()?;
             let key = format!("{key}, more {more}");
-            base = self.remembered(&key, None, &start, std::slice::from_ref(&start), (None, None))?;
+            base = self.remembered(&key, None, &start, std::slice::from_ref(&start), Marks::default())?;
         }
         self.over_blocks(key, base)
     }
@@ -368,15 +368,14 @@ impl Work<'_> {
         Ok(refit)
     }
 
-    /// A fit from several starts, the lowest cost kept; from memory where it is there. Given are the costs per sample that
-    /// another suspect's fit has reached, and that is low enough not to try another start.
+    /// A fit from several starts, the lowest cost kept; from memory where it is there.
     fn remembered(
         &self,
         key: &str,
         suspect: Option<&Suspect>,
         base: &Model,
         starts: &[Model],
-        (reached, enough): (Option<f64>, Option<f64>),
+        marks: Marks,
     ) -> Result<Refit, Error> {
         if let Some(refit) = self.finished.get(key) {
             return Ok(refit.clone());
@@ -385,12 +384,12 @@ impl Work<'_> {
         let digests: Vec<String> = starts.iter().map(Model::digest).collect();
         let new = starts.iter().enumerate().filter(|(index, _)| !digests[..*index].contains(&digests[*index]));
         for (_, start) in new {
-            let fit = self.judge.refit(suspect, base, start, reached, self.stop);
+            let fit = self.judge.refit(suspect, base, start, marks, self.stop);
             // Another start is worth its time only while nothing explains the logs.
-            let done = reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR)
+            let done = marks.reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR)
                 || fit.as_ref().is_ok_and(|fit| {
                     verdict::reaches_the_floor(fit)
-                        || fit.cost().zip(enough).is_some_and(|(cost, enough)| cost <= enough)
+                        || fit.cost().zip(marks.enough).is_some_and(|(cost, enough)| cost <= enough)
                 });
             fits.push(fit);
             if done || (self.stop)() {
@@ -466,7 +465,13 @@ impl Work<'_> {
                     (self.tell)(&Event::Refitting(&score.suspect));
                     let mut starts = vec![score.estimate.clone()];
                     starts.extend(score.others.iter().cloned());
-                    self.remembered(&key(&score.suspect), Some(&score.suspect), base, &starts, (reached, kept(score)))
+                    self.remembered(
+                        &key(&score.suspect),
+                        Some(&score.suspect),
+                        base,
+                        &starts,
+                        Marks { reached, enough: kept(score), thorough: false },
+                    )
                 })
                 .collect();
             self.asked_to_stop()?;
@@ -576,8 +581,14 @@ impl Work<'_> {
                 let score = position.or(torque)?;
                 (self.tell)(&Event::Refitting(suspect));
                 let key = format!("{key} > {suspect}");
-                self.remembered(&key, Some(suspect), base, std::slice::from_ref(&score.estimate), (Some(least), None))
-                    .ok()
+                self.remembered(
+                    &key,
+                    Some(suspect),
+                    base,
+                    std::slice::from_ref(&score.estimate),
+                    Marks { reached: Some(least), enough: None, thorough: true },
+                )
+                .ok()
             })
             .collect();
         self.asked_to_stop()?;
@@ -616,7 +627,7 @@ impl Work<'_> {
             (self.tell)(&Event::Refitting(&score.suspect));
             let key = format!("{key} > {}", score.suspect);
             let starts = std::slice::from_ref(&score.estimate);
-            let fit = self.remembered(&key, Some(&score.suspect), base, starts, (reached, None));
+            let fit = self.remembered(&key, Some(&score.suspect), base, starts, Marks { reached, ..Marks::default() });
             self.asked_to_stop()?;
             take_better(fit.into_iter(), fitted, failed);
             if fitted.iter().any(verdict::explains) {

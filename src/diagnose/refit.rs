@@ -131,6 +131,17 @@ impl Refit {
     }
 }
 
+/// What a refit is measured by while it goes on; costs are per sample.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Marks {
+    /// What another suspect's fit has reached: a fit that stays far above it is given up.
+    pub reached: Option<f64>,
+    /// Low enough not to try another start.
+    pub enough: Option<f64>,
+    /// Whether a fit that stays poor is followed to its end all the same.
+    pub thorough: bool,
+}
+
 /// How to refit.
 #[derive(Debug, Clone, Copy)]
 pub struct Judge<'a> {
@@ -145,8 +156,7 @@ pub struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Fits `start` and tells what is left. `base` is the model that the suspect was added to. A fit that stays far above
-    /// `reached`, the cost per sample of another, is given up.
+    /// Fits `start` and tells what is left. `base` is the model that the suspect was added to.
     ///
     /// # Errors
     /// The model makes no equations, the fit cannot start, it is given up or `stop` says so.
@@ -155,10 +165,10 @@ impl Judge<'_> {
         suspect: Option<&Suspect>,
         base: &Model,
         start: &Model,
-        reached: Option<f64>,
+        marks: Marks,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
-        let found = self.fit(start, suspect.is_none(), reached, stop)?;
+        let found = self.fit(start, suspect.is_none() || marks.thorough, marks.reached, stop)?;
         let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
         let parameters: Vec<Own> = found
             .parameters
@@ -211,11 +221,8 @@ impl Judge<'_> {
         /// What leaves this many times the cost of noise is poor, and its valley flat where so many iterations lower the cost by
         /// less than this share.
         const POOR: f64 = 16.0;
-        const FLAT: (usize, f64) = (8, 0.05);
-        /// Ten times the noise.
-        const WORTH_REFINING: f64 = 100.0 * verdict::COST_AT_THE_FLOOR;
-        let worth_refining = if thorough { f64::INFINITY } else { WORTH_REFINING };
-        let how = How::plain(self.error, position::Options { worth_refining, ..self.options });
+        const FLAT: (usize, f64) = (8, 0.01);
+        let how = How::plain(self.error, self.options);
         // Of the iterations without a tether.
         let mut costs: Vec<f64> = Vec::new();
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {

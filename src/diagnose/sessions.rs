@@ -1,6 +1,10 @@
 //! A change between runs, told from a missing effect: does every run by itself agree with the model, with other values?
 
-use super::{Moved, Work, refit::Judge, verdict};
+use super::{
+    Moved, Work,
+    refit::{Judge, Marks},
+    verdict,
+};
 use crate::{
     error::Error,
     experiment::{Role, Run},
@@ -22,7 +26,7 @@ pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, Error> 
     for run in &runs {
         let alone = [run];
         let judge = Judge { runs: &alone, ..*work.judge };
-        let Ok(fit) = judge.refit(None, base, base, None, work.stop) else {
+        let Ok(fit) = judge.refit(None, base, base, Marks::default(), work.stop) else {
             work.asked_to_stop()?;
             return Ok(Vec::new());
         };

@@ -155,9 +155,6 @@ pub struct Options {
     pub tolerance: f64,
     /// How far the start may be off.
     pub start: Start,
-    /// Cost per sample above which a search with few integration steps is the end: what is so far from the logs is not worth
-    /// the stated step.
-    pub worth_refining: f64,
 }
 
 /// How far the start may be off.
@@ -172,7 +169,7 @@ pub enum Start {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { substeps: 60, iterations: 200, tolerance: 1e-6, start: Start::Poor, worth_refining: f64::INFINITY }
+        Self { substeps: 60, iterations: 200, tolerance: 1e-6, start: Start::Poor }
     }
 }
 
@@ -401,7 +398,6 @@ pub fn resume(
         };
         let state = search.take().unwrap_or_else(|| sqp::State::start(&anchor, &region));
         let outcome = sqp::resume(&at, &mut region, state, &limits, &mut told);
-        let is_poor = outcome.quadratic.as_ref().is_some_and(|end| end.cost > options.worth_refining * samples);
         iterations += outcome.iterations;
         x = outcome.x;
         if outcome.ended == Ended::Interrupted {
@@ -413,8 +409,7 @@ pub fn resume(
         if is_cut_short && evaluator.coarse_substeps(&x, options.substeps) > coarse {
             continue;
         }
-        let is_done = (kind == Search::Corrected && x == anchor) || (kind.tether() == 0.0 && is_poor);
-        stage = if is_done { searches::LAST } else { stage + 1 };
+        stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };
     }
 }
 

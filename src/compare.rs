@@ -18,7 +18,7 @@ pub use locate::{Finding, FindingKind, locate};
 use crate::{
     error::Error,
     experiment::{Role, Run},
-    fit::position::{self, FitRun, RunError, noise_of_log},
+    fit::position::{self, FitRun, RunError, first_state, noise_of_log},
     model::Model,
     signal::{WHITENESS_BOUND, is_white, whiteness},
     simulate::{
@@ -307,20 +307,6 @@ pub fn stays_near(model: &Model, run: &Run) -> bool {
     let simulated: Vec<Vec<f64>> =
         (0..n).map(|slot| trajectory.q.iter().skip(slot).step_by(n).copied().collect()).collect();
     !strays(run, &simulated, NEAR)
-}
-
-/// The first positions of a run; where it begins in motion, then the speeds over its first samples.
-fn first_state(run: &FitRun) -> Vec<f64> {
-    /// Few enough for the speed to stay, and enough for it to rise above the noise.
-    const SAMPLES: usize = 6;
-    let n = run.system.n_free();
-    let mut state: Vec<f64> = run.position.iter().take(n).copied().collect();
-    if run.moving && run.time.len() > 1 {
-        let last = SAMPLES.min(run.time.len()) - 1;
-        let span_s = run.time[last] - run.time[0];
-        state.extend((0..n).map(|slot| (run.position[last * n + slot] - run.position[slot]) / span_s));
-    }
-    state
 }
 
 /// Whether the simulated positions of a free joint are off its log by more than `share` of its motion. The noise of a joint

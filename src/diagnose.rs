@@ -338,9 +338,9 @@ impl Work<'_> {
 
     /// The model itself, fitted.
     fn base(&self, model: &Model, key: &str) -> Result<Refit, Error> {
-        (self.tell)(&Event::FittingModel);
         /// A search that ran out of iterations gets as many again, so often.
         const MORE: usize = 2;
+        (self.tell)(&Event::FittingModel);
         let mut base = self.remembered(key, None, model, std::slice::from_ref(model), Marks::default())?;
         for more in 1..=MORE {
             if base.status != FitStatus::IterationLimit {
@@ -381,9 +381,7 @@ impl Work<'_> {
             return Ok(refit.clone());
         }
         let mut fits: Vec<Result<Refit, Error>> = Vec::new();
-        let digests: Vec<String> = starts.iter().map(Model::digest).collect();
-        let new = starts.iter().enumerate().filter(|(index, _)| !digests[..*index].contains(&digests[*index]));
-        for (_, start) in new {
+        for start in candidate::distinct(starts.iter().collect(), |start| start) {
             let fit = self.judge.refit(suspect, base, start, marks, self.stop);
             // Another start is worth its time only while nothing explains the logs.
             let done = marks.reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR)
@@ -559,13 +557,7 @@ impl Work<'_> {
             return Ok(());
         }
         let found = best.parsed()?;
-        let mut start = base.clone();
-        for (name, parameter) in base.parameters() {
-            if let Some(found) = found.parameter(&name).filter(|_| !parameter.fixed) {
-                // The name is the model's own.
-                let _ = start.set_value(&name, found.value);
-            }
-        }
+        let start = moved_to(base, &|name| found.parameter(name).map(|parameter| parameter.value));
         let mut asked = rivals;
         asked.push(winner);
         let mut scores = screening.scores(&start, &asked, &|| !(self.stop)());
@@ -608,15 +600,7 @@ impl Work<'_> {
     ) -> Result<(), Error> {
         /// As many are fitted.
         const MOST: usize = 3;
-        let mut start = base.clone();
-        for (name, parameter) in base.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed) {
-            let earlier = self.believed.fit.as_ref().and_then(|fit| fit.believed.get(&name).copied());
-            let own = || self.believed.parameter(&name).map(|parameter| parameter.value);
-            if let Some(value) = earlier.or_else(own) {
-                // The name is the model's own.
-                let _ = start.set_value(&name, value.clamp(parameter.lower, parameter.upper));
-            }
-        }
+        let start = moved_to(base, &|name| self.believed.believed(name));
         if start.digest() == base.digest() {
             return Ok(());
         }
@@ -699,6 +683,18 @@ impl Work<'_> {
         self.asked_to_stop()?;
         Ok(scored)
     }
+}
+
+/// `base` with other values of what a fit may move, within its bounds; what is `None` stays.
+fn moved_to(base: &Model, value: &dyn Fn(&str) -> Option<f64>) -> Model {
+    let mut model = base.clone();
+    for (name, parameter) in estimate::moving(base) {
+        if let Some(value) = value(&name) {
+            // The name is the model's own.
+            let _ = model.set_value(&name, value.clamp(parameter.lower, parameter.upper));
+        }
+    }
+    model
 }
 
 /// Puts refits in the place of those of the same suspects that cost more, or of none.

@@ -372,10 +372,7 @@ fn record(found: &mut Identified, parent: &Model, experiment: &Experiment, metho
         believed: found
             .parameters
             .iter()
-            .filter_map(|parameter| {
-                let earlier = parent.fit.as_ref().and_then(|fit| fit.believed.get(&parameter.name).copied());
-                Some((parameter.name.clone(), earlier.or_else(|| Some(parent.parameter(&parameter.name)?.value))?))
-            })
+            .filter_map(|parameter| Some((parameter.name.clone(), parent.believed(&parameter.name)?)))
             .collect::<BTreeMap<String, f64>>(),
         method: method.map(str::to_owned),
         budget: found.budget.clone(),

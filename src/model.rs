@@ -90,6 +90,12 @@ impl Model {
         self.place(name).map(|place| *self.at(place))
     }
 
+    /// What the parameter of that name was believed to be before the first fit of a series; its value where none was fitted.
+    pub fn believed(&self, name: &str) -> Option<f64> {
+        let earlier = self.fit.as_ref().and_then(|fit| fit.believed.get(name).copied());
+        earlier.or_else(|| self.parameter(name).map(|parameter| parameter.value))
+    }
+
     /// The parameter of that name.
     ///
     /// # Errors

@@ -90,6 +90,18 @@ pub(super) fn is_symmetric(effect: &Effect) -> bool {
         && (effect.place == Place::Link || effect.outputs.iter().any(|(name, _)| name == "torque_from"))
 }
 
+/// Those whose model is none of those before.
+pub(super) fn distinct<T>(items: Vec<T>, model: impl Fn(&T) -> &Model) -> Vec<T> {
+    let mut seen = Vec::new();
+    let is_new = |item: &T| {
+        let digest = model(item).digest();
+        let is_new = !seen.contains(&digest);
+        seen.push(digest);
+        is_new
+    };
+    items.into_iter().filter(is_new).collect()
+}
+
 /// What the logs show of a joint: the sizes that tried values are multiples of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sizes {

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use super::{
     Diagnosis, Left, Place, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work,
-    candidate::is_symmetric, screen::Scored,
+    candidate::{distinct, is_symmetric},
+    screen::Scored,
 };
 use crate::{
     compare::{Finding, compare, locate},
@@ -222,15 +223,8 @@ pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>, susp
     let near = |estimate: &Model| {
         probes.iter().min_by(|a, b| distance(a, estimate).total_cmp(&distance(b, estimate))).cloned()
     };
-    let mut near: Vec<Probe> = [&score.estimate].into_iter().chain(&score.others).filter_map(near).collect();
-    let mut seen = Vec::new();
-    near.retain(|probe| {
-        let digest = probe.model.digest();
-        let is_new = !seen.contains(&digest);
-        seen.push(digest);
-        is_new
-    });
-    near
+    let near = [&score.estimate].into_iter().chain(&score.others).filter_map(near).collect();
+    distinct(near, |probe: &Probe| &probe.model)
 }
 
 /// How far a probe's tried values are from those of a model; of values that a factor multiplies, how far their ratios are.

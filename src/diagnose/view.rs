@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::{
     experiment::{Role, Run},
-    fit::position::{FitRun, first_line},
+    fit::position::{FitRun, first_state},
     model::Model,
     simulate::{self, Input, Tether},
     system::{System, SystemError},
@@ -121,10 +121,7 @@ impl View for TetheredView {
             .map(|(run, free, positions)| {
                 let system = System::of_model(model, free, |joint| positions[joint]).ok()?;
                 let n = free.len();
-                let mut start: Vec<f64> = run.position[..n].to_vec();
-                if run.moving {
-                    start.extend((0..n).map(|slot| first_line(run, slot)[1]));
-                }
+                let start = first_state(run);
                 let input = Input { time: &run.time, command: &run.command, hold: run.hold };
                 let tether = Tether { rate: self.rate, position: &run.position };
                 let options = simulate::Options { substeps: self.substeps, ..simulate::Options::default() };

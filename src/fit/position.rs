@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use evaluate::first_line;
+pub(crate) use evaluate::first_state;
 pub use inertia::{Body, made_physical};
 pub(crate) use motion::{RunMotion, motions};
 pub use noise::noise_floor;

@@ -502,8 +502,18 @@ impl Objective for At<'_, '_> {
     }
 }
 
+/// The first positions of a run; where it begins in motion, then the speeds over its first samples.
+pub(crate) fn first_state(run: &FitRun) -> Vec<f64> {
+    let n = run.system.n_free();
+    let mut state: Vec<f64> = run.position.iter().take(n).copied().collect();
+    if run.moving {
+        state.extend((0..n).map(|slot| first_line(run, slot)[1]));
+    }
+    state
+}
+
 /// Position and speed at the first sample by the line of least squares through the first few.
-pub(crate) fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
+fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
     const SAMPLES: usize = 6;
     let n = run.time.len().min(SAMPLES);
     let position = |k: usize| run.position[k * run.system.n_free() + slot];

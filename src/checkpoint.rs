@@ -94,7 +94,8 @@ impl Identity {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             data: sha256_hex(data.as_bytes()),
-            model: model.digest(),
+            // A search may start again from what was believed.
+            model: sha256_hex(format!("{} {:?}", model.digest(), model.believed).as_bytes()),
             options: request(how),
         }
     }

@@ -520,7 +520,8 @@ impl Work<'_> {
     }
 
     /// Another start for laws no larger than the best one that fell far short of it at its joint: a search that has lost its
-    /// way comes to the same as a law that is wrong. They start from the best one's values of the model's own parameters.
+    /// way comes to the same as a law that is wrong. They start from the best one's values of the model's own parameters, then
+    /// from those that were believed before any fit.
     fn again(
         &self,
         screening: &Screening<'_>,
@@ -557,7 +558,7 @@ impl Work<'_> {
             return Ok(());
         }
         let found = best.parsed()?;
-        let start = moved_to(base, &|name| found.parameter(name).map(|parameter| parameter.value));
+        let start = base.with_values(&|name| found.parameter(name).map(|parameter| parameter.value));
         let mut asked = rivals;
         asked.push(winner);
         let mut scores = screening.scores(&start, &asked, &|| !(self.stop)());
@@ -565,19 +566,27 @@ impl Work<'_> {
         let told = |scored: &Scored| scored.1.as_ref().or(scored.0.as_ref()).map_or(0.0, |score| score.information);
         let best = scores.pop().map_or(0.0, |scored| told(&scored));
         // From values that are right but for the law, a law that may rival the winner tells nearly as much.
-        let rivals: Vec<(&Suspect, Scored)> =
-            asked.iter().zip(scores).filter(|(_, scored)| told(scored) < NEARLY * best).collect();
+        let nearly = asked.into_iter().zip(scores).filter(|(_, scored)| told(scored) < NEARLY * best);
+        let (rivals, scores): (Vec<Suspect>, Vec<Scored>) = nearly.unzip();
+        let estimate = |(torque, position): Scored| Some(position.or(torque)?.estimate);
+        let mut starts: Vec<Vec<Model>> =
+            scores.into_iter().map(|scored| estimate(scored).into_iter().collect()).collect();
+        if let Some(believed) = self.at_belief(base).filter(|_| !rivals.is_empty()) {
+            let scores = screening.scores(&believed, &rivals, &|| !(self.stop)());
+            self.asked_to_stop()?;
+            starts.iter_mut().zip(scores).for_each(|(starts, scored)| starts.extend(estimate(scored)));
+        }
         let fits: Vec<Option<Refit>> = rivals
-            .into_par_iter()
-            .map(|(suspect, (torque, position))| {
-                let score = position.or(torque)?;
+            .par_iter()
+            .zip(starts)
+            .map(|(suspect, starts)| {
                 (self.tell)(&Event::Refitting(suspect));
                 let key = format!("{key} > {suspect}");
                 self.remembered(
                     &key,
                     Some(suspect),
                     base,
-                    std::slice::from_ref(&score.estimate),
+                    &starts,
                     Marks { reached: Some(least), enough: None, thorough: true },
                 )
                 .ok()
@@ -586,6 +595,12 @@ impl Work<'_> {
         self.asked_to_stop()?;
         take_better(fits.into_iter().flatten(), fitted, failed);
         Ok(())
+    }
+
+    /// `base` at the values that were believed before any fit; `None` where those are its own.
+    fn at_belief(&self, base: &Model) -> Option<Model> {
+        let start = base.with_values(&|name| self.believed.believed(name));
+        (start.digest() != base.digest()).then_some(start)
     }
 
     /// Another start for what the screening finds most promising at the values that were believed before any fit: a model that
@@ -600,10 +615,7 @@ impl Work<'_> {
     ) -> Result<(), Error> {
         /// As many are fitted.
         const MOST: usize = 3;
-        let start = moved_to(base, &|name| self.believed.believed(name));
-        if start.digest() == base.digest() {
-            return Ok(());
-        }
+        let Some(start) = self.at_belief(base) else { return Ok(()) };
         let mut promising = verdict::shortlist(&self.screened(screening, &start)?);
         promising.truncate(MOST);
         for score in promising {
@@ -683,18 +695,6 @@ impl Work<'_> {
         self.asked_to_stop()?;
         Ok(scored)
     }
-}
-
-/// `base` with other values of what a fit may move, within its bounds; what is `None` stays.
-fn moved_to(base: &Model, value: &dyn Fn(&str) -> Option<f64>) -> Model {
-    let mut model = base.clone();
-    for (name, parameter) in estimate::moving(base) {
-        if let Some(value) = value(&name) {
-            // The name is the model's own.
-            let _ = model.set_value(&name, value.clamp(parameter.lower, parameter.upper));
-        }
-    }
-    model
 }
 
 /// Puts refits in the place of those of the same suspects that cost more, or of none.

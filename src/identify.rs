@@ -345,6 +345,9 @@ fn matches(pattern: &str, name: &str) -> bool {
 
 /// Writes into the fitted model how it came about.
 fn record(found: &mut Identified, parent: &Model, experiment: &Experiment, method: Option<&str>) {
+    let believed = found.parameters.iter().filter_map(|own| Some((own.name.clone(), parent.believed(&own.name)?)));
+    found.model.believed = parent.believed.clone();
+    found.model.believed.extend(believed);
     found.model.fit = Some(FitRecord {
         error: found.error.to_string(),
         status: found.status.as_str().to_owned(),
@@ -369,11 +372,6 @@ fn record(found: &mut Identified, parent: &Model, experiment: &Experiment, metho
             .filter(|parameter| parameter.held)
             .map(|parameter| parameter.name.clone())
             .collect(),
-        believed: found
-            .parameters
-            .iter()
-            .filter_map(|parameter| Some((parameter.name.clone(), parent.believed(&parameter.name)?)))
-            .collect::<BTreeMap<String, f64>>(),
         method: method.map(str::to_owned),
         budget: found.budget.clone(),
     });

@@ -11,6 +11,8 @@ mod read;
 mod tests;
 mod write;
 
+use std::collections::BTreeMap;
+
 use dynid_model::{Device, Effect, JointKind, Link, Parameter, did_you_mean, instance::instance_name};
 
 pub use edit::Added;
@@ -33,6 +35,8 @@ pub struct Model {
     pub effects: Vec<EffectInstance>,
     /// How the values were found, if a fit found them.
     pub fit: Option<FitRecord>,
+    /// What each parameter that a fit has moved was believed to be before the first fit of a series.
+    pub believed: BTreeMap<String, f64>,
     /// What a person should be told about the file, e.g. values outside the device's bounds.
     pub notes: Vec<String>,
     /// Text that the model was read from, kept so that writing it keeps its comments.
@@ -70,6 +74,7 @@ impl Model {
             base: device.up.map(|component| Parameter::known(device.gravity * component)),
             effects,
             fit: None,
+            believed: BTreeMap::new(),
             notes: Vec::new(),
             origin: None,
         }
@@ -92,8 +97,26 @@ impl Model {
 
     /// What the parameter of that name was believed to be before the first fit of a series; its value where none was fitted.
     pub fn believed(&self, name: &str) -> Option<f64> {
-        let earlier = self.fit.as_ref().and_then(|fit| fit.believed.get(name).copied());
-        earlier.or_else(|| self.parameter(name).map(|parameter| parameter.value))
+        self.believed.get(name).copied().or_else(|| self.parameter(name).map(|parameter| parameter.value))
+    }
+
+    /// The model with other values of the parameters that are not fixed, within their bounds; those for which `value` is
+    /// `None` stay.
+    pub fn with_values(&self, value: &dyn Fn(&str) -> Option<f64>) -> Self {
+        let mut model = self.clone();
+        for (name, parameter) in self.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed) {
+            if let Some(value) = value(&name) {
+                // The name is the model's own.
+                let _ = model.set_value(&name, value.clamp(parameter.lower, parameter.upper));
+            }
+        }
+        model
+    }
+
+    /// The model with the values that were believed before the first fit of a series; `None` where those are its own.
+    pub fn as_believed(&self) -> Option<Self> {
+        let believed = self.with_values(&|name| self.believed(name));
+        (believed.digest() != self.digest()).then_some(believed)
     }
 
     /// The parameter of that name.

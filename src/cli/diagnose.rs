@@ -373,7 +373,7 @@ struct File {
 
 impl Kept {
     fn new(arguments: &Arguments, experiment: &Experiment, model: &Model, runs: &[&Run], options: &Options) -> Self {
-        let believed = model.fit.as_ref().map(|fit| &fit.believed);
+        let believed = &model.believed;
         let mut text = format!(
             "{FORMAT} {} {} {} {believed:?} {options:?}",
             env!("CARGO_PKG_VERSION"),

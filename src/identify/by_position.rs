@@ -58,8 +58,14 @@ pub(super) fn by_position(
     let occurs = |name: &str| systems.iter().any(|run| run.occurs(name));
     let mut state = from;
     let mut failure = None;
-    for number in state.tried.len()..how.starts.count.max(1) {
-        let start = starts::draw(model, &occurs, how.starts.seed, number);
+    let count = how.starts.count.max(1);
+    for number in state.tried.len()..=count {
+        let start = if number < count {
+            starts::draw(model, &occurs, how.starts.seed, number)
+        } else {
+            let Some(believed) = model.as_believed().filter(|_| is_poor(state.best.as_ref())) else { break };
+            believed
+        };
         let sequence = Sequence { believed: model, start: &start, runs, configurations, weights };
         let resumed = std::mem::take(&mut state.sequence);
         let fit = sequence::fit(&sequence, &how.options, resumed, &mut |told, carried| {
@@ -78,7 +84,6 @@ pub(super) fn by_position(
         match fit {
             Ok(fit) => keep(&mut state, number, fit),
             Err(error @ PositionFitError::Interrupted { .. }) => return Err(error.into()),
-            Err(error) if how.starts.count <= 1 => return Err(error.into()),
             Err(error) => {
                 state.tried.push(Tried { cost: None, ended: error.to_string(), iterations: 0 });
                 failure.get_or_insert(error);
@@ -88,6 +93,13 @@ pub(super) fn by_position(
     let Some(Best { start, mut joint, steps }) = state.best else {
         return Err(failure.unwrap_or(PositionFitError::NoRun).into());
     };
+    if start == count {
+        notes.push(
+            "the search from the model's values came to no good end; that from what was believed of them before \
+                    any fit is kept"
+                .to_owned(),
+        );
+    }
     joint.iterations = state.tried.iter().map(|tried| tried.iterations).sum();
     notes.extend(made_bodies(&steps, &joint));
     let budget = if configurations.is_empty() {
@@ -98,7 +110,7 @@ pub(super) fn by_position(
     };
     let mut found = told(model, joint, cost_at(model, &used, &how.options)?);
     found.best_start = start;
-    found.tried = if how.starts.count > 1 { state.tried } else { Vec::new() };
+    found.tried = if state.tried.len() > 1 { state.tried } else { Vec::new() };
     found.steps = steps.iter().map(|step| step_told(model.device, step)).collect();
     found.notes = notes;
     found.budget = budget;
@@ -156,6 +168,14 @@ fn made_bodies(steps: &[Step], joint: &PositionFit) -> Vec<String> {
         format!("no body has the inertia that link {link} starts with; the fit started from that of a body near by")
     };
     links.into_iter().map(told).collect()
+}
+
+/// Whether a search has lost its way, or may have: no minimum, or one far from the noise.
+fn is_poor(best: Option<&Best>) -> bool {
+    /// A joint's error over its noise beyond which a minimum is worth another search.
+    const FAR: f64 = 2.0;
+    let is_far = |run: &RunError| run.rmse.iter().zip(&run.noise).any(|(rmse, noise)| *rmse > FAR * noise);
+    best.is_none_or(|best| !best.joint.status.may_update_model() || best.joint.runs.iter().any(is_far))
 }
 
 fn keep(state: &mut State, start: usize, fit: SequenceFit) {

@@ -73,8 +73,7 @@ impl Model {
         keep_inequalities(&mut added, &carried);
         let parameters = (0..added.parameters.len()).map(|index| added.parameter_name(index)).collect();
         self.effects.insert(position, added);
-        // What a fit found holds for the model that it was given.
-        self.fit = None;
+        self.forget_fit();
         Ok(Added { label, replaced, parameters })
     }
 
@@ -123,8 +122,15 @@ impl Model {
             });
         };
         self.effects.remove(found);
-        self.fit = None;
+        self.forget_fit();
         Ok(())
+    }
+
+    /// What a fit found holds for the model that it was given; what was believed before it stays so.
+    fn forget_fit(&mut self) {
+        self.fit = None;
+        let names = self.names();
+        self.believed.retain(|name, _| names.contains(name));
     }
 
     fn check_place(&self, effect: &Effect, joint: Option<usize>, from: Option<usize>) -> Result<(), Error> {

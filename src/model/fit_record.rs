@@ -28,12 +28,27 @@ pub struct FitRecord {
     pub std_error: BTreeMap<String, f64>,
     /// Names of parameters that a bound holds.
     pub at_bound: Vec<String>,
-    /// What each parameter that was fitted was believed to be before the first fit of a series.
-    pub believed: BTreeMap<String, f64>,
     /// The method whose configurations were fitted one after another, if one was.
     pub method: Option<String>,
     /// How much of each joint's remaining error comes from which configuration of the method.
     pub budget: Vec<Share>,
+}
+
+/// A table of numbers by name; empty where there is none.
+pub(super) fn numbers(table: &Table, key: &str, label: &str) -> Result<BTreeMap<String, f64>, ModelError> {
+    let Some(entry) = table.optional(key) else { return Ok(BTreeMap::new()) };
+    let numbers = entry.table(label)?;
+    let number = |(name, _): (&str, _)| Ok((name.to_owned(), numbers.required(name, "0.0")?.number()?));
+    numbers.keys().into_iter().map(number).collect()
+}
+
+/// The table that [`numbers`] reads; what is not finite is left out.
+pub(super) fn write_numbers(numbers: &BTreeMap<String, f64>) -> Item {
+    let mut entries = OutTable::new();
+    for (name, number) in numbers.iter().filter(|(_, number)| number.is_finite()) {
+        entries.insert(name, value(*number));
+    }
+    Item::Table(entries)
 }
 
 impl FitRecord {
@@ -48,7 +63,6 @@ impl FitRecord {
             "not_identifiable",
             "std_error",
             "at_bound",
-            "believed",
             "method",
             "budget",
         ])?;
@@ -56,15 +70,6 @@ impl FitRecord {
         let names = |key: &str| -> Result<Vec<String>, ModelError> {
             let entries = table.optional(key).map_or_else(|| Ok(Vec::new()), |entry| entry.array())?;
             entries.iter().map(|name| Ok(name.text()?.to_owned())).collect()
-        };
-        let numbers = |key: &str| -> Result<BTreeMap<String, f64>, ModelError> {
-            let Some(entry) = table.optional(key) else { return Ok(BTreeMap::new()) };
-            let numbers = entry.table(&format!("[fit.{key}]"))?;
-            numbers
-                .keys()
-                .into_iter()
-                .map(|(name, _)| Ok((name.to_owned(), numbers.required(name, "0.0")?.number()?)))
-                .collect()
         };
         Ok(Self {
             error: text("error")?,
@@ -74,9 +79,8 @@ impl FitRecord {
             cost_before: table.required("cost_before", "0.0")?.number()?,
             cost_after: table.required("cost_after", "0.0")?.number()?,
             not_identifiable: names("not_identifiable")?,
-            std_error: numbers("std_error")?,
+            std_error: numbers(table, "std_error", "[fit.std_error]")?,
             at_bound: names("at_bound")?,
-            believed: numbers("believed")?,
             method: table.optional("method").map(|entry| entry.text().map(str::to_owned)).transpose()?,
             budget: table.tables("budget", "[[fit.budget]]", 1)?.iter().map(read_share).collect::<Result<_, _>>()?,
         })
@@ -102,15 +106,7 @@ impl FitRecord {
             table.insert("at_bound", value(lines(&self.at_bound)));
         }
         // TOML has no null: a parameter without a standard error is left out.
-        for (key, numbers) in [("std_error", &self.std_error), ("believed", &self.believed)] {
-            let mut entries = OutTable::new();
-            for (name, number) in numbers.iter().filter(|(_, number)| number.is_finite()) {
-                entries.insert(name, value(*number));
-            }
-            if key == "std_error" || !entries.is_empty() {
-                table.insert(key, Item::Table(entries));
-            }
-        }
+        table.insert("std_error", write_numbers(&self.std_error));
         let mut shares = ArrayOfTables::new();
         self.budget.iter().for_each(|share| shares.push(write_share(share)));
         if !shares.is_empty() {

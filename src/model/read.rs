@@ -12,7 +12,7 @@ use dynid_model::{
     instance::{check_instances, read_instance},
 };
 
-use super::{BASE_SYMBOLS, EffectInstance, FitRecord, Model, default_parameter, widened};
+use super::{BASE_SYMBOLS, EffectInstance, FitRecord, Model, default_parameter, fit_record::numbers, widened};
 use crate::error::Error;
 
 /// Whether a link must be one that a body can be.
@@ -44,7 +44,7 @@ impl Model {
         let source = Source::new(path, text);
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
-        root.only(&["device", "link", "length", "base", "effect", "fit"])?;
+        root.only(&["device", "link", "length", "base", "effect", "fit", "believed"])?;
         let entry = root.required("device", "\"<device>\"")?;
         let id = entry.text()?;
         let device = device(id).ok_or_else(|| {
@@ -58,6 +58,9 @@ impl Model {
         read_base(&root, &mut model)?;
         read_effects(&root, &mut model)?;
         model.fit = root.optional("fit").map(|entry| FitRecord::read(&entry.table("[fit]")?)).transpose()?;
+        model.believed = numbers(&root, "believed", "[believed]")?;
+        let names = model.names();
+        model.believed.retain(|name, _| names.contains(name));
         model.origin = Some(text.to_owned());
         Ok(model)
     }

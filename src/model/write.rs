@@ -3,7 +3,7 @@
 use dynid_model::{Link, Parameter, sha256_hex};
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value, value};
 
-use super::{BASE_SYMBOLS, EffectInstance, Model, default_parameter, widened};
+use super::{BASE_SYMBOLS, EffectInstance, Model, default_parameter, fit_record::write_numbers, widened};
 
 impl Model {
     /// The model file. What was read and did not change keeps its place, its comments and its digits.
@@ -55,8 +55,8 @@ impl Model {
         if !effects.is_empty() {
             document.insert("effect", Item::ArrayOfTables(effects));
         }
-        if let Some(fit) = self.fit.as_ref().filter(|_| with_fit) {
-            document.insert("fit", fit.write());
+        if with_fit {
+            self.write_history(&mut document);
         }
         document.to_string()
     }
@@ -105,10 +105,19 @@ impl Model {
         }
         self.update_effects(&mut document);
         document.remove("fit");
+        document.remove("believed");
+        self.write_history(&mut document);
+        document.to_string()
+    }
+
+    /// How the values were found, and what they were believed to be before.
+    fn write_history(&self, document: &mut DocumentMut) {
         if let Some(fit) = &self.fit {
             document.insert("fit", fit.write());
         }
-        document.to_string()
+        if !self.believed.is_empty() {
+            document.insert("believed", write_numbers(&self.believed));
+        }
     }
 
     /// Effects that are in the file keep their tables; new ones get tables, and those that are gone lose theirs.

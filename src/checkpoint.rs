@@ -118,6 +118,9 @@ fn request(how: &How) -> String {
     if starts.count > 1 {
         text.push_str(&format!(" --starts {} --seed {}", starts.count, starts.seed));
     }
+    if !starts.believed {
+        text.push_str(" (not from what was believed)");
+    }
     let default = Options::default();
     if (tolerance, start) != (default.tolerance, default.start) {
         text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?})"));

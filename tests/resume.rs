@@ -65,7 +65,11 @@ fn however_often_it_is_stopped_the_model_is_the_same() {
 #[test]
 fn so_it_is_along_a_method_and_from_several_starts() {
     let folder = folder();
-    let how = How { method: Some("isolated".to_owned()), starts: Starts { count: 2, seed: 1 }, ..position() };
+    let how = How {
+        method: Some("isolated".to_owned()),
+        starts: Starts { count: 2, seed: 1, ..Starts::default() },
+        ..position()
+    };
     let (whole, _, iterations) = fitted(folder.path(), &how, usize::MAX);
     let every = iterations / 6;
     let (again, stops, _) = fitted(folder.path(), &how, every.max(1));

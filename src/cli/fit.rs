@@ -304,7 +304,7 @@ fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<Ho
             Weights::Method => Weighting::OfMethod,
         },
         only: arguments.only.clone().unwrap_or_default(),
-        starts: Starts { count: arguments.starts.max(1), seed: arguments.seed },
+        starts: Starts { count: arguments.starts.max(1), seed: arguments.seed, ..Starts::default() },
         options: Options {
             substeps: arguments.substeps.max(1),
             iterations: arguments.iterations.max(1),

@@ -10,8 +10,13 @@ use crate::{
     compare::{Comparison, compare},
     error::Error,
     experiment::{Experiment, Role, Run},
-    fit::sqp::Watch,
-    fit::{FitStatus, identifiability::correlation_time, position, position::noise_of_log},
+    fit::{
+        FitStatus,
+        identifiability::correlation_time,
+        position::{self, noise_of_log},
+        sqp::Watch,
+        starts::Starts,
+    },
     identify::{self, ErrorKind, How, Identified},
     model::Model,
 };
@@ -222,7 +227,9 @@ impl Judge<'_> {
         /// less than this share.
         const POOR: f64 = 16.0;
         const FLAT: (usize, f64) = (8, 0.01);
-        let how = How::plain(self.error, self.options);
+        // From where else to start is the diagnosis's own matter.
+        let how =
+            How { starts: Starts { believed: false, ..Starts::default() }, ..How::plain(self.error, self.options) };
         // Of the iterations without a tether.
         let mut costs: Vec<f64> = Vec::new();
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {

@@ -13,11 +13,13 @@ pub struct Starts {
     pub count: usize,
     /// What the others are drawn from.
     pub seed: u64,
+    /// Whether a search that comes to no good end is followed by one from the values that were believed before any fit.
+    pub believed: bool,
 }
 
 impl Default for Starts {
     fn default() -> Self {
-        Self { count: 1, seed: 0 }
+        Self { count: 1, seed: 0, believed: true }
     }
 }
 

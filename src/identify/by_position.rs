@@ -63,7 +63,10 @@ pub(super) fn by_position(
         let start = if number < count {
             starts::draw(model, &occurs, how.starts.seed, number)
         } else {
-            let Some(believed) = model.as_believed().filter(|_| is_poor(state.best.as_ref())) else { break };
+            let Some(believed) = model.as_believed().filter(|_| how.starts.believed && is_poor(state.best.as_ref()))
+            else {
+                break;
+            };
             believed
         };
         let sequence = Sequence { believed: model, start: &start, runs, configurations, weights };

@@ -103,7 +103,7 @@ impl Identity {
 
 /// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
 fn request(how: &How) -> String {
-    let How { error, method, weighting, only, starts, options } = how;
+    let How { error, method, weighting, only, starts, options, tell_start } = how;
     let Options { substeps, iterations, tolerance, start } = *options;
     let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
     if let Some(method) = method {
@@ -120,6 +120,9 @@ fn request(how: &How) -> String {
     }
     if !starts.believed {
         text.push_str(" (not from what was believed)");
+    }
+    if !tell_start {
+        text.push_str(" (without the cost at the start)");
     }
     let default = Options::default();
     if (tolerance, start) != (default.tolerance, default.start) {

@@ -615,7 +615,7 @@ impl Work<'_> {
     ) -> Result<(), Error> {
         /// As many are fitted.
         const MOST: usize = 3;
-        let Some(start) = self.at_belief(base) else { return Ok(()) };
+        let Some(start) = self.at_belief(base).filter(|start| has_wandered(start, base)) else { return Ok(()) };
         let mut promising = verdict::shortlist(&self.screened(screening, &start)?);
         promising.truncate(MOST);
         for score in promising {
@@ -695,6 +695,17 @@ impl Work<'_> {
         self.asked_to_stop()?;
         Ok(scored)
     }
+}
+
+/// Whether a fit has led an effect's parameter far from what was believed of it. (Links' parameters move far along what the
+/// logs do not determine, which means nothing.)
+fn has_wandered(believed: &Model, fitted: &Model) -> bool {
+    /// Share of the larger of both values.
+    const FAR: f64 = 0.3;
+    believed.effects.iter().zip(&fitted.effects).any(|(believed, fitted)| {
+        let pairs = believed.parameters.iter().zip(&fitted.parameters);
+        pairs.into_iter().any(|(a, b)| (a.value - b.value).abs() > FAR * a.value.abs().max(b.value.abs()))
+    })
 }
 
 /// Puts refits in the place of those of the same suspects that cost more, or of none.

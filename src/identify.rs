@@ -58,8 +58,9 @@ pub struct Identified {
     pub status: FitStatus,
     /// Linearisations.
     pub iterations: usize,
-    /// Half the sum of squared errors in units of their standard deviation, at the start.
-    pub cost_before: f64,
+    /// Half the sum of squared errors in units of their standard deviation, at the start; `None` where it was not asked
+    /// for.
+    pub cost_before: Option<f64>,
     /// The same at the end.
     pub cost_after: f64,
     /// What moved, in the model's order.
@@ -138,6 +139,8 @@ pub struct How {
     pub starts: Starts,
     /// How finely, and for how long.
     pub options: Options,
+    /// Whether the cost at the start is told; it takes a simulation of every run, and its initial positions.
+    pub tell_start: bool,
 }
 
 impl How {
@@ -150,6 +153,7 @@ impl How {
             only: Vec::new(),
             starts: Starts::default(),
             options,
+            tell_start: true,
         }
     }
 }
@@ -283,7 +287,7 @@ pub fn identify_as(
             let first = by_torque(model, runs, options.iterations, &mut untold)?;
             let mut second = by_position(&first.model, from, watch)?;
             second.iterations += first.iterations;
-            second.cost_before = cost_at(model, runs, options)?;
+            second.cost_before = how.tell_start.then(|| cost_at(model, runs, options)).transpose()?;
             for parameter in &mut second.parameters {
                 if let Some(start) = model.parameter(&parameter.name) {
                     parameter.start = start.value;

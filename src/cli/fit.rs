@@ -232,7 +232,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let json = json!({
         "error": found.error.to_string(),
         "status": found.status.as_str(),
-        "cost_before": finite(found.cost_before),
+        "cost_before": found.cost_before.and_then(finite),
         "cost_after": finite(found.cost_after),
         "rmse_fit": judged.rmse_fit,
         "rmse_validate": judged.rmse_validate,
@@ -310,6 +310,7 @@ fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<Ho
             iterations: arguments.iterations.max(1),
             ..Options::default()
         },
+        tell_start: true,
     })
 }
 
@@ -384,7 +385,7 @@ fn told(found: &Identified, wall_seconds: f64) -> String {
         found.error,
         found.status.as_str(),
         found.iterations,
-        number(found.cost_before),
+        found.cost_before.map_or_else(|| "\u{2014}".to_owned(), number),
         number(found.cost_after)
     );
     let mut table = Table::new(&[

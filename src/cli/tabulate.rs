@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 "{name}: {} error{method}, {}, cost {} -> {}",
                 fit.error,
                 fit.status,
-                number(fit.cost_before),
+                fit.cost_before.map_or_else(|| "\u{2014}".to_owned(), number),
                 number(fit.cost_after)
             );
             if !fit.budget.is_empty() {
@@ -115,7 +115,7 @@ fn json(models: &[(String, Model)], table: &Models, paths: &[PathBuf]) -> Value 
                 "status": fit.map(|fit| &fit.status),
                 "error": fit.map(|fit| &fit.error),
                 "method": fit.and_then(|fit| fit.method.as_ref()),
-                "cost_before": fit.map(|fit| fit.cost_before).filter(|cost| cost.is_finite()),
+                "cost_before": fit.and_then(|fit| fit.cost_before).filter(|cost| cost.is_finite()),
                 "cost_after": fit.map(|fit| fit.cost_after).filter(|cost| cost.is_finite()),
                 "budget": fit.map(|fit| &fit.budget),
             })

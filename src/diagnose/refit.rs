@@ -228,8 +228,8 @@ impl Judge<'_> {
         const POOR: f64 = 16.0;
         const FLAT: (usize, f64) = (8, 0.01);
         // From where else to start is the diagnosis's own matter.
-        let how =
-            How { starts: Starts { believed: false, ..Starts::default() }, ..How::plain(self.error, self.options) };
+        let starts = Starts { believed: false, ..Starts::default() };
+        let how = How { starts, tell_start: false, ..How::plain(self.error, self.options) };
         // Of the iterations without a tether.
         let mut costs: Vec<f64> = Vec::new();
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {

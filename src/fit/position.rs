@@ -436,6 +436,10 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
             return Err(at.why_not(&x));
         }
         x = outcome.x;
+        if coarse == options.substeps {
+            // There is nothing to correct.
+            break;
+        }
     }
     Ok(x)
 }

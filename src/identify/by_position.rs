@@ -1,6 +1,7 @@
 //! Fits of the position error, of all runs at once or along a method's sequence, told like every other.
 
 use dynid_model::Device;
+use rayon::prelude::*;
 
 use super::{Best, Correlation, ErrorKind, Found, How, Identified, Progress, State, StepTold, Tried};
 use crate::{
@@ -111,7 +112,8 @@ pub(super) fn by_position(
         let sequence = Sequence { believed: model, start: model, runs, configurations, weights };
         sequence::budget(&sequence, &steps, &joint, &how.options)?
     };
-    let mut found = told(model, joint, cost_at(model, &used, &how.options)?);
+    let cost_before = how.tell_start.then(|| cost_at(model, &used, &how.options)).transpose()?;
+    let mut found = told(model, joint, cost_before);
     found.best_start = start;
     found.tried = if state.tried.len() > 1 { state.tried } else { Vec::new() };
     found.steps = steps.iter().map(|step| step_told(model.device, step)).collect();
@@ -201,7 +203,7 @@ pub(super) fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
     runs.iter().copied().filter(|run| run.role == Role::Fit)
 }
 
-fn told(before: &Model, fit: PositionFit, cost_before: f64) -> Identified {
+fn told(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> Identified {
     let model = fit.applied_to(before);
     let correlations = correlations(&fit);
     let PositionFit { status, parameters, undetermined, iterations, runs, .. } = fit;
@@ -273,14 +275,9 @@ fn step_told(device: &Device, step: &Step) -> StepTold {
 /// Cost of the runs that are fitted to; infinite where one cannot be simulated to its end, for then it is larger than
 /// any number says.
 pub(super) fn cost_at(model: &Model, runs: &[&Run], options: &Options) -> Result<f64, Error> {
-    let mut errors = Vec::new();
-    for run in fitted(runs) {
-        match position::judge(&FitRun::of_run(model, run)?, options) {
-            Ok(error) => errors.push(error),
-            Err(_) => return Ok(f64::INFINITY),
-        }
-    }
-    Ok(cost(&errors))
+    let runs = fitted(runs).map(|run| FitRun::of_run(model, run)).collect::<Result<Vec<FitRun>, _>>()?;
+    let errors: Option<Vec<RunError>> = runs.par_iter().map(|run| position::judge(run, options).ok()).collect();
+    Ok(errors.map_or(f64::INFINITY, |errors| cost(&errors)))
 }
 
 /// Half the sum of squared position errors, each joint's over the noise of its log.

@@ -59,7 +59,7 @@ pub(super) fn by_torque(
         error: ErrorKind::Torque,
         status,
         iterations,
-        cost_before,
+        cost_before: Some(cost_before),
         cost_after,
         parameters,
         open: flat,

@@ -18,8 +18,8 @@ pub struct FitRecord {
     pub data_digest: String,
     /// [`super::Model::digest`] of the model that the fit started from.
     pub parent_digest: String,
-    /// The cost at the start.
-    pub cost_before: f64,
+    /// The cost at the start, if it was asked for.
+    pub cost_before: Option<f64>,
     /// The cost at the end.
     pub cost_after: f64,
     /// Names of parameters that the data do not determine.
@@ -76,7 +76,7 @@ impl FitRecord {
             status: text("status")?,
             data_digest: text("data_digest")?,
             parent_digest: text("parent_digest")?,
-            cost_before: table.required("cost_before", "0.0")?.number()?,
+            cost_before: table.optional("cost_before").map(|entry| entry.number()).transpose()?,
             cost_after: table.required("cost_after", "0.0")?.number()?,
             not_identifiable: names("not_identifiable")?,
             std_error: numbers(table, "std_error", "[fit.std_error]")?,
@@ -96,7 +96,9 @@ impl FitRecord {
         ] {
             table.insert(key, value(text));
         }
-        table.insert("cost_before", value(self.cost_before));
+        if let Some(cost_before) = self.cost_before {
+            table.insert("cost_before", value(cost_before));
+        }
         table.insert("cost_after", value(self.cost_after));
         if let Some(method) = &self.method {
             table.insert("method", value(method));

@@ -88,7 +88,7 @@ fn writing_keeps_comments_order_and_digits() {
         status: "converged".to_owned(),
         data_digest: "d".to_owned(),
         parent_digest: "p".to_owned(),
-        cost_before: 2.0,
+        cost_before: Some(2.0),
         cost_after: 1.0,
         not_identifiable: vec!["link.2.y".to_owned(), "link.3.z".to_owned()],
         std_error: [("link.2.m".to_owned(), 0.01), ("link.2.y".to_owned(), f64::INFINITY)].into(),

@@ -134,15 +134,27 @@ impl<'a> Evaluator<'a> {
         At { corrections: rough.into_iter().zip(fine).map(difference).collect(), ..plain }
     }
 
-    /// The fewest steps per sample that change no position by more than a small part of the noise.
+    /// The fewest steps per sample that change no position by more than a small part of the noise, or of the error where
+    /// that is somewhat larger: what is far from the log need not be far from it exactly.
     pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize) -> usize {
         /// Share of the noise that the integration may add: a numerical choice.
         const SHARE: f64 = 0.1;
+        /// No error counts for more than this in units of the noise: the search would stumble over rougher simulations.
+        const LARGE: f64 = 4.0;
         let simulated = |substeps: usize| -> Option<Vec<Vec<f64>>> {
             let resolution = Resolution { horizon_s: 5.0, substeps, jacobian_substeps: substeps, tether: 0.0 };
             self.ready.par_iter().map(|ready| ready.simulate(x, resolution).ok()).collect()
         };
         let Some(reference) = simulated(fine) else { return fine };
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (ready, reference) in self.ready.iter().zip(&reference) {
+            let n_free = ready.run.system.n_free();
+            for (index, (reference, measured)) in reference.iter().zip(&ready.run.position).enumerate() {
+                sum += ((reference - measured) * ready.weights[index % n_free]).powi(2);
+                count += 1.0;
+            }
+        }
+        let allowed = SHARE * (sum / f64::max(count, 1.0)).sqrt().clamp(1.0, LARGE);
         for substeps in [4, 6, 10, 15, 20, 30] {
             if substeps >= fine {
                 break;
@@ -151,7 +163,7 @@ impl<'a> Evaluator<'a> {
             let close = self.ready.iter().zip(&reference).zip(&coarse).all(|((ready, reference), coarse)| {
                 let n_free = ready.run.system.n_free();
                 reference.iter().zip(coarse).enumerate().all(|(index, (reference, coarse))| {
-                    (reference - coarse).abs() * ready.weights[index % n_free] <= SHARE
+                    (reference - coarse).abs() * ready.weights[index % n_free] <= allowed
                 })
             });
             if close {

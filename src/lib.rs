@@ -2,6 +2,7 @@
 
 pub mod checkpoint;
 pub mod compare;
+pub mod control;
 pub mod diagnose;
 pub mod error;
 pub mod excite;
@@ -22,3 +23,4 @@ pub mod simulate;
 pub mod system;
 pub mod torque;
 pub mod tour;
+pub mod wall;

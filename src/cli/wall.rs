@@ -111,6 +111,10 @@ struct TuneArguments {
     /// Static stiffness that the wall should have [N*m/rad or N/m].
     #[arg(long, value_name = "K", default_value_t = 6.6)]
     stiffness: f64,
+    /// A wall of gains to start from: the name of one that the program carries, or a file; without it, gains that suit the
+    /// stiffness.
+    #[arg(long, value_name = "WALL")]
+    start: Option<String>,
     /// As many walls are tried at most.
     #[arg(long, value_name = "N", default_value_t = 400)]
     evaluations: usize,
@@ -339,6 +343,9 @@ fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
+/// Damping over stiffness of the gains that a tuning starts from (s): about the lag of a sampled wall.
+const LEAD_S: f64 = 0.03;
+
 fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
     check_output(&arguments.out, overwrite)?;
@@ -349,8 +356,19 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     // Tuned on other hands than those that judge.
     setting.seed = arguments.place.seed.unwrap_or(setting.seed + 1000);
     let model = arguments.place.model(&setting)?;
-    let scale = wall::shipped("pd")?.scale;
-    let start = LinearLaw { k1: arguments.stiffness / scale, k2: 0.03 * arguments.stiffness / scale, offset: 0.0 };
+    let (scale, start) = match &arguments.start {
+        None => {
+            let scale = wall::shipped("pd")?.scale;
+            (
+                scale,
+                LinearLaw { k1: arguments.stiffness / scale, k2: LEAD_S * arguments.stiffness / scale, offset: 0.0 },
+            )
+        }
+        Some(asked) => match wall_of(asked)?.1 {
+            WallFile { scale, law: Law::Linear(law), .. } => (scale, law),
+            _ => bail!("--start {asked}: a tuning starts from a wall of gains, [linear] without [rules]"),
+        },
+    };
     let goal = Goal {
         stiffness: arguments.stiffness,
         outside: 0.03,

@@ -99,8 +99,8 @@ fn monotone(position: &Partition, velocity: &Partition, law: &LinearLaw, x: &[f6
     /// Speed up to which the first damping holds; beyond, the second adds to it [rad/s or m/s].
     const SLOW: f64 = 2.5;
     /// Damping at the surface over that inside, and on the way out over that on the way in, where the numbers are 0.
-    const AT_SURFACE: f64 = 0.3;
-    const ON_THE_WAY_OUT: f64 = 0.5;
+    const AT_SURFACE: f64 = 0.6;
+    const ON_THE_WAY_OUT: f64 = 0.8;
     let factor: Vec<f64> = x.iter().map(|x| x.exp()).collect();
     let peaks = position.peaks();
     let surface = peaks.iter().position(|peak| *peak >= 0.0).unwrap_or(peaks.len() - 1);

@@ -574,7 +574,12 @@ impl Work<'_> {
         if let Some(believed) = self.at_belief(base).filter(|_| !rivals.is_empty()) {
             let scores = screening.scores(&believed, &rivals, &|| !(self.stop)());
             self.asked_to_stop()?;
-            starts.iter_mut().zip(scores).for_each(|(starts, scored)| starts.extend(estimate(scored)));
+            for ((starts, suspect), scored) in starts.iter_mut().zip(&rivals).zip(scores) {
+                starts.extend(estimate(scored));
+                // What the law was first taken for may suit the believed values better than what the screening finds there.
+                let first = shortlist.iter().find(|score| score.suspect == *suspect);
+                starts.extend(first.map(|score| score.estimate.with_values(&|name| self.believed.believed(name))));
+            }
         }
         let fits: Vec<Option<Refit>> = rivals
             .par_iter()

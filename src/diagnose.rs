@@ -497,7 +497,9 @@ impl Work<'_> {
             &mut failed,
             &format!("{depth}: again, {}", path.join(" > ")),
         )?;
-        if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
+        let is_lost = !refit.status.may_update_model()
+            || self.at_belief(base).is_some_and(|believed| has_wandered(&believed, base));
+        if self.judge.error == ErrorKind::Position && is_lost && !fitted.iter().any(verdict::explains) {
             let key = format!("{depth}: believed, {}", path.join(" > "));
             self.as_believed(&screening, base, &mut fitted, &mut failed, &key)?;
         }
@@ -620,7 +622,7 @@ impl Work<'_> {
     ) -> Result<(), Error> {
         /// As many are fitted.
         const MOST: usize = 3;
-        let Some(start) = self.at_belief(base).filter(|start| has_wandered(start, base)) else { return Ok(()) };
+        let Some(start) = self.at_belief(base) else { return Ok(()) };
         let mut promising = verdict::shortlist(&self.screened(screening, &start)?);
         promising.truncate(MOST);
         for score in promising {

@@ -2,10 +2,12 @@
 
 pub mod checkpoint;
 pub mod compare;
+pub mod control;
 pub mod diagnose;
 pub mod error;
 pub mod excite;
 pub mod experiment;
+pub mod felt;
 pub mod fit;
 pub mod identify;
 pub mod ladder;

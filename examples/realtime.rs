@@ -1,0 +1,105 @@
+//! The skeleton of a controller's loop: read the sensors, make a wall and carry the device, write the torques.
+//!
+//! ```sh
+//! cargo run --release --example realtime -- --ticks 1000000            as fast as it goes: what does a tick take?
+//! cargo run --release --example realtime -- --ticks 10000 --paced      once per millisecond, as on a robot
+//! ```
+//!
+//! The sensors here belong to a simulated Freedom 6S of six free joints that a hand moves about. A robot's own go in place
+//! of [`Device`]; so does whatever gives its thread a core and a priority of its own, which is the operating system's
+//! affair. Only the tick is measured: estimator, wall, compensation.
+
+use std::time::{Duration, Instant};
+
+use dynid::control::{Compensation, Estimator, Shares};
+use dynid::model::Model;
+use dynid::system::System;
+
+const SAMPLE_S: f64 = 1e-3;
+const QUANTUM: f64 = 1e-4;
+const JOINTS: usize = 6;
+
+/// What stands for sensors and amplifiers.
+struct Device {
+    tick: u64,
+}
+
+impl Device {
+    /// Positions as encoders show them: every joint is moved about at a pace of its own.
+    fn read(&mut self, q: &mut [f64; JOINTS]) {
+        let t = self.tick as f64 * SAMPLE_S;
+        for (joint, q) in q.iter_mut().enumerate() {
+            let own = joint as f64;
+            let position = 0.4 * ((1.7 + 0.6 * own) * t).sin() + 0.1 * ((11.0 + own) * t + own).sin();
+            *q = (position / QUANTUM).round() * QUANTUM;
+        }
+        self.tick += 1;
+    }
+
+    fn write(&mut self, command: &[f64]) {
+        std::hint::black_box(command);
+    }
+}
+
+/// A wall at one joint: a spring and a damper that push back only.
+fn wall(q: f64, dq: f64) -> f64 {
+    const EDGE: f64 = -0.1;
+    const STIFFNESS: f64 = 3.0;
+    const DAMPING: f64 = 0.03;
+    if q < EDGE { (STIFFNESS * (EDGE - q) - DAMPING * dq).max(0.0) } else { 0.0 }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let after = |name: &str| arguments.iter().position(|own| own == name).map(|index| arguments.get(index + 1));
+    let ticks: usize = match after("--ticks") {
+        None => 1_000_000,
+        Some(value) => value.ok_or("--ticks needs a number")?.parse()?,
+    };
+    let paced = after("--paced").is_some();
+
+    // Everything that allocates or may fail comes first.
+    let device = dynid_model::device("freedom6s").ok_or("the device is not in the library")?;
+    let free: Vec<usize> = (0..JOINTS).collect();
+    let system = System::of_model(&Model::of_device(device), &free, |_| 0.0)?;
+    let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S)?;
+    let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, QUANTUM, 1);
+    let mut device = Device { tick: 0 };
+    let [mut reading, mut q, mut dq, mut ddq, mut command] = [[0.0; JOINTS]; 5];
+    let mut spans: Vec<u32> = Vec::with_capacity(ticks);
+
+    let start = Instant::now();
+    for k in 0..ticks {
+        if paced {
+            // The last stretch is waited for actively: a sleep ends when the system pleases.
+            let due = start + Duration::from_secs_f64(k as f64 * SAMPLE_S);
+            std::thread::sleep(
+                due.saturating_duration_since(Instant::now()).saturating_sub(Duration::from_micros(200)),
+            );
+            while Instant::now() < due {
+                std::hint::spin_loop();
+            }
+        }
+        device.read(&mut reading);
+        let before = Instant::now();
+        estimator.tick(&reading, &mut q, &mut dq, &mut ddq);
+        command.copy_from_slice(compensation.tick(&q, &dq, &ddq));
+        command[0] += wall(q[0], dq[0]);
+        spans.push(before.elapsed().as_nanos().min(u128::from(u32::MAX)) as u32);
+        device.write(&command);
+    }
+
+    spans.sort_unstable();
+    let at = |share: f64| spans.get(((spans.len() as f64 * share) as usize).min(spans.len().saturating_sub(1)));
+    let told = |name: &str, span: Option<&u32>| {
+        if let Some(span) = span {
+            println!("{name:>9}  {:8.2} us", f64::from(*span) / 1e3);
+        }
+    };
+    println!("{ticks} ticks of estimator, compensation and wall, {JOINTS} joints");
+    told("median", at(0.5));
+    told("99 %", at(0.99));
+    told("99.99 %", at(0.9999));
+    told("worst", spans.last());
+    Ok(())
+}

@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use dynid::control::{Compensation, Estimator, Shares};
 use dynid::model::Model;
 use dynid::system::System;
+use dynid::wall::{self, Setting};
 
 const SAMPLE_S: f64 = 1e-3;
 const QUANTUM: f64 = 1e-4;
@@ -41,14 +42,6 @@ impl Device {
     }
 }
 
-/// A wall at one joint: a spring and a damper that push back only.
-fn wall(q: f64, dq: f64) -> f64 {
-    const EDGE: f64 = -0.1;
-    const STIFFNESS: f64 = 3.0;
-    const DAMPING: f64 = 0.03;
-    if q < EDGE { (STIFFNESS * (EDGE - q) - DAMPING * dq).max(0.0) } else { 0.0 }
-}
-
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let after = |name: &str| arguments.iter().position(|own| own == name).map(|index| arguments.get(index + 1));
@@ -64,6 +57,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let system = System::of_model(&Model::of_device(device), &free, |_| 0.0)?;
     let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S)?;
     let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, QUANTUM, 1);
+    // A fuzzy wall at joint 0, below its position 0.
+    let setting = Setting { sample_s: SAMPLE_S, ..Setting::shipped()? };
+    let mut wall = wall::shipped("fuzzy")?.wall(&setting)?;
     let mut device = Device { tick: 0 };
     let [mut reading, mut q, mut dq, mut ddq, mut command] = [[0.0; JOINTS]; 5];
     let mut spans: Vec<u32> = Vec::with_capacity(ticks);
@@ -84,7 +80,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let before = Instant::now();
         estimator.tick(&reading, &mut q, &mut dq, &mut ddq);
         command.copy_from_slice(compensation.tick(&q, &dq, &ddq));
-        command[0] += wall(q[0], dq[0]);
+        command[0] += wall.tick(q[0], dq[0]);
         spans.push(before.elapsed().as_nanos().min(u128::from(u32::MAX)) as u32);
         device.write(&command);
     }

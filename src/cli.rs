@@ -19,6 +19,7 @@ mod simulate;
 mod table;
 mod tabulate;
 mod tour;
+mod wall;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -48,6 +49,7 @@ The loop, all of it plain files:
   dynid report   experiment.toml fitted.toml --out report.html   one page that opens with no network
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
+  dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
 
 Never seen it work? `dynid tour` fits one joint of a robot to a log that it carries, in seconds.
 
@@ -80,6 +82,8 @@ enum Verb {
     Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
     Tour(tour::Arguments),
+    /// Touch a virtual wall: walls under many hands, and better walls.
+    Wall(wall::Arguments),
 }
 
 /// What a verb has to say.
@@ -115,6 +119,7 @@ pub fn main() -> ExitCode {
         Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
+        Verb::Wall(arguments) => wall::run(arguments),
     };
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,

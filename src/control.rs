@@ -1,12 +1,19 @@
-//! The identified model in a controller.
+//! What runs in a controller's loop of a kilohertz: walls, and the identified model that carries the device.
 //!
-//! What stands here runs within a controller's tick: no allocation, no lock, no panic. Everything is made ready when it
-//! is constructed; a tick walks flat arrays and has the same bits wherever it runs.
+//! What is built once may fail and allocate; a tick does neither, takes no lock and does not panic.
 
 mod compensation;
 mod estimator;
+mod partition;
+mod rules;
 mod share;
+mod velocity;
+mod walls;
 
 pub use compensation::{Compensation, CompensationError, Shares};
 pub use estimator::Estimator;
+pub use partition::{Partition, PartitionError};
+pub use rules::{LinearLaw, RuleTable, RuleTableError};
 pub use share::{Holding, largest_inertia_share};
+pub use velocity::FilteredVelocity;
+pub use walls::{Law, VirtualTool, Wall, WallError};

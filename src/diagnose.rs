@@ -497,7 +497,9 @@ impl Work<'_> {
             &mut failed,
             &format!("{depth}: again, {}", path.join(" > ")),
         )?;
-        if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
+        let is_lost = !refit.status.may_update_model()
+            || self.at_belief(base).is_some_and(|believed| has_wandered(&believed, base));
+        if self.judge.error == ErrorKind::Position && is_lost && !fitted.iter().any(verdict::explains) {
             let key = format!("{depth}: believed, {}", path.join(" > "));
             self.as_believed(&screening, base, &mut fitted, &mut failed, &key)?;
         }
@@ -574,7 +576,12 @@ impl Work<'_> {
         if let Some(believed) = self.at_belief(base).filter(|_| !rivals.is_empty()) {
             let scores = screening.scores(&believed, &rivals, &|| !(self.stop)());
             self.asked_to_stop()?;
-            starts.iter_mut().zip(scores).for_each(|(starts, scored)| starts.extend(estimate(scored)));
+            for ((starts, suspect), scored) in starts.iter_mut().zip(&rivals).zip(scores) {
+                starts.extend(estimate(scored));
+                // What the law was first taken for may suit the believed values better than what the screening finds there.
+                let first = shortlist.iter().find(|score| score.suspect == *suspect);
+                starts.extend(first.map(|score| score.estimate.with_values(&|name| self.believed.believed(name))));
+            }
         }
         let fits: Vec<Option<Refit>> = rivals
             .par_iter()
@@ -615,7 +622,7 @@ impl Work<'_> {
     ) -> Result<(), Error> {
         /// As many are fitted.
         const MOST: usize = 3;
-        let Some(start) = self.at_belief(base).filter(|start| has_wandered(start, base)) else { return Ok(()) };
+        let Some(start) = self.at_belief(base) else { return Ok(()) };
         let mut promising = verdict::shortlist(&self.screened(screening, &start)?);
         promising.truncate(MOST);
         for score in promising {

@@ -24,3 +24,4 @@ pub mod simulate;
 pub mod system;
 pub mod torque;
 pub mod tour;
+pub mod wall;

@@ -397,7 +397,7 @@ pub(crate) fn interpolate(share: f64, now: &[f64], next: &[f64], command: &mut [
 }
 
 /// One step of the classical scheme; `room` is the state, then three vectors of its length.
-fn runge_kutta(
+pub(crate) fn runge_kutta(
     mut rate: impl FnMut(f64, &[f64], &mut [f64]),
     t: f64,
     step: f64,

@@ -1,6 +1,6 @@
 //! Zero-phase low-pass and central differences on a uniform grid.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// A fourth-order Butterworth low-pass for uniformly sampled signals, applied forwards and backwards.
 ///
@@ -24,11 +24,24 @@ struct Section {
 impl Lowpass {
     /// The filter of `cutoff_hz` for signals sampled at `rate_hz`; `None` unless `0 < cutoff_hz < rate_hz / 2`.
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Option<Self> {
+        // The poles of order 4 lie at angles of pi/8 and 3 pi/8 from the negative real axis.
+        Self::of_sections(cutoff_hz, rate_hz, [Some((PI / 8.0).cos()), Some((3.0 * PI / 8.0).cos())])
+    }
+
+    /// The filter of second order: one pass has `|H|^2 = 1 / (1 + (w/wc)^4)`. What it takes away, forwards and backwards, is
+    /// what the zero-phase high-pass of second order leaves: their gains add up to one.
+    pub fn second_order(cutoff_hz: f64, rate_hz: f64) -> Option<Self> {
+        Self::of_sections(cutoff_hz, rate_hz, [Some(FRAC_1_SQRT_2), None])
+    }
+
+    /// Sections by their damping; without one a section lets everything pass.
+    fn of_sections(cutoff_hz: f64, rate_hz: f64, damping: [Option<f64>; 2]) -> Option<Self> {
         if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * rate_hz) {
             return None;
         }
         let warped = (PI * cutoff_hz / rate_hz).tan();
-        let section = |damping: f64| {
+        let section = |damping: Option<f64>| {
+            let Some(damping) = damping else { return Section { b: [1.0, 0.0, 0.0], a: [0.0, 0.0] } };
             // 1 / (s^2 + 2 damping s + 1) with s = (1 - z^-1) / (warped (1 + z^-1))
             let squared = warped * warped;
             let norm = 1.0 / (1.0 + 2.0 * damping * warped + squared);
@@ -36,8 +49,7 @@ impl Lowpass {
             let a = [2.0 * (squared - 1.0) * norm, (1.0 - 2.0 * damping * warped + squared) * norm];
             Section { b: [b, 2.0 * b, b], a }
         };
-        // The poles of order 4 lie at angles of pi/8 and 3 pi/8 from the negative real axis.
-        let sections = [section((PI / 8.0).cos()), section((3.0 * PI / 8.0).cos())];
+        let sections = damping.map(section);
         // Three periods of the cut-off: by then the slowest pole has fallen to exp(-2 pi 3 sin(pi/8)) < 1e-3.
         let padding = (3.0 * rate_hz / cutoff_hz - 1e-6).ceil() as usize;
         Some(Self { sections, padding })

@@ -1,0 +1,433 @@
+//! `dynid wall`: touch a virtual wall.
+
+mod feel;
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::bail;
+use clap::{Subcommand, ValueEnum};
+use dynid::control::{Law, LinearLaw, Wall};
+use dynid::model::Model;
+use dynid::output::{Overwrite, check_output, write_new};
+use dynid::report::number;
+use dynid::wall::{self, Case, Goal, Measures, Setting, Told, WallFile};
+use serde_json::json;
+
+use super::table::{Align, Table};
+use super::{Answer, Outcome};
+
+/// Touch a virtual wall: a sampled controller, the identified device, and hands of many kinds.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  dynid wall compare                                  the walls that the program carries, under 16 hands at three speeds
+  dynid wall compare --model fitted.toml --wall mine.toml
+  dynid wall run --wall fuzzy --speed fast --out contact.csv
+  dynid wall tune --law rules --out tuned.toml        a monotone rule table, by an evolution strategy
+  dynid wall feel --model fitted.toml --out felt.svg  what a hand feels of the device with and without its model
+
+A setting file says which joint of which device meets the wall, how the controller is sampled and who moves the handle;
+without one it is the thesis's. `dynid wall show setting` and `dynid wall show fuzzy` print what the program carries, to start
+from.")]
+pub struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Walls under the same hands.
+    Compare(CompareArguments),
+    /// One hand's approach to one wall.
+    Run(RunArguments),
+    /// A better wall, found by trying.
+    Tune(TuneArguments),
+    /// A setting or a wall that the program carries, as a file.
+    Show(ShowArguments),
+    /// What a hand feels of the device itself: inertia and friction over frequency, bare and carried by the model.
+    Feel(feel::Arguments),
+}
+
+/// Where, and who.
+#[derive(clap::Args)]
+struct Where {
+    /// The setting; without it, the thesis's.
+    #[arg(long, value_name = "FILE")]
+    setting: Option<PathBuf>,
+    /// The model of the device; without it, the device's default.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// As many hands, instead of the setting's number.
+    #[arg(long, value_name = "N")]
+    hands: Option<usize>,
+    /// What the hands are drawn from, instead of the setting's seed.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
+#[derive(clap::Args)]
+struct CompareArguments {
+    #[command(flatten)]
+    place: Where,
+    /// Walls: names of those that the program carries, or files; without any, all that it carries.
+    #[arg(long, value_delimiter = ',', value_name = "WALLS")]
+    wall: Option<Vec<String>>,
+}
+
+#[derive(clap::Args)]
+struct RunArguments {
+    #[command(flatten)]
+    place: Where,
+    /// The wall: a name of one that the program carries, or a file.
+    #[arg(long, value_name = "WALL", default_value = "pd")]
+    wall: String,
+    /// Which approach of the setting; without it, its first.
+    #[arg(long, value_name = "NAME")]
+    speed: Option<String>,
+    /// Which hand, from 0; without it, the typical one.
+    #[arg(long, value_name = "N")]
+    hand: Option<usize>,
+    /// Where to write what happened at every tick, as CSV.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Overwrite the output if it is there.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// A monotone rule table.
+    Rules,
+    /// A spring and a damper.
+    Linear,
+}
+
+#[derive(clap::Args)]
+struct TuneArguments {
+    #[command(flatten)]
+    place: Where,
+    /// What is tuned.
+    #[arg(long, value_enum, default_value = "rules")]
+    law: Kind,
+    /// Static stiffness that the wall should have [N*m/rad or N/m].
+    #[arg(long, value_name = "K", default_value_t = 6.6)]
+    stiffness: f64,
+    /// A wall of gains to start from: the name of one that the program carries, or a file; without it, gains that suit the
+    /// stiffness.
+    #[arg(long, value_name = "WALL")]
+    start: Option<String>,
+    /// As many walls are tried at most.
+    #[arg(long, value_name = "N", default_value_t = 400)]
+    evaluations: usize,
+    /// Where to write the wall.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Overwrite the output if it is there.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(clap::Args)]
+struct ShowArguments {
+    /// `setting`, or the name of a wall.
+    name: String,
+}
+
+/// Does what is asked.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    match &arguments.verb {
+        Verb::Compare(arguments) => compare(arguments),
+        Verb::Run(arguments) => contact(arguments),
+        Verb::Tune(arguments) => tune(arguments),
+        Verb::Show(arguments) => show(arguments),
+        Verb::Feel(arguments) => feel::run(arguments),
+    }
+}
+
+impl Where {
+    fn setting(&self) -> anyhow::Result<Setting> {
+        let mut setting = match &self.setting {
+            Some(path) => Setting::load(path)?,
+            None => Setting::shipped()?,
+        };
+        if let Some(hands) = self.hands {
+            setting.hands = hands.max(1);
+        }
+        if let Some(seed) = self.seed {
+            setting.seed = seed;
+        }
+        Ok(setting)
+    }
+
+    fn model(&self, setting: &Setting) -> anyhow::Result<Model> {
+        let Some(path) = &self.model else { return Ok(Model::of_device(setting.device)) };
+        let model = Model::load(path)?;
+        if model.device.id != setting.device.id {
+            bail!(
+                "{}: the model is of device `{}`, the setting of `{}`; use a model and a setting of one device",
+                path.display(),
+                model.device.id,
+                setting.device.id
+            );
+        }
+        Ok(model)
+    }
+}
+
+/// A wall by its name or its file; a file's name is that of the wall.
+fn wall_of(asked: &str) -> anyhow::Result<(String, WallFile)> {
+    let path = Path::new(asked);
+    if path.extension().is_none_or(|extension| extension != "toml") {
+        return Ok((asked.to_owned(), wall::shipped(asked)?));
+    }
+    let name = path.file_stem().map_or_else(|| asked.to_owned(), |stem| stem.to_string_lossy().into_owned());
+    Ok((name, WallFile::load(path)?))
+}
+
+fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
+    let setting = arguments.place.setting()?;
+    let model = arguments.place.model(&setting)?;
+    let asked: Vec<String> = match &arguments.wall {
+        Some(asked) => asked.clone(),
+        None => wall::SHIPPED.iter().map(|(name, _)| (*name).to_owned()).collect(),
+    };
+    let mut walls: Vec<(String, Wall)> = Vec::new();
+    for asked in &asked {
+        let (name, file) = wall_of(asked)?;
+        walls.push((name, file.wall(&setting)?));
+    }
+    let cases = wall::compare(&model, &setting, &walls)?;
+    Ok(Outcome { text: told(&setting, &walls, &cases), json: json!({ "cases": cases }), answer: Answer::Yes })
+}
+
+/// A row for each wall and approach: the median hand, and the worst where that matters.
+fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
+    let mut text = format!(
+        "joint {} of {}, {} hands, controller at {} Hz\n",
+        setting.joint,
+        setting.device.id,
+        setting.hands,
+        number(1.0 / setting.sample_s)
+    );
+    let mut table = Table::new(&[
+        ("wall", Align::Left),
+        ("approach", Align::Left),
+        ("chatter, mrad rms", Align::Right),
+        ("worst", Align::Right),
+        ("peak to peak", Align::Right),
+        ("Hz", Align::Right),
+        ("settled, mrad", Align::Right),
+        ("stiffness", Align::Right),
+        ("energy out, mJ", Align::Right),
+        ("outside", Align::Right),
+    ]);
+    for (name, _) in walls {
+        for approach in &setting.approaches {
+            let of: Vec<&Measures> = cases
+                .iter()
+                .filter(|case| case.controller == *name && case.speed == approach.name)
+                .map(|case| &case.measures)
+                .collect();
+            let median = |value: &dyn Fn(&Measures) -> f64| median(of.iter().map(|measures| value(measures)).collect());
+            let worst = of.iter().map(|measures| measures.chatter_rms).fold(0.0, f64::max);
+            table.row([
+                name.clone(),
+                approach.name.clone(),
+                format!("{:.3}", 1e3 * median(&|m| m.chatter_rms)),
+                format!("{:.3}", 1e3 * worst),
+                format!("{:.2}", 1e3 * median(&|m| m.peak_to_peak)),
+                format!("{:.1}", median(&|m| m.frequency)),
+                format!("{:.1}", 1e3 * median(&|m| m.settled_position)),
+                format!("{:.2}", median(&|m| m.stiffness)),
+                format!("{:.2}", 1e3 * of.iter().map(|m| m.energy_out).fold(0.0, f64::max)),
+                format!("{:.0} %", 100.0 * of.iter().map(|m| m.outside).fold(0.0, f64::max)),
+            ]);
+        }
+    }
+    text.push_str(&table.text());
+    text.push_str("medians over the hands; energy out and time outside are those of the worst hand\n");
+    let by_key: BTreeMap<(&str, usize), f64> = cases
+        .iter()
+        .filter(|case| case.controller == walls[0].0)
+        .map(|case| ((case.speed.as_str(), case.hand), case.measures.chatter_rms))
+        .collect();
+    for (name, _) in &walls[1..] {
+        let ratios: Vec<f64> = cases
+            .iter()
+            .filter(|case| case.controller == *name)
+            .filter_map(|case| {
+                Some(by_key.get(&(case.speed.as_str(), case.hand))? / case.measures.chatter_rms.max(1e-12))
+            })
+            .collect();
+        let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+        let _ = writeln!(
+            text,
+            "{name}: {:.1} times less chatter than {} in the median, {least:.1} at worst",
+            median(ratios),
+            walls[0].0
+        );
+    }
+    for (name, wall) in walls {
+        if let Law::Linear(law) = wall.law() {
+            let (stiffness, damping) = (wall.scale() * law.k1, wall.scale() * law.k2);
+            let bound = wall::stability_bound(stiffness, damping, setting.sample_s);
+            let _ = writeln!(
+                text,
+                "{name}: passive whoever touches it only if the device itself damps with more than {} (K T / 2 + B, Colgate & \
+                 Schenkel 1997)",
+                number(bound)
+            );
+        }
+    }
+    text
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
+}
+
+fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
+    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    if let Some(out) = &arguments.out {
+        check_output(out, overwrite)?;
+    }
+    let setting = arguments.place.setting()?;
+    let model = arguments.place.model(&setting)?;
+    let (name, file) = wall_of(&arguments.wall)?;
+    let wall = file.wall(&setting)?;
+    let names: Vec<&str> = setting.approaches.iter().map(|approach| approach.name.as_str()).collect();
+    let approach = match &arguments.speed {
+        None => &setting.approaches[0],
+        Some(asked) => match setting.approaches.iter().find(|approach| approach.name == *asked) {
+            Some(approach) => approach,
+            None => bail!("--speed {asked}: the setting's approaches are {}", names.join(", ")),
+        },
+    };
+    let hand = match arguments.hand {
+        None => setting.hand,
+        Some(index) => {
+            let hands = setting.hand.population(setting.spread, setting.hands, setting.seed);
+            match hands.get(index) {
+                Some(hand) => *hand,
+                None => bail!("--hand {index}: the setting's hands are 0 to {}", hands.len() - 1),
+            }
+        }
+    };
+    let contact = wall::contact(&model, &setting, &wall, &hand, approach)?;
+    let Some(measures) = Measures::of(&contact, &wall) else {
+        bail!("the hand never comes to the wall: start nearer, or aim further");
+    };
+    let mut text = format!("{}, {} approach\n", file.title, approach.name);
+    let _ = writeln!(
+        text,
+        "  chatter {:.3} mrad rms, {:.2} mrad peak to peak at {:.1} Hz; settled at {:.1} mrad; {:.2} mJ given out; {:.0} % of the \
+         time outside",
+        1e3 * measures.chatter_rms,
+        1e3 * measures.peak_to_peak,
+        measures.frequency,
+        1e3 * measures.settled_position,
+        1e3 * measures.energy_out,
+        100.0 * measures.outside
+    );
+    if let Some(out) = &arguments.out {
+        let mut csv = String::from("t,q,dq,tau\n");
+        for (tick, ((position, velocity), torque)) in
+            contact.position.iter().zip(&contact.velocity).zip(&contact.torque).enumerate()
+        {
+            let _ = writeln!(csv, "{:.6},{position:.9},{velocity:.9},{torque:.9}", tick as f64 * contact.sample_s);
+        }
+        write_new(out, &csv, overwrite)?;
+        let _ = writeln!(text, "written: {}", out.display());
+    }
+    let json = json!({ "wall": name, "speed": approach.name, "measures": measures });
+    Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// Damping over stiffness of the gains that a tuning starts from (s): about the lag of a sampled wall.
+const LEAD_S: f64 = 0.03;
+
+fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
+    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    check_output(&arguments.out, overwrite)?;
+    if !(arguments.stiffness > 0.0 && arguments.stiffness.is_finite()) {
+        bail!("--stiffness takes a positive number [N*m/rad or N/m]");
+    }
+    let mut setting = arguments.place.setting()?;
+    // Tuned on other hands than those that judge.
+    setting.seed = arguments.place.seed.unwrap_or(setting.seed + 1000);
+    let model = arguments.place.model(&setting)?;
+    let (scale, start) = match &arguments.start {
+        None => {
+            let scale = wall::shipped("pd")?.scale;
+            (
+                scale,
+                LinearLaw { k1: arguments.stiffness / scale, k2: LEAD_S * arguments.stiffness / scale, offset: 0.0 },
+            )
+        }
+        Some(asked) => match wall_of(asked)?.1 {
+            WallFile { scale, law: Law::Linear(law), .. } => (scale, law),
+            _ => bail!("--start {asked}: a tuning starts from a wall of gains, [linear] without [rules]"),
+        },
+    };
+    let goal = Goal {
+        stiffness: arguments.stiffness,
+        outside: 0.03,
+        energy_out: 4e-3,
+        evaluations: arguments.evaluations.max(1),
+        seed: setting.seed,
+        drive: 1.3,
+    };
+    let interrupt = super::interrupt::Interrupt::listen()?;
+    let bar = indicatif::ProgressBar::new(goal.evaluations as u64);
+    let stopped = AtomicBool::new(false);
+    let told = |told: Told| {
+        bar.set_position(told.evaluations as u64);
+        if interrupt.is_asked() {
+            stopped.store(true, Ordering::Relaxed);
+        }
+        stopped.load(Ordering::Relaxed)
+    };
+    let tuned = match arguments.law {
+        Kind::Linear => wall::tune_linear(&model, &setting, (&start, scale), &goal, &told)?,
+        Kind::Rules => {
+            let Law::Rules(table) = wall::shipped("fuzzy")?.law else { bail!("the shipped fuzzy wall has no rules") };
+            let sets = (table.position(), table.velocity());
+            wall::tune_rules(&model, &setting, sets, (&start, scale), &goal, &told)?
+        }
+    };
+    bar.finish_and_clear();
+    let comment = format!(
+        "Tuned by `dynid wall tune --law {}` for {} N*m/rad (or N/m) on {} hands of seed {} and drives up to {} times the \
+         model's: {} walls tried.",
+        if arguments.law == Kind::Rules { "rules" } else { "linear" },
+        arguments.stiffness,
+        setting.hands,
+        setting.seed,
+        goal.drive,
+        tuned.evaluations
+    );
+    write_new(&arguments.out, &tuned.wall.to_toml(&comment), overwrite)?;
+    let answer = if stopped.load(Ordering::Relaxed) { Answer::Interrupted } else { Answer::Yes };
+    let text =
+        format!("{} walls tried; cost {:.3}\nwritten: {}\n", tuned.evaluations, tuned.cost, arguments.out.display());
+    let json =
+        json!({ "cost": tuned.cost, "evaluations": tuned.evaluations, "out": arguments.out.display().to_string() });
+    Ok(Outcome { text, json, answer })
+}
+
+fn show(arguments: &ShowArguments) -> anyhow::Result<Outcome> {
+    let name = arguments.name.as_str();
+    let text = if name == "setting" {
+        wall::SETTING
+    } else {
+        wall::shipped(name)?;
+        wall::SHIPPED.iter().find(|(known, _)| *known == name).map_or("", |(_, text)| text)
+    };
+    Ok(Outcome { text: text.to_owned(), json: json!({ "name": name, "text": text }), answer: Answer::Yes })
+}

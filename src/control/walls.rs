@@ -1,0 +1,254 @@
+//! Virtual walls: what a joint, or a point of the device, feels below position 0.
+//!
+//! Signs are those of the thesis: the wall's surface is at 0 and its inside below; a law's output `u` is negative where it
+//! pushes out, and the torque on the joint is `-scale u`.
+
+use super::rules::{LinearLaw, RuleTable};
+
+/// How the wall resists.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Law {
+    /// A spring and a damper (thesis section 5.3).
+    Linear(LinearLaw),
+    /// A fuzzy associative memory (section 5.5).
+    Rules(RuleTable),
+    /// A tool of its own touches the wall; the device is coupled to it by a spring and a damper (Colgate, Stanley & Brown
+    /// 1995).
+    Coupled(VirtualTool),
+    /// A spring that gives back less than it took: an elastic-plastic element stands beside it (after Goldfarb & Wang 1999).
+    Leaky {
+        /// Spring and damper.
+        linear: LinearLaw,
+        /// The element's stiffness over the spring's.
+        stiffness: f64,
+        /// The largest share of the spring's output that the element adds or takes away.
+        share: f64,
+    },
+}
+
+/// The tool of a virtual coupling, in units of the law's output.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VirtualTool {
+    /// Its inertia.
+    pub inertia: f64,
+    /// Stiffness of the wall that it touches.
+    pub wall_stiffness: f64,
+    /// Damping of that wall.
+    pub wall_damping: f64,
+    /// Stiffness of the coupling.
+    pub stiffness: f64,
+    /// Damping of the coupling.
+    pub damping: f64,
+}
+
+/// A wall at work.
+#[derive(Debug, Clone)]
+pub struct Wall {
+    law: Law,
+    scale: f64,
+    sample_s: f64,
+    limit: f64,
+    /// Whether a passivity controller watches it.
+    passive: bool,
+    state: State,
+}
+
+/// Why no wall could be built.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WallError {
+    /// A number that must be positive.
+    #[error("the wall's {what} is {value}: give a positive number")]
+    NotPositive {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct State {
+    /// Position and velocity of the tool.
+    tool: [f64; 2],
+    /// Output of the elastic-plastic element.
+    element: f64,
+    last_position: f64,
+    /// Energy that the wall has taken up since the last contact began.
+    energy: f64,
+    last_torque: f64,
+    inside: bool,
+}
+
+impl Wall {
+    /// A wall that is asked every `sample_s`, with `scale` units of torque [N*m or N] for one of the law's output, and torques
+    /// up to `limit`.
+    ///
+    /// # Errors
+    /// A sample time, scale or limit that is not positive.
+    pub fn new(law: Law, scale: f64, sample_s: f64, limit: f64) -> Result<Self, WallError> {
+        for (what, value) in [("scale", scale), ("sample time", sample_s), ("limit", limit)] {
+            // Not a number is not positive either.
+            if !(value > 0.0) {
+                return Err(WallError::NotPositive { what, value });
+            }
+        }
+        Ok(Self { law, scale, sample_s, limit, passive: false, state: State::default() })
+    }
+
+    /// With a passivity observer that damps where the wall would give out more than it has taken (Hannaford & Ryu 2002).
+    #[must_use]
+    pub fn passive(self) -> Self {
+        Self { passive: true, ..self }
+    }
+
+    /// The law.
+    pub fn law(&self) -> &Law {
+        &self.law
+    }
+
+    /// Torque for one unit of the law's output.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// The torque of a wall at rest at this position: what holds against a steady push.
+    pub fn static_torque(&self, position: f64) -> f64 {
+        if position >= 0.0 {
+            return 0.0;
+        }
+        let output = match &self.law {
+            Law::Linear(law) | Law::Leaky { linear: law, .. } => law.output(position, 0.0),
+            Law::Rules(table) => table.output(position, 0.0),
+            Law::Coupled(tool) => {
+                position * tool.stiffness * tool.wall_stiffness / (tool.stiffness + tool.wall_stiffness)
+            }
+        };
+        (-self.scale * output).clamp(-self.limit, self.limit)
+    }
+
+    /// The torque from this tick to the next.
+    pub fn tick(&mut self, position: f64, velocity: f64) -> f64 {
+        let inside = position < 0.0;
+        let state = &mut self.state;
+        if inside && !state.inside {
+            *state = State { tool: [position, velocity], last_position: 0.0, inside, ..State::default() };
+        }
+        state.inside = inside;
+        let output = match &self.law {
+            Law::Coupled(tool) => tool.tick(position, velocity, self.sample_s, &mut state.tool),
+            _ if !inside => 0.0,
+            Law::Linear(law) => law.output(position, velocity),
+            Law::Rules(table) => table.output(position, velocity),
+            Law::Leaky { linear, stiffness, share } => {
+                let spring = linear.k1 * position;
+                let most = share * spring.abs();
+                let moved = stiffness * linear.k1 * (position - state.last_position);
+                state.element = (state.element + moved).clamp(-most, most);
+                linear.output(position, velocity) + state.element
+            }
+        };
+        let mut torque = (-self.scale * output).clamp(-self.limit, self.limit);
+        if self.passive {
+            torque = self.watched(position, velocity, torque);
+        }
+        self.state.last_position = position;
+        self.state.last_torque = torque;
+        torque
+    }
+
+    /// The observer adds up `-torque dq` over the ticks; where that is below 0, a damper takes as much away as the tick can.
+    fn watched(&mut self, position: f64, velocity: f64, torque: f64) -> f64 {
+        let state = &mut self.state;
+        if position >= 0.0 {
+            state.energy = 0.0;
+            return torque;
+        }
+        state.energy -= state.last_torque * (position - state.last_position);
+        let power = velocity * velocity * self.sample_s;
+        if state.energy >= 0.0 || power <= 0.0 {
+            return torque;
+        }
+        let damped = torque + state.energy / power * velocity;
+        damped.clamp(-self.limit, self.limit)
+    }
+}
+
+impl VirtualTool {
+    /// Moves the tool by one step of the implicit Euler scheme and gives the coupling's output on the device. The tool
+    /// touches the wall where it would end up inside.
+    fn tick(&self, position: f64, velocity: f64, step: f64, tool: &mut [f64; 2]) -> f64 {
+        let Self { inertia, stiffness, damping, .. } = *self;
+        let moved = |wall_stiffness: f64, wall_damping: f64| {
+            let pull = stiffness * (position - tool[0]) + damping * velocity - wall_stiffness * tool[0];
+            let resists = inertia / step + damping + wall_damping + step * (stiffness + wall_stiffness);
+            (inertia / step * tool[1] + pull) / resists
+        };
+        let free = moved(0.0, 0.0);
+        let rate = if tool[0] + step * free < 0.0 { moved(self.wall_stiffness, self.wall_damping) } else { free };
+        *tool = [tool[0] + step * rate, rate];
+        stiffness * (position - tool[0]) + damping * (velocity - tool[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pressed(law: Law, depth: f64) -> f64 {
+        let mut wall = Wall::new(law, 0.5, 0.001, 100.0).expect("a wall");
+        (0..20_000).map(|_| wall.tick(-depth, 0.0)).last().expect("ticks")
+    }
+
+    #[test]
+    fn a_pressed_wall_holds_as_its_springs_do() {
+        let spring = LinearLaw { k1: 100.0, k2: 1.0, offset: 0.0 };
+        assert_eq!(pressed(Law::Linear(spring), 0.02), 1.0);
+        let tool =
+            VirtualTool { inertia: 0.1, wall_stiffness: 300.0, wall_damping: 5.0, stiffness: 100.0, damping: 2.0 };
+        // two springs in series: 75
+        assert!((pressed(Law::Coupled(tool), 0.02) - 0.75).abs() < 1e-6, "{}", pressed(Law::Coupled(tool), 0.02));
+        for law in [Law::Linear(spring), Law::Coupled(tool)] {
+            let wall = Wall::new(law.clone(), 0.5, 0.001, 100.0).expect("a wall");
+            assert!((wall.static_torque(-0.02) - pressed(law, 0.02)).abs() < 1e-6);
+            assert_eq!(wall.static_torque(0.001), 0.0);
+        }
+    }
+
+    /// Energy that the wall gives out over slow cycles into it and out [J].
+    fn given(law: Law, passive: bool) -> f64 {
+        let mut wall = Wall::new(law, 0.5, 0.001, 100.0).expect("a wall");
+        if passive {
+            wall = wall.passive();
+        }
+        let (mut given, mut last) = (0.0, 0.01);
+        for k in 1..4000 {
+            let position = 0.01 * (f64::from(k) * 0.002 * std::f64::consts::PI).cos();
+            let torque = wall.tick(position, (position - last) / 0.001);
+            let next = 0.01 * (f64::from(k + 1) * 0.002 * std::f64::consts::PI).cos();
+            given += torque * (next - position);
+            last = position;
+        }
+        given
+    }
+
+    #[test]
+    fn a_leaky_spring_keeps_energy_and_a_sampled_one_gives_some() {
+        let spring = LinearLaw { k1: 100.0, k2: 0.0, offset: 0.0 };
+        let sampled = given(Law::Linear(spring), false);
+        assert!(sampled > 0.0, "a spring that is asked late gives energy out: {sampled}");
+        let leaky = given(Law::Leaky { linear: spring, stiffness: 2.0, share: 0.3 }, false);
+        assert!(leaky < -1e-4, "{leaky}");
+        let watched = given(Law::Linear(spring), true);
+        assert!(watched < 0.2 * sampled, "{watched} of {sampled}");
+    }
+
+    #[test]
+    fn outside_there_is_nothing() {
+        let law = LinearLaw { k1: 100.0, k2: 100.0, offset: 0.0 };
+        let mut wall = Wall::new(Law::Linear(law), 0.03, 0.01, 1.0).expect("a wall");
+        assert_eq!(wall.tick(0.001, -3.0), 0.0);
+        assert_eq!(wall.tick(-0.001, -3.0), 1.0, "the limit");
+        assert!(Wall::new(Law::Linear(law), 0.0, 0.01, 1.0).is_err());
+    }
+}

@@ -1,0 +1,51 @@
+//! Touching a virtual wall: a sampled controller, a device that is simulated between its ticks, and a hand that holds it
+//! (thesis chapter 5).
+//!
+//! [`Setting`] says which joint of which device meets the wall, how the controller is sampled, and who moves the handle;
+//! [`contact`] plays one approach; [`Measures`] tell how still and how solid the wall felt; [`compare`] puts several walls
+//! under the same hands; [`tune`] looks for a better one.
+
+mod compare;
+mod contact;
+mod hand;
+mod law_file;
+mod measure;
+mod setting;
+mod tune;
+
+pub use compare::{Case, compare, compare_with};
+pub use contact::{Contact, WallError, contact};
+pub use hand::Hand;
+pub use law_file::WallFile;
+pub use measure::{Measures, stability_bound};
+pub use setting::{Approach, Setting};
+pub use tune::{Goal, Told, Tuned, tune_linear, tune_rules};
+
+use crate::error::Error;
+
+/// Walls that the program carries, by the names that `dynid wall` gives them.
+pub const SHIPPED: [(&str, &str); 5] = [
+    ("pd", include_str!("wall/shipped/pd.toml")),
+    ("pd_tuned", include_str!("wall/shipped/pd_tuned.toml")),
+    ("fuzzy_literal", include_str!("wall/shipped/fuzzy_literal.toml")),
+    ("fuzzy", include_str!("wall/shipped/fuzzy.toml")),
+    ("fuzzy_tuned", include_str!("wall/shipped/fuzzy_tuned.toml")),
+];
+
+/// The setting that the program carries: the thesis's.
+pub const SETTING: &str = include_str!("wall/shipped/setting.toml");
+
+/// A wall that the program carries.
+///
+/// # Errors
+/// No wall of that name.
+pub fn shipped(name: &str) -> Result<WallFile, Error> {
+    let Some((_, text)) = SHIPPED.iter().find(|(known, _)| *known == name) else {
+        return Err(Error::UnknownName {
+            kind: "wall",
+            name: name.to_owned(),
+            help: dynid_model::did_you_mean(name, SHIPPED.iter().map(|(name, _)| *name)),
+        });
+    };
+    Ok(WallFile::parse(text, std::path::Path::new(&format!("{name}.toml")))?)
+}

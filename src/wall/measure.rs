@@ -1,0 +1,128 @@
+//! How still and how solid a wall felt.
+
+use serde::Serialize;
+
+use super::Contact;
+use crate::{control::Wall, signal::Lowpass};
+
+/// How still and how solid a wall felt.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Measures {
+    /// Root mean square of the position from [`FROM_S`] to [`TO_S`] after the contact, without what lies below
+    /// [`SLOWEST_HZ`] (zero-phase Butterworth high-pass of second order) [rad or m].
+    pub chatter_rms: f64,
+    /// Largest less smallest of the same [rad or m].
+    pub peak_to_peak: f64,
+    /// Its frequency, by its changes of sign [Hz].
+    pub frequency: f64,
+    /// Mean position of the last [`SETTLED_S`] [rad or m].
+    pub settled_position: f64,
+    /// What the wall holds against a steady push there, over how deep it is [N*m/rad or N/m]; 0 outside.
+    pub stiffness: f64,
+    /// The most that the wall has given out, net of what it took, at any time since the contact [J] (the passivity observer of
+    /// Hannaford & Ryu 2002).
+    pub energy_out: f64,
+    /// Share of the time from [`FROM_S`] to [`TO_S`] after the contact outside of the wall.
+    pub outside: f64,
+}
+
+/// Begin of the time that counts, after the contact (s).
+pub const FROM_S: f64 = 0.6;
+/// Its end (s).
+pub const TO_S: f64 = 2.1;
+/// What is slower is no chatter [Hz].
+pub const SLOWEST_HZ: f64 = 2.0;
+/// How long the end is in which the position has settled (s).
+pub const SETTLED_S: f64 = 0.5;
+
+impl Measures {
+    /// Of a contact with `wall`; `None` where the wall was never met.
+    pub fn of(contact: &Contact, wall: &Wall) -> Option<Self> {
+        let touched = contact.touched?;
+        let rate_hz = 1.0 / contact.sample_s;
+        let position = &contact.position;
+        let tick = |after_s: f64| (touched + (after_s * rate_hz).round() as usize).min(position.len());
+        let (from, to) = (tick(FROM_S), tick(TO_S));
+        let slow = Lowpass::second_order(SLOWEST_HZ, rate_hz)?.apply(position);
+        let fast: Vec<f64> = position[from..to].iter().zip(&slow[from..to]).map(|(all, slow)| all - slow).collect();
+        let count = fast.len().max(1) as f64;
+        let largest = fast.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let smallest = fast.iter().copied().fold(f64::INFINITY, f64::min);
+        let turns = fast.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count() as f64;
+        let last = (SETTLED_S * rate_hz).round() as usize;
+        let end = &position[position.len().saturating_sub(last.max(1))..];
+        let settled_position = end.iter().sum::<f64>() / end.len().max(1) as f64;
+        let stiffness =
+            if settled_position < 0.0 { wall.static_torque(settled_position) / -settled_position } else { 0.0 };
+        // The torque is held from tick to tick: what it gives out is exact.
+        let (mut given, mut energy_out) = (0.0, 0.0_f64);
+        for (torque, pair) in contact.torque[touched..].iter().zip(position[touched..].windows(2)) {
+            given += torque * (pair[1] - pair[0]);
+            energy_out = energy_out.max(given);
+        }
+        Some(Self {
+            chatter_rms: (fast.iter().map(|value| value * value).sum::<f64>() / count).sqrt(),
+            peak_to_peak: if fast.is_empty() { 0.0 } else { largest - smallest },
+            frequency: turns / (2.0 * count * contact.sample_s),
+            settled_position,
+            stiffness,
+            energy_out,
+            outside: position[from..to].iter().filter(|position| **position >= 0.0).count() as f64 / count,
+        })
+    }
+}
+
+/// The damping that the device must have of its own for a sampled spring and damper to be passive whoever touches it:
+/// `b > K T / 2 + B` (Colgate & Schenkel 1997), for a wall of that stiffness and damping asked every `sample_s`.
+pub fn stability_bound(stiffness: f64, damping: f64, sample_s: f64) -> f64 {
+    0.5 * stiffness * sample_s + damping.abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::control::{Law, LinearLaw};
+
+    fn wall() -> Wall {
+        let law = LinearLaw { k1: 100.0, k2: 0.0, offset: 0.0 };
+        Wall::new(Law::Linear(law), 0.03, 0.01, 1.0).expect("a wall")
+    }
+
+    #[test]
+    fn a_sine_about_a_depth_is_measured_as_what_it_is() {
+        let position: Vec<f64> = (0..400).map(|k| -0.03 + 0.01 * (TAU * 8.0 * f64::from(k) * 0.01).sin()).collect();
+        let contact =
+            Contact { sample_s: 0.01, velocity: vec![0.0; 400], torque: vec![0.0; 400], touched: Some(50), position };
+        let told = Measures::of(&contact, &wall()).expect("a contact");
+        // forwards and backwards the gain at 8 Hz is (f/fc)^4 / (1 + (f/fc)^4), prewarped
+        let ratio = ((0.08 * std::f64::consts::PI).tan() / (0.02 * std::f64::consts::PI).tan()).powi(4);
+        let gain = ratio / (1.0 + ratio);
+        assert!((told.chatter_rms - gain * 0.01 / 2.0_f64.sqrt()).abs() < 2e-5, "{}", told.chatter_rms);
+        assert!((told.frequency - 8.0).abs() < 0.5, "{}", told.frequency);
+        assert!((told.settled_position + 0.03).abs() < 1e-4 && told.outside == 0.0);
+        assert!((told.stiffness - 3.0).abs() < 1e-12, "{}", told.stiffness);
+    }
+
+    #[test]
+    fn what_a_wall_gives_out_is_the_most_at_any_time() {
+        let contact = Contact {
+            sample_s: 0.01,
+            position: vec![0.1, -0.1, -0.2, 0.0, -0.1],
+            velocity: vec![0.0; 5],
+            torque: vec![0.0, 1.0, 2.0, 3.0, 0.0],
+            touched: Some(1),
+        };
+        // takes 0.1, gives 0.4, takes 0.3: 0.3 J more was out than in
+        let told = Measures::of(&contact, &wall()).expect("a contact");
+        assert!((told.energy_out - 0.3).abs() < 1e-12, "{}", told.energy_out);
+    }
+
+    /// Colgate & Schenkel's example of the limit: with no damping of the wall, b = K T / 2.
+    #[test]
+    fn the_bound_is_half_a_sample_of_stiffness_and_the_damping() {
+        assert_eq!(stability_bound(1000.0, 0.0, 0.001), 0.5);
+        assert_eq!(stability_bound(3.0, 3.0, 0.01), 3.015);
+    }
+}

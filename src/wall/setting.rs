@@ -1,0 +1,218 @@
+//! Where a wall is met: device, joint, sampling, hands and approaches, as a file.
+
+use std::path::Path;
+
+use dynid_model::{
+    Device, ModelError, Source, device, devices, did_you_mean,
+    document::{self, Entry, Table},
+};
+
+use super::hand::Hand;
+use crate::{error::Error, simulate::control::Filter};
+
+/// Where a wall is met.
+#[derive(Debug, Clone)]
+pub struct Setting {
+    /// The mechanism.
+    pub device: &'static Device,
+    /// The joint that meets the wall; the others are locked.
+    pub joint: usize,
+    /// Positions of all joints [rad or m]: the locked ones stay there.
+    pub posture: Vec<f64>,
+    /// Time between two ticks of the controller (s).
+    pub sample_s: f64,
+    /// Ticks from a measurement to the torque that answers it.
+    pub delay_samples: usize,
+    /// Positions reach the controller in whole multiples of this [rad or m]; 0 for exact ones.
+    pub position_quantum: f64,
+    /// Largest torque of the wall at the joint [N*m or N].
+    pub torque_limit: f64,
+    /// What the controller makes of differences of positions (Eq. 4.7).
+    pub filter: Filter,
+    /// Longest integration step (s).
+    pub step_s: f64,
+    /// How long after the first contact a simulation goes on (s).
+    pub after_s: f64,
+    /// The typical hand.
+    pub hand: Hand,
+    /// Every number of a hand lies within this factor of the typical one.
+    pub spread: f64,
+    /// How many hands there are.
+    pub hands: usize,
+    /// What they are drawn from.
+    pub seed: u64,
+    /// Where an approach starts [rad or m], outside of the wall.
+    pub start: f64,
+    /// An approach with peak speed v aims at `-(aim[0] + aim[1] v)` [rad or m].
+    pub aim: [f64; 2],
+    /// After contact the arm holds with the torque `hold[0] + hold[1] v` [N*m or N] against the wall.
+    pub hold: [f64; 2],
+    /// How fast, after contact, the arm gives up its aim and takes to holding (s).
+    pub relax_s: f64,
+    /// How fast one approaches.
+    pub approaches: Vec<Approach>,
+}
+
+/// How fast one approaches.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Approach {
+    /// E.g. `slow`.
+    pub name: String,
+    /// Largest speed of the arm's planned motion [rad/s or m/s].
+    pub peak: f64,
+    /// The torque with which the arm holds, where it is not what the speed says [N*m or N].
+    pub hold: Option<f64>,
+}
+
+impl Setting {
+    /// The setting that the program carries.
+    ///
+    /// # Errors
+    /// Never, as tests see to.
+    pub fn shipped() -> Result<Self, Error> {
+        Ok(Self::parse(super::SETTING, Path::new("setting.toml"))?)
+    }
+
+    /// Reads a setting file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or the first thing that is wrong in it, with its place.
+    pub fn load(path: &Path) -> Result<Self, Error> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| Error::Unreadable { path: path.to_owned(), source })?;
+        Ok(Self::parse(&text, path)?)
+    }
+
+    /// Reads the text of a setting file; `path` is for messages.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its place.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ModelError> {
+        let source = Source::new(path, text);
+        let document = document::parse(&source)?;
+        let root = Table::root(&source, &document);
+        root.only(&["device", "joint", "posture", "controller", "hand", "approach", "simulation"])?;
+        let entry = root.required("device", "\"<device>\"")?;
+        let id = entry.text()?;
+        let device = device(id).ok_or_else(|| {
+            let known = did_you_mean(id, devices().iter().map(|device| device.id.as_str()));
+            entry.error(format!("unknown device `{id}`")).help(known)
+        })?;
+        let n_joints = device.joints.len();
+        let entry = root.required("joint", "the joint's number")?;
+        let joint = entry.index()?;
+        if joint >= n_joints {
+            let help = format!("its joints are 0 to {}", n_joints - 1);
+            return Err(entry.error(format!("device `{id}` has no joint {joint}")).help(help));
+        }
+        let posture = match root.optional("posture") {
+            Some(entry) => {
+                let posture = entry.array()?.iter().map(Entry::finite).collect::<Result<Vec<f64>, _>>()?;
+                if posture.len() != n_joints {
+                    let message = format!("`posture` has {} positions, the device {n_joints} joints", posture.len());
+                    return Err(entry.error(message).help("give one position per joint"));
+                }
+                posture
+            }
+            None => vec![0.0; n_joints],
+        };
+        let controller = root.table("controller", "how the controller is sampled")?;
+        controller.only(&["sample_s", "delay_samples", "position_quantum", "torque_limit", "cutoff_hz"])?;
+        let simulation = root.table("simulation", "how the device is simulated")?;
+        simulation.only(&["step_s", "after_s"])?;
+        let sample_s = positive(&controller, "sample_s")?;
+        let step_s = positive(&simulation, "step_s")?;
+        if step_s > sample_s {
+            let entry = simulation.required("step_s", "")?;
+            let message = format!("`step_s` is {step_s}, longer than the controller's sample time {sample_s}");
+            return Err(entry.error(message).help("simulate at least one step for every tick of the controller"));
+        }
+        let hand = root.table("hand", "who moves the handle")?;
+        let approach = root.table("approach", "how the wall is approached")?;
+        approach.only(&["start", "aim", "hold", "relax_s", "speeds"])?;
+        let hand_of = |key: &str| positive(&hand, key);
+        hand.only(&[
+            "inertia",
+            "grip_stiffness",
+            "grip_damping",
+            "arm_stiffness",
+            "arm_damping",
+            "tightening",
+            "spread",
+            "count",
+            "seed",
+        ])?;
+        let spread = positive(&hand, "spread")?;
+        if spread < 1.0 {
+            return Err(hand
+                .required("spread", "")?
+                .error(format!("`spread` is {spread}"))
+                .help("give a factor from 1"));
+        }
+        Ok(Self {
+            device,
+            joint,
+            posture,
+            sample_s,
+            delay_samples: controller.required("delay_samples", "1")?.index()?,
+            position_quantum: not_negative(&controller, "position_quantum")?,
+            torque_limit: positive(&controller, "torque_limit")?,
+            filter: Filter::butterworth(positive(&controller, "cutoff_hz")?, sample_s),
+            step_s,
+            after_s: positive(&simulation, "after_s")?,
+            hand: Hand {
+                inertia: hand_of("inertia")?,
+                grip_stiffness: hand_of("grip_stiffness")?,
+                grip_damping: hand_of("grip_damping")?,
+                arm_stiffness: hand_of("arm_stiffness")?,
+                arm_damping: hand_of("arm_damping")?,
+                tightening: not_negative(&hand, "tightening")?,
+            },
+            spread,
+            hands: hand.required("count", "16")?.index()?.max(1),
+            seed: hand.required("seed", "1")?.index()? as u64,
+            start: positive(&approach, "start")?,
+            aim: pair(&approach, "aim")?,
+            hold: pair(&approach, "hold")?,
+            relax_s: positive(&approach, "relax_s")?,
+            approaches: approaches(&approach)?,
+        })
+    }
+
+    /// The torque with which the arm holds against the wall after an approach [N*m or N].
+    pub fn hold_after(&self, approach: &Approach) -> f64 {
+        approach.hold.unwrap_or(self.hold[0] + self.hold[1] * approach.peak)
+    }
+}
+
+fn approaches(table: &Table<'_>) -> Result<Vec<Approach>, ModelError> {
+    let speeds = table.table("speeds", "{ slow = 0.7 }")?;
+    let named = |(name, _): (&str, _)| {
+        let peak = positive(&speeds, name)?;
+        Ok(Approach { name: name.to_owned(), peak, hold: None })
+    };
+    let approaches = speeds.keys().into_iter().map(named).collect::<Result<Vec<Approach>, ModelError>>()?;
+    if approaches.is_empty() {
+        return Err(speeds.error("there is no speed to approach with").help("give one, e.g. slow = 0.7"));
+    }
+    Ok(approaches)
+}
+
+fn positive(table: &Table<'_>, key: &str) -> Result<f64, ModelError> {
+    let entry = table.required(key, "a positive number")?;
+    let value = entry.finite()?;
+    if value > 0.0 { Ok(value) } else { Err(entry.error(format!("`{key}` is {value}")).help("give a positive number")) }
+}
+
+fn not_negative(table: &Table<'_>, key: &str) -> Result<f64, ModelError> {
+    let entry = table.required(key, "a number from 0")?;
+    let value = entry.finite()?;
+    if value >= 0.0 { Ok(value) } else { Err(entry.error(format!("`{key}` is {value}")).help("give a number from 0")) }
+}
+
+fn pair(table: &Table<'_>, key: &str) -> Result<[f64; 2], ModelError> {
+    let entry = table.required(key, "[0.1, 0.08]")?;
+    let values = entry.array()?.iter().map(Entry::finite).collect::<Result<Vec<f64>, _>>()?;
+    <[f64; 2]>::try_from(values)
+        .map_err(|_| entry.error(format!("`{key}` takes two numbers")).help("a constant, and what each rad/s adds"))
+}

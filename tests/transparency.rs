@@ -52,3 +52,48 @@ fn models_off_by_their_standard_errors_leave_more() {
     let left = |survey: &dynid::felt::Survey| survey.joints[0].worst(0.0, 2.0).damping_drawn.expect("drawn");
     assert!(left(&large) > left(&small), "{} {}", left(&large), left(&small));
 }
+
+fn feel(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output =
+        assert_cmd::Command::cargo_bin("dynid").expect("the program").args(["wall", "feel"]).args(arguments).output();
+    let output = output.expect("it runs");
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
+    (output.status.code(), text(output.stdout), text(output.stderr))
+}
+
+#[test]
+fn the_verb_tells_and_draws_what_is_felt() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let picture = folder.path().join("felt.svg");
+    let out = picture.to_str().expect("text");
+    let arguments = ["--free", "4", "--frequencies", "2,1", "--out", out];
+    let (status, text, errors) = feel(&arguments);
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(text.contains("joint 4: up to 2 Hz at most"), "{text}");
+    let drawn = std::fs::read_to_string(&picture).expect("the picture");
+    assert!(drawn.contains("joint 4: felt inertia") && drawn.contains("carried") && !drawn.contains("NaN"), "{drawn}");
+    let (status, _, errors) = feel(&arguments);
+    assert!(status == Some(2) && errors.contains("--force"), "{errors}");
+    let (_, text, _) = feel(&["--free", "4", "--frequencies", "2,1", "--json"]);
+    let told: serde_json::Value = serde_json::from_str(&text).expect("one object");
+    let joint = &told["joints"][0];
+    assert_eq!(joint["joint"], 4);
+    assert_eq!(joint["bare"][0]["frequency_hz"], 1.0);
+    assert!(joint["left"]["inertia"].as_f64().is_some_and(|left| left < 0.5), "{joint}");
+}
+
+#[test]
+fn what_cannot_be_felt_is_refused() {
+    for (arguments, said) in [
+        (&["--inertia", "1.5"][..], "the share of the inertia is 1.5"),
+        (&["--free", "1,4"], "no configuration with the free joints [1, 4]"),
+        (&["--frequencies", "100"], "at most a twentieth of the controller's rate"),
+        (&["--amplitude", "0"], "the amplitude is 0"),
+        (&["--rate", "0"], "--rate takes a positive number"),
+    ] {
+        let (status, text, errors) = feel(arguments);
+        assert!(status == Some(2) && text.is_empty(), "{arguments:?}: {text}");
+        let one_line = errors.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(one_line.contains(said), "{arguments:?}: {errors}");
+    }
+}

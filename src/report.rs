@@ -46,7 +46,7 @@ dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1rem}dt{color:va
 dd{margin:0;overflow-wrap:anywhere}\
 h3{font-size:1rem;margin:1.2rem 0 .3rem}ul{margin:.2rem 0;padding-left:1.2rem}summary{cursor:pointer;margin:.6rem 0}\
 .columns{display:grid;grid-template-columns:repeat(auto-fit,minmax(16rem,1fr));gap:0 2rem}\
-.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(20rem,100%),1fr));gap:0 1.5rem}\
+.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(26rem,100%),1fr));gap:0 1.5rem}\
 .pictures figure{margin:.5rem 0}table.rules td{padding:.2rem .35rem}table.rules td.core{outline:1px solid var(--faint)}\
 table.prose td{vertical-align:top}table.prose td:last-child{white-space:normal;min-width:12rem}\
 .bar{position:relative;display:inline-block;width:5rem;height:.8rem;background:var(--line)}\
@@ -57,7 +57,7 @@ color:var(--ink);background:var(--paper);border:1px solid var(--line);border-rad
 pre{overflow-x:auto;font:.85em/1.5 ui-monospace,monospace;margin:.5rem 0;white-space:pre-wrap;overflow-wrap:anywhere}\
 @media screen{figure{overflow-x:auto}figure svg.dynid-plot{min-width:36rem}figure svg.half{min-width:0}}\
 @media print{body{margin:0;max-width:none;font-size:10pt}figure,tr,h2,h3{break-inside:avoid}h2,h3{break-after:avoid}\
-.wide{overflow:visible}table{font-size:7.5pt}th,td{padding:.1rem .25rem}.zoom-buttons{display:none}\
+.wide{overflow:visible}.pictures{grid-template-columns:1fr 1fr}table{font-size:7.5pt}th,td{padding:.1rem .25rem}.zoom-buttons{display:none}\
 .bar,.bar *,table.rules td{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// The page.

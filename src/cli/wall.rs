@@ -1,5 +1,7 @@
 //! `dynid wall`: touch a virtual wall.
 
+mod feel;
+
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -26,6 +28,7 @@ Examples:
   dynid wall run --wall fuzzy --speed fast --out contact.csv
   dynid wall tune --law rules --out tuned.toml        a monotone rule table, by an evolution strategy
   dynid wall report --wall pd,fuzzy --out wall.html   a page with pictures: torque surfaces, contacts, chatter of every hand
+  dynid wall feel --model fitted.toml --out felt.svg  what a hand feels of the device with and without its model
 
 A setting file says which joint of which device meets the wall, how the controller is sampled and who moves the handle;
 without one it is the thesis's. `dynid wall show setting` and `dynid wall show fuzzy` print what the program carries, to start
@@ -47,6 +50,8 @@ enum Verb {
     Report(ReportArguments),
     /// A setting or a wall that the program carries, as a file.
     Show(ShowArguments),
+    /// What a hand feels of the device itself: inertia and friction over frequency, bare and carried by the model.
+    Feel(feel::Arguments),
 }
 
 /// Where, and who.
@@ -159,6 +164,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Verb::Tune(arguments) => tune(arguments),
         Verb::Report(arguments) => report(arguments),
         Verb::Show(arguments) => show(arguments),
+        Verb::Feel(arguments) => feel::run(arguments),
     }
 }
 

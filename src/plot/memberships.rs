@@ -96,9 +96,10 @@ pub fn inline(picture: &Memberships<'_>) -> String {
     for tick in &along.ticks {
         let _ = writeln!(
             svg,
-            "<path class=\"frame\" d=\"M{0:.1} {bottom}v4\"/><text class=\"tick\" x=\"{0:.1}\" y=\"{1}\" \
-             text-anchor=\"middle\">{2}</text>",
+            "<path class=\"frame\" d=\"M{:.1} {bottom}v4\"/><text class=\"tick\" x=\"{:.1}\" y=\"{}\" \
+             text-anchor=\"middle\">{}</text>",
             x(*tick),
+            x(*tick).min(WIDTH - 18.0),
             bottom + 16.0,
             along.label(*tick)
         );

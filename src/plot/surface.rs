@@ -212,7 +212,7 @@ fn legend(svg: &mut String, surface: &Surface, levels: &[f64]) {
             "<rect class=\"{hue}\" fill-opacity=\"{opacity:.3}\" x=\"{x:.2}\" y=\"{y}\" width=\"{each:.2}\" height=\"11\"/>"
         );
         // Each number stands at the border of its band that is nearer to zero.
-        if from_zero > 0 && (from_zero - 1) % apart == 0 {
+        if from_zero > 0 && from_zero % apart == 0 {
             let (border, sign) = if swatch < n { (x + each, "\u{2212}") } else { (x, "") };
             let _ = writeln!(
                 svg,

@@ -44,6 +44,7 @@ struct Unit {
     velocity: &'static str,
     torque: &'static str,
     stiffness: &'static str,
+    damping: &'static str,
 }
 
 /// Why a page has nothing to show.
@@ -117,10 +118,17 @@ impl<'a> WallReport<'a> {
             return Err(WallReportError::Untouched { name: name.clone() });
         }
         let unit = match setting.device.joints[setting.joint].kind {
-            JointKind::Revolute => {
-                Unit { position: "rad", small: "mrad", velocity: "rad/s", torque: "N*m", stiffness: "N*m/rad" }
+            JointKind::Revolute => Unit {
+                position: "rad",
+                small: "mrad",
+                velocity: "rad/s",
+                torque: "N*m",
+                stiffness: "N*m/rad",
+                damping: "N*m*s/rad",
+            },
+            JointKind::Prismatic => {
+                Unit { position: "m", small: "mm", velocity: "m/s", torque: "N", stiffness: "N/m", damping: "N*s/m" }
             }
-            JointKind::Prismatic => Unit { position: "m", small: "mm", velocity: "m/s", torque: "N", stiffness: "N/m" },
         };
         Ok(Self { setting, walls: shown, cases, unit })
     }
@@ -136,7 +144,7 @@ impl<'a> WallReport<'a> {
         let small = self.unit.small;
         let count = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
         let mut sentences = vec![format!(
-            "Held by {} at {}, the handle at the wall `{first}` shakes by {} {small} RMS in the median ({} {small} peak to peak \
+            "Held by {} at {}, the handle at the wall {first} shakes by {} {small} RMS in the median ({} {small} peak to peak \
              at {:.1} Hz), and by {}.",
             count(self.setting.hands, "kind of hand").replace("kind of hands", "kinds of hand"),
             count(self.setting.approaches.len(), "speed"),
@@ -154,9 +162,9 @@ impl<'a> WallReport<'a> {
             let outside = of.iter().map(|m| m.outside).fold(0.0, f64::max);
             let energy = of.iter().map(|m| m.energy_out).fold(0.0, f64::max);
             sentences.push(format!(
-                "Of the other walls `{name}` is the stillest with its worst hand: it shakes by {} {small} RMS in the median and by \
-                 {}, {} times less than `{first}` in the median and {} times less at least, with {} {} of stiffness instead of {}; \
-                 it is left for at most {:.0} % of the time and gives out at most {} mJ.",
+                "Of the other walls {name} is the stillest with its worst hand: it shakes by {} {small} RMS in the median and by \
+                 {}, {} times less than {first} in the median and {} times less at least, with {} {} of stiffness instead of {}; \
+                 {} and {}.",
                 milli(self.median(name, None, |m| m.chatter_rms)),
                 self.worst_hand(name),
                 short(median(ratios)),
@@ -164,8 +172,12 @@ impl<'a> WallReport<'a> {
                 short(self.median(name, None, |m| m.stiffness)),
                 self.unit.stiffness,
                 short(self.median(first, None, |m| m.stiffness)),
-                100.0 * outside,
-                short(1e3 * energy),
+                if outside > 0.0 {
+                    format!("it is left for at most {:.1} % of the time", 100.0 * outside)
+                } else {
+                    "it is never left".to_owned()
+                },
+                if energy > 0.0 { format!("gives out at most {} mJ", short(1e3 * energy)) } else { "gives nothing out".to_owned() },
             ));
         }
         let settled: Vec<f64> = self
@@ -183,7 +195,7 @@ impl<'a> WallReport<'a> {
         let holds: Vec<String> =
             self.setting.approaches.iter().map(|approach| short(self.setting.hold_after(approach))).collect();
         sentences.push(format!(
-            "At `{first}` the handle settles at {} {small} after a {} approach{}, where the arm holds with {} {}.",
+            "At {first} the handle settles at {} {small} after a {} approach{}, where the arm holds with {} {}.",
             listed(
                 &settled
                     .iter()

@@ -19,7 +19,7 @@ use crate::{
 const BEFORE_S: f64 = 0.1;
 const AFTER_S: f64 = 2.4;
 /// Columns and rows of a torque surface, beside those that it needs for its corners.
-const FINE: usize = 28;
+const FINE: usize = 40;
 
 impl WallReport<'_> {
     pub(super) fn chatter(&self) -> String {
@@ -101,7 +101,7 @@ impl WallReport<'_> {
         }
         let _ = writeln!(
             html,
-            "<p class=\"note\">Figure 5.13 of the thesis: `{}` under the typical hand, identically scaled; broken: the mean \
+            "<p class=\"note\">Figure 5.13 of the thesis: <code>{}</code> under the typical hand, identically scaled; broken: the mean \
              position of the last {} s.</p>",
             escaped(&first.name),
             crate::wall::SETTLED_S
@@ -136,8 +136,8 @@ impl WallReport<'_> {
             levels: holds,
         };
         format!(
-            "<figure>\n{}</figure>\n<p class=\"note\">Broken: what the arm holds with after each approach. The handle settles where \
-             the wall holds the same.</p>\n",
+            "<figure>\n{}</figure>\n<p class=\"note\">Broken: what the arm holds with \
+             after each approach; its own stiffness carries a part of that.</p>\n",
             traces::inline(&traces)
         )
     }

@@ -15,11 +15,22 @@ const TINT: f64 = 0.55;
 impl WallReport<'_> {
     pub(super) fn measures(&self) -> String {
         let (small, stiffness) = (self.unit.small, self.unit.stiffness);
-        let mut html = format!(
-            "<div class=\"wide\"><table>\n<tr><th class=\"word\">wall</th><th class=\"word\">approach</th>\
-             <th>chatter [{small} RMS]</th><th>worst hand</th><th>peak to peak [{small}]</th><th>[Hz]</th><th>settled [{small}]</th>\
-             <th>stiffness [{stiffness}]</th><th>energy out [mJ]</th><th>outside [%]</th></tr>\n"
+        let mut html = String::from(
+            "<div class=\"wide\"><table>\n<tr><th class=\"word\">wall</th><th class=\"word\">approach</th>",
         );
+        for (quantity, unit) in [
+            ("chatter", format!("{small} RMS")),
+            ("worst hand", format!("{small} RMS")),
+            ("peak to peak", small.to_owned()),
+            ("frequency", "Hz".to_owned()),
+            ("settled", small.to_owned()),
+            ("stiffness", stiffness.to_owned()),
+            ("energy out", "mJ".to_owned()),
+            ("outside", "%".to_owned()),
+        ] {
+            let _ = write!(html, "<th>{quantity}<br>[{unit}]</th>");
+        }
+        html.push_str("</tr>\n");
         for own in &self.walls {
             for approach in &self.setting.approaches {
                 let of = self.of(&own.name, Some(&approach.name));
@@ -86,12 +97,12 @@ impl WallReport<'_> {
                 let (stiffness, damping) = (scale * law.k1, scale * law.k2);
                 let bound = wall::stability_bound(stiffness, damping, self.setting.sample_s);
                 format!(
-                    "{} {}, damping {} {} s; passive whoever touches it only if the device itself damps with more than {} \
+                    "{} {}, damping {} {}; passive whoever touches it only if the device itself damps with more than {} \
                      (K T / 2 + B, Colgate & Schenkel 1997)",
                     short(stiffness),
                     self.unit.stiffness,
                     short(damping),
-                    self.unit.stiffness,
+                    self.unit.damping,
                     short(bound)
                 )
             }
@@ -113,7 +124,7 @@ impl WallReport<'_> {
             let Law::Rules(table) = own.wall.law() else { continue };
             let _ = write!(
                 html,
-                "<h3><code>{}</code>: {}</h3>\n<div class=\"wide\"><table class=\"rules\">\n<tr><th class=\"word\">velocity \\ \
+                "<h3><code>{}</code>: {}</h3>\n<div class=\"wide\"><table class=\"rules\">\n<tr><th class=\"word\">velocity<br>by \
                  position</th>",
                 escaped(&own.name),
                 escaped(&own.title)

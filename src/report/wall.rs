@@ -193,7 +193,7 @@ impl<'a> WallReport<'a> {
         order.sort_by(by_speed);
         let is_deeper = order.len() > 1 && order.windows(2).all(|pair| settled[pair[1]] < settled[pair[0]]);
         let holds: Vec<String> =
-            self.setting.approaches.iter().map(|approach| short(self.setting.hold_after(approach))).collect();
+            self.setting.approaches.iter().map(|approach| plain(self.setting.hold_after(approach))).collect();
         sentences.push(format!(
             "At {first} the handle settles at {} {small} after a {} approach{}, where the arm holds with {} {}.",
             listed(
@@ -321,6 +321,16 @@ fn short(value: f64) -> String {
     format!("{value:.decimals$}").replace('-', "\u{2212}")
 }
 
+/// The same without zeros at its end: a number that somebody gave.
+fn plain(value: f64) -> String {
+    let text = short(value);
+    if text.contains('.') && !text.contains('e') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
 /// `a, b and c`.
 fn listed<T: AsRef<str>>(words: &[T]) -> String {
     match words {
@@ -354,6 +364,7 @@ mod tests {
     fn numbers_and_lists_read_well() {
         assert_eq!([12.345, -0.0501, 1234.0, 0.0].map(short), ["12.3", "\u{2212}0.0501", "1234", "0"]);
         assert_eq!(listed(&["a", "b", "c"]), "a, b and c");
+        assert_eq!([0.7, 1e-4, 100.0, 1200.0, 0.0].map(plain), ["0.7", "0.0001", "100", "1200", "0"]);
         assert_eq!(listed(&["a"]), "a");
         assert_eq!(median(vec![3.0, 1.0, 2.0, 10.0]), 2.5);
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Shown, WallReport, densest, short};
+use super::{Shown, WallReport, densest, plain};
 use crate::{
     control::{Law, Partition},
     plot::{
@@ -54,7 +54,7 @@ impl WallReport<'_> {
             let curves =
                 self.walls.iter().map(|own| trace(own.name.clone(), &own.contacts[index])).collect::<Vec<Trace>>();
             let traces = Traces {
-                title: format!("{} approach, {} {}", approach.name, short(approach.peak), self.unit.velocity),
+                title: format!("{} approach, {} {}", approach.name, plain(approach.peak), self.unit.velocity),
                 along: "time since the first touch [s]".to_owned(),
                 quantity: format!("position [{}]", self.unit.position),
                 across: [-BEFORE_S, AFTER_S],
@@ -87,7 +87,7 @@ impl WallReport<'_> {
                     "{}, {} approach ({} {}){told}",
                     first.name,
                     approach.name,
-                    short(approach.peak),
+                    plain(approach.peak),
                     self.unit.velocity
                 ),
                 along: "time since the first touch [s]".to_owned(),
@@ -144,12 +144,12 @@ impl WallReport<'_> {
 
     /// Figures 5.7 to 5.9: torques of every wall that depends on nothing else, and what rules change.
     pub(super) fn surfaces(&self) -> String {
-        let plain: Vec<&Shown> = self
+        let memoryless: Vec<&Shown> = self
             .walls
             .iter()
             .filter(|own| !own.passive && matches!(own.wall.law(), Law::Linear(_) | Law::Rules(_)))
             .collect();
-        let (x, y) = self.grid(&plain);
+        let (x, y) = self.grid(&memoryless);
         let torque = |own: &Shown| -> Vec<f64> {
             let mut wall = own.wall.clone();
             y.iter().flat_map(|dq| x.iter().map(|q| wall.tick(*q, *dq)).collect::<Vec<f64>>()).collect()
@@ -166,13 +166,13 @@ impl WallReport<'_> {
             })
         };
         let mut html = String::new();
-        for own in &plain {
+        for own in &memoryless {
             let _ = writeln!(html, "<figure>\n{}</figure>", picture(own.name.clone(), torque(own)));
         }
         let reference = &self.walls[0];
         if matches!(reference.wall.law(), Law::Linear(_)) && !reference.passive {
             let linear = torque(reference);
-            for own in plain.iter().filter(|own| matches!(own.wall.law(), Law::Rules(_))) {
+            for own in memoryless.iter().filter(|own| matches!(own.wall.law(), Law::Rules(_))) {
                 let difference = torque(own).iter().zip(&linear).map(|(own, linear)| own - linear).collect();
                 let title = format!("{} less {}", own.name, reference.name);
                 let _ = writeln!(html, "<figure>\n{}</figure>", picture(title, difference));
@@ -185,7 +185,7 @@ impl WallReport<'_> {
             "<div class=\"pictures\">\n{html}</div>\n<p class=\"note\">Figures 5.7 to 5.9 of the thesis, as pictures of level lines: \
              the torque on the joint, within its limit of {} {}; positive pushes out. Every picture has colours of its own \
              scale.</p>\n",
-            short(self.setting.torque_limit),
+            plain(self.setting.torque_limit),
             self.unit.torque
         )
     }

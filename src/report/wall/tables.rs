@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Shown, WallReport, densest, median, milli, number, short};
+use super::{Shown, WallReport, densest, median, milli, number, plain, short};
 use crate::{
     control::{Law, RuleTable},
     plot::escaped,
@@ -133,7 +133,7 @@ impl WallReport<'_> {
             let _ = writeln!(
                 html,
                 "</table></div>\n<p class=\"note\">One for each pair of sets; 1 is \u{2212}{} {} on the joint.</p>",
-                number(own.wall.scale()),
+                plain(own.wall.scale()),
                 self.unit.torque
             );
         }
@@ -154,23 +154,23 @@ impl WallReport<'_> {
                 "controller".to_owned(),
                 format!(
                     "{} Hz, answers after {} more tick{}, positions in steps of {} {position}, at most {} {torque}",
-                    short(1.0 / own.sample_s),
+                    plain(1.0 / own.sample_s),
                     own.delay_samples,
                     if own.delay_samples == 1 { "" } else { "s" },
-                    short(own.position_quantum),
-                    short(own.torque_limit)
+                    plain(own.position_quantum),
+                    plain(own.torque_limit)
                 ),
             ),
             (
                 "typical hand".to_owned(),
                 format!(
                     "inertia {}, grip {} and {}, arm {} and {} (stiffness and damping), tightens by {}",
-                    short(hand.inertia),
-                    short(hand.grip_stiffness),
-                    short(hand.grip_damping),
-                    short(hand.arm_stiffness),
-                    short(hand.arm_damping),
-                    short(hand.tightening)
+                    plain(hand.inertia),
+                    plain(hand.grip_stiffness),
+                    plain(hand.grip_damping),
+                    plain(hand.arm_stiffness),
+                    plain(hand.arm_damping),
+                    plain(hand.tightening)
                 ),
             ),
             (
@@ -178,7 +178,7 @@ impl WallReport<'_> {
                 format!(
                     "{}, each number within a factor of {}, drawn with seed {}",
                     own.hands,
-                    short(own.spread),
+                    plain(own.spread),
                     own.seed
                 ),
             ),
@@ -188,16 +188,16 @@ impl WallReport<'_> {
                 approach.name.clone(),
                 format!(
                     "from {} {position}, at most {} {}, then holding with {} {torque}",
-                    short(own.start),
-                    short(approach.peak),
+                    plain(own.start),
+                    plain(approach.peak),
                     self.unit.velocity,
-                    short(own.hold_after(approach))
+                    plain(own.hold_after(approach))
                 ),
             ));
         }
         entries.push((
             "simulation".to_owned(),
-            format!("steps of {} s, {} s after the first touch", short(own.step_s), short(own.after_s)),
+            format!("steps of {} s, {} s after the first touch", plain(own.step_s), plain(own.after_s)),
         ));
         let mut html = String::from("<dl>\n");
         for (what, value) in entries {

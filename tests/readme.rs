@@ -25,6 +25,12 @@ fn the_readme_is_true() {
         readme.contains(String::from_utf8(excite.stdout).unwrap().trim_end()),
         "the README's excitation is not the program's"
     );
+    let report = ["wall", "report", "--out", "wall.html"];
+    let report = Command::cargo_bin("dynid").unwrap().current_dir(folder.path()).args(report).output().unwrap();
+    assert!(
+        readme.contains(String::from_utf8(report.stdout).unwrap().trim_end()),
+        "the README's walls are not the program's"
+    );
     // Over a tour that is there: told to, it takes its place.
     fs::create_dir(folder.path().join("dynid-tour")).unwrap();
     fs::write(folder.path().join("dynid-tour/fitted.toml"), "mine\n").unwrap();
@@ -38,7 +44,7 @@ fn the_readme_is_true() {
     for line in told {
         assert!(readme.contains(line), "the README's tour is not the program's: {line}");
     }
-    for picture in ["docs/ladder.svg", "docs/report.png", "docs/report-where.png"] {
+    for picture in ["docs/ladder.svg", "docs/report.png", "docs/report-where.png", "docs/wall.png"] {
         assert!(readme.contains(picture) && root.join(picture).is_file(), "{picture}");
     }
 }

@@ -98,7 +98,8 @@ fn draw(svg: &mut String, dots: &Dots, low: f64, high: f64) {
         );
         for (kind, values) in kinds.iter().enumerate() {
             let left = start + 0.07 * group_width + kind_width * kind as f64;
-            let each = kind_width / values.len().max(1) as f64;
+            // Kinds stand a little apart.
+            let each = 0.84 * kind_width / values.len().max(1) as f64;
             for (index, value) in values.iter().enumerate().filter(|(_, value)| value.is_finite()) {
                 let _ = writeln!(
                     svg,

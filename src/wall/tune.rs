@@ -99,8 +99,8 @@ fn monotone(position: &Partition, velocity: &Partition, law: &LinearLaw, x: &[f6
     /// Speed up to which the first damping holds; beyond, the second adds to it [rad/s or m/s].
     const SLOW: f64 = 2.5;
     /// Damping at the surface over that inside, and on the way out over that on the way in, where the numbers are 0.
-    const AT_SURFACE: f64 = 0.6;
-    const ON_THE_WAY_OUT: f64 = 0.8;
+    const AT_SURFACE: f64 = 0.95;
+    const ON_THE_WAY_OUT: f64 = 0.95;
     let factor: Vec<f64> = x.iter().map(|x| x.exp()).collect();
     let peaks = position.peaks();
     let surface = peaks.iter().position(|peak| *peak >= 0.0).unwrap_or(peaks.len() - 1);
@@ -120,7 +120,8 @@ fn monotone(position: &Partition, velocity: &Partition, law: &LinearLaw, x: &[f6
         if rate < 0.0 {
             -statics[index] - share * damping(-rate)
         } else {
-            -(statics[index] - on_the_way_out * damping(rate)).max(0.0)
+            // Adding nothing makes a negative zero a plain one.
+            -(statics[index] - on_the_way_out * damping(rate)).max(0.0) + 0.0
         }
     };
     let outputs = velocity.peaks().iter().flat_map(|rate| (0..peaks.len()).map(|index| output(*rate, index))).collect();

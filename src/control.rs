@@ -1,11 +1,19 @@
-//! Control laws for a loop of a kilohertz: what is built once may fail and allocate, a tick does neither.
+//! What runs in a controller's loop of a kilohertz: walls, and the identified model that carries the device.
+//!
+//! What is built once may fail and allocate; a tick does neither, takes no lock and does not panic.
 
+mod compensation;
+mod estimator;
 mod partition;
 mod rules;
+mod share;
 mod velocity;
 mod walls;
 
+pub use compensation::{Compensation, CompensationError, Shares};
+pub use estimator::Estimator;
 pub use partition::{Partition, PartitionError};
 pub use rules::{LinearLaw, RuleTable, RuleTableError};
+pub use share::{Holding, largest_inertia_share};
 pub use velocity::FilteredVelocity;
 pub use walls::{Law, VirtualTool, Wall, WallError};

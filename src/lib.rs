@@ -7,6 +7,7 @@ pub mod diagnose;
 pub mod error;
 pub mod excite;
 pub mod experiment;
+pub mod felt;
 pub mod fit;
 pub mod identify;
 pub mod ladder;

@@ -14,6 +14,7 @@ mod block;
 mod body;
 mod delay;
 mod effects;
+mod feedforward;
 mod linear;
 mod solve;
 mod switch;

@@ -13,6 +13,7 @@ mod terms;
 use rayon::prelude::*;
 
 pub use motion::{Motion, MotionError};
+pub(crate) use states::fastest_rate;
 pub use terms::{JointTerms, terms};
 
 use crate::{

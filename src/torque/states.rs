@@ -197,7 +197,7 @@ impl<'a> Field<'a> {
 
 /// The fastest rate of the states from index `first` on: of one that decays by itself, or of two that swing against each
 /// other, `sqrt(f_ab f_ba)`.
-fn fastest_rate(rate_by_state: &[(usize, usize, f64)], first: usize) -> f64 {
+pub(crate) fn fastest_rate(rate_by_state: &[(usize, usize, f64)], first: usize) -> f64 {
     let rates = || rate_by_state.iter().filter(|(_, other, _)| *other >= first);
     rates().fold(0.0, |fastest: f64, &(state, other, value)| {
         if state == other {

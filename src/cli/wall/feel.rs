@@ -1,0 +1,262 @@
+//! `dynid wall feel`: what a hand feels of the device itself, bare and carried by the identified model.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use anyhow::bail;
+use dynid::control::{Holding, Shares, largest_inertia_share};
+use dynid::felt::{Felt, JointFelt, Options, Survey, survey};
+use dynid::model::Model;
+use dynid::output::{Overwrite, check_output, write_new};
+use dynid::plot::steps::{Steps, standalone};
+use dynid::wall::{Hand, Setting};
+use serde_json::{Value, json};
+
+use super::super::table::{Align, Table};
+use super::{Answer, Outcome};
+
+/// Where a hand's slow motion ends (Hz).
+const BAND: (f64, f64) = (0.0, 2.0);
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The model that the controller believes; without it, the default model of the setting's device. Where it states standard
+    /// errors, models that are off by them are tried too.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// The device that is felt, as a model of its own; without it, the believed model is right.
+    #[arg(long, value_name = "FILE")]
+    plant: Option<PathBuf>,
+    /// The free joints; without them, the largest configuration of the device.
+    #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
+    free: Option<Vec<usize>>,
+    /// At which frequencies (Hz).
+    #[arg(long, value_delimiter = ',', value_name = "HZ")]
+    frequencies: Option<Vec<f64>>,
+    /// How far the hand moves a joint to either side [rad or m].
+    #[arg(long, value_name = "A", default_value_t = 0.2)]
+    amplitude: f64,
+    /// Share of the inertia that is carried, 0 to 1.
+    #[arg(long, value_name = "SHARE", default_value_t = Shares::default().inertia)]
+    inertia: f64,
+    /// Share of the friction that is carried, 0 to 1.
+    #[arg(long, value_name = "SHARE", default_value_t = Shares::default().friction)]
+    friction: f64,
+    /// Rate of the controller (Hz).
+    #[arg(long, value_name = "HZ", default_value_t = 1000.0)]
+    rate: f64,
+    /// One count of the encoders [rad or m]; 0 for exact ones.
+    #[arg(long, value_name = "STEP", default_value_t = 1e-4)]
+    quantum: f64,
+    /// Poles of the filter that estimates the motion (Hz).
+    #[arg(long, value_name = "HZ", default_value_t = 20.0)]
+    bandwidth: f64,
+    /// How many models that are off by their standard errors.
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    draws: usize,
+    /// What they are drawn from.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Where to draw a picture (SVG).
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Overwrite the output if it is there.
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    if let Some(out) = &arguments.out {
+        check_output(out, overwrite)?;
+    }
+    let setting = Setting::shipped()?;
+    let believed = match &arguments.model {
+        Some(path) => Model::load(path)?,
+        None => Model::of_device(setting.device),
+    };
+    let plant = match &arguments.plant {
+        Some(path) => Model::load(path)?,
+        None => believed.clone(),
+    };
+    if plant.device.id != believed.device.id {
+        bail!(
+            "the device that is felt is `{}`, the believed model is of `{}`; use two models of one device",
+            plant.device.id,
+            believed.device.id
+        );
+    }
+    let device = believed.device;
+    let largest = device.configurations.iter().map(|configuration| &configuration.free).max_by_key(|free| free.len());
+    let mut free = match (&arguments.free, largest) {
+        (Some(free), _) => free.clone(),
+        (None, Some(free)) => free.clone(),
+        (None, None) => bail!("device `{}` has no configuration", device.id),
+    };
+    free.sort_unstable();
+    free.dedup();
+    if !(arguments.rate > 0.0 && arguments.rate.is_finite()) {
+        bail!("--rate takes a positive number of ticks a second");
+    }
+    let usual = Options::new(device.joints.len());
+    let mut frequencies = arguments.frequencies.clone().unwrap_or_else(|| usual.frequencies.clone());
+    frequencies.sort_by(f64::total_cmp);
+    let options = Options {
+        frequencies,
+        amplitude: arguments.amplitude,
+        sample_s: 1.0 / arguments.rate,
+        quantum: arguments.quantum,
+        bandwidth_hz: arguments.bandwidth,
+        inertia_share: arguments.inertia,
+        friction_share: arguments.friction,
+        draws: arguments.draws,
+        seed: arguments.seed,
+        ..usual
+    };
+    let survey = survey(&plant, &believed, &free, &options)?;
+    let borne = (setting.device.id == device.id).then(|| borne(&survey, &setting)).flatten();
+    let mut text = told(&survey);
+    if let Some((typical, worst)) = borne {
+        let _ = writeln!(
+            text,
+            "joint {}: by linear analysis the setting's hand bears a share of {typical:.2} of the inertia, the worst of {} hands \
+             like it {worst:.2}; {:.2} was asked for",
+            setting.joint, setting.hands, options.inertia_share
+        );
+    }
+    if let Some(out) = &arguments.out {
+        write_new(out, &standalone(&pictures(&survey)), overwrite)?;
+        let _ = writeln!(text, "written: {}", out.display());
+    }
+    let joints: Vec<Value> = survey
+        .joints
+        .iter()
+        .map(|joint| {
+            let JointFelt { joint: index, bare, carried, drawn } = joint;
+            let worst = joint.worst(BAND.0, BAND.1);
+            json!({ "joint": index, "bare": bare, "carried": carried, "drawn": drawn, "left": worst })
+        })
+        .collect();
+    let hands = borne.map(|(typical, worst)| json!({ "joint": setting.joint, "typical": typical, "worst": worst }));
+    let json = json!({ "options": survey.options, "joints": joints, "share_borne": hands });
+    Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// The share of the inertia of the setting's joint that its hand bears, and the worst of the hands like it.
+fn borne(survey: &Survey, setting: &Setting) -> Option<(f64, f64)> {
+    let joint = survey.joints.iter().find(|joint| joint.joint == setting.joint)?;
+    let fastest = joint.bare.last()?;
+    let Options { sample_s, bandwidth_hz, delay_samples, .. } = survey.options;
+    // Friction helps where it slides; none is counted on.
+    let of = |hand: &Hand| {
+        let holding = Holding {
+            inertia: hand.inertia,
+            grip_stiffness: hand.grip_stiffness,
+            grip_damping: hand.grip_damping,
+            arm_stiffness: hand.arm_stiffness,
+            arm_damping: hand.arm_damping,
+        };
+        largest_inertia_share((fastest.inertia, 0.0), Some(&holding), sample_s, bandwidth_hz, delay_samples)
+    };
+    let hands = setting.hand.population(setting.spread, setting.hands, setting.seed);
+    Some((of(&setting.hand), hands.iter().map(of).fold(1.0, f64::min)))
+}
+
+/// What is left of a bare value, in per cent.
+fn left(own: f64, bare: f64) -> String {
+    format!("{:.0} %", 100.0 * own / bare)
+}
+
+fn told(survey: &Survey) -> String {
+    let options = &survey.options;
+    let mut text = format!(
+        "carried: gravity, springs, {:.0} % of the inertia, {:.0} % of the friction; controller at {:.0} Hz, counts of {:.0e}, the \
+         hand moves one joint by {} to either side\n",
+        100.0 * options.inertia_share,
+        100.0 * options.friction_share,
+        1.0 / options.sample_s,
+        options.quantum,
+        options.amplitude
+    );
+    let mut table = Table::new(&[
+        ("joint", Align::Right),
+        ("Hz", Align::Right),
+        ("inertia, bare", Align::Right),
+        ("left", Align::Right),
+        ("model off", Align::Right),
+        ("friction, bare", Align::Right),
+        ("left", Align::Right),
+        ("model off", Align::Right),
+    ]);
+    for joint in &survey.joints {
+        for (index, (bare, carried)) in joint.bare.iter().zip(&joint.carried).enumerate() {
+            let off = |value: fn(&Felt) -> f64| {
+                let drawn = joint.drawn.iter().map(|drawn| value(&drawn[index]));
+                let worst = drawn.reduce(|worst, own| if own.abs() > worst.abs() { own } else { worst });
+                worst.map_or_else(|| "-".to_owned(), |worst| left(worst, value(bare)))
+            };
+            table.row([
+                joint.joint.to_string(),
+                format!("{}", bare.frequency_hz),
+                format!("{:.2e}", bare.inertia),
+                left(carried.inertia, bare.inertia),
+                off(|felt| felt.inertia),
+                format!("{:.2e}", bare.damping),
+                left(carried.damping, bare.damping),
+                off(|felt| felt.damping),
+            ]);
+        }
+    }
+    text.push_str(&table.text());
+    let off = match survey.joints.first().map_or(0, |joint| joint.drawn.len()) {
+        0 => "the model states no standard errors".to_owned(),
+        draws => format!("the worst of {draws} models off by their standard errors"),
+    };
+    let _ = writeln!(
+        text,
+        "inertia in kg*m^2 or kg; friction as the damping that takes as much, in N*m*s/rad or N*s/m; below 0 the device pushes \
+         the hand on; model off: {off}"
+    );
+    for joint in &survey.joints {
+        let worst = joint.worst(BAND.0, BAND.1);
+        let both = |one: f64, other: f64| {
+            format!("{:.0} % of its inertia and {:.0} % of its friction", 100.0 * one, 100.0 * other)
+        };
+        let _ = write!(text, "joint {}: up to 2 Hz at most {}", joint.joint, both(worst.inertia, worst.damping));
+        if let (Some(inertia), Some(damping)) = (worst.inertia_drawn, worst.damping_drawn) {
+            let _ = write!(text, "; with the model off, {}", both(inertia, damping));
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// Two pictures a joint, inertia and friction over frequency.
+fn pictures(survey: &Survey) -> Vec<Steps> {
+    let values: [(&str, &str, fn(&Felt) -> f64); 2] = [
+        ("inertia", "size [kg*m^2 or kg]", |felt| felt.inertia),
+        ("friction", "size [N*m*s/rad or N*s/m]", |felt| felt.damping),
+    ];
+    let of = |joint: &JointFelt| {
+        let rungs: Vec<String> = joint.bare.iter().map(|felt| format!("{} Hz", felt.frequency_hz)).collect();
+        values.map(|(name, quantity, value)| {
+            let sizes = |own: &[Felt]| own.iter().map(|felt| Some(value(felt).abs())).collect::<Vec<_>>();
+            let mut series =
+                vec![("bare".to_owned(), sizes(&joint.bare)), ("carried".to_owned(), sizes(&joint.carried))];
+            let drawn: Vec<Option<f64>> = (0..rungs.len())
+                .map(|index| joint.drawn.iter().map(|drawn| value(&drawn[index]).abs()).reduce(f64::max))
+                .collect();
+            if drawn.iter().any(Option::is_some) {
+                series.push(("model off".to_owned(), drawn));
+            }
+            Steps {
+                title: format!("joint {}: felt {name}", joint.joint),
+                quantity: quantity.to_owned(),
+                rungs: rungs.clone(),
+                series,
+                floor: None,
+            }
+        })
+    };
+    survey.joints.iter().flat_map(of).collect()
+}

@@ -153,9 +153,19 @@ impl<'a> WallReport<'a> {
             self.median(first, None, |m| m.frequency),
             self.worst_hand(first)
         )];
-        let others = self.walls[1..].iter().map(|own| &own.name);
-        let stillest = others.min_by(|a, b| self.worst(a).total_cmp(&self.worst(b)));
-        if let Some(name) = stillest {
+        let mut others: Vec<&String> = self.walls[1..].iter().map(|own| &own.name).collect();
+        others.sort_by(|a, b| self.worst(a).total_cmp(&self.worst(b)));
+        if let Some(&name) = others.first() {
+            // What stands beside the best says what the best is worth.
+            let next = others.get(1).map_or_else(String::new, |next| {
+                format!(
+                    "; next comes {next}, {} {small} in the median and {} at worst, with {} {}",
+                    milli(self.median(next, None, |m| m.chatter_rms)),
+                    milli(self.worst(next)),
+                    short(self.median(next, None, |m| m.stiffness)),
+                    self.unit.stiffness
+                )
+            });
             let ratios = self.ratios(name);
             let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
             let of: Vec<&Measures> = self.of(name, None);
@@ -164,7 +174,7 @@ impl<'a> WallReport<'a> {
             sentences.push(format!(
                 "Of the other walls {name} is the stillest with its worst hand: it shakes by {} {small} RMS in the median and by \
                  {}, {} times less than {first} in the median and {} times less at least, with {} {} of stiffness instead of {}; \
-                 {} and {}.",
+                 {} and {}{next}.",
                 milli(self.median(name, None, |m| m.chatter_rms)),
                 self.worst_hand(name),
                 short(median(ratios)),
@@ -173,9 +183,9 @@ impl<'a> WallReport<'a> {
                 self.unit.stiffness,
                 short(self.median(first, None, |m| m.stiffness)),
                 if outside > 0.0 {
-                    format!("it is left for at most {:.1} % of the time", 100.0 * outside)
+                    format!("from {} s after the touch it is left for at most {:.1} % of the time", wall::FROM_S, 100.0 * outside)
                 } else {
-                    "it is never left".to_owned()
+                    format!("from {} s after the touch it is never left", wall::FROM_S)
                 },
                 if energy > 0.0 { format!("gives out at most {} mJ", short(1e3 * energy)) } else { "gives nothing out".to_owned() },
             ));

@@ -16,7 +16,7 @@
 //!   is held, and no stiffness of bristles makes it unstable;
 //! - what a resting encoder flickers is no motion ([`super::Estimator`]), and only a share of the friction is taken: the
 //!   device keeps some of its own. More than it has would be a drive, and limit cycles (Canudas de Wit, Noel, Aubin &
-//!   Brogliato 1991).
+//!   Brogliato 1991). The share that is left is also how far the model's friction may be off.
 //!
 //! # How much inertia
 //!

@@ -249,8 +249,17 @@ fn pictures(survey: &Survey) -> Vec<Steps> {
             if drawn.iter().any(Option::is_some) {
                 series.push(("model off".to_owned(), drawn));
             }
+            // A logarithm has no sign.
+            let pushed: Vec<&str> = joint
+                .carried
+                .iter()
+                .zip(&rungs)
+                .filter(|(felt, _)| value(felt) < 0.0)
+                .map(|(_, rung)| &**rung)
+                .collect();
+            let sign = if pushed.is_empty() { String::new() } else { format!("; below 0 at {}", pushed.join(", ")) };
             Steps {
-                title: format!("joint {}: felt {name}", joint.joint),
+                title: format!("joint {}: felt {name}{sign}", joint.joint),
                 quantity: quantity.to_owned(),
                 rungs: rungs.clone(),
                 series,

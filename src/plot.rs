@@ -4,8 +4,12 @@
 //! colour vision (blue and vermilion of Okabe & Ito 2008). The picture follows the viewer's light or dark scheme.
 //! It carries no font, no script and no reference to anything outside itself.
 
+pub mod dots;
+pub mod memberships;
 pub mod steps;
+pub mod surface;
 pub mod terms;
+pub mod traces;
 
 use std::fmt::Write;
 
@@ -76,7 +80,9 @@ stroke-dasharray:2 4;fill:none}\
 .dynid-plot .line.hue3{stroke:var(--hue3)}.dynid-plot .line.hue4{stroke:var(--hue4)}.dynid-plot .line.hue5{stroke:var(--hue5)}\
 .dynid-plot .mark.hue0,.dynid-plot text.hue0{fill:var(--hue0)}.dynid-plot .mark.hue1,.dynid-plot text.hue1{fill:var(--hue1)}\
 .dynid-plot .mark.hue2,.dynid-plot text.hue2{fill:var(--hue2)}.dynid-plot .mark.hue3,.dynid-plot text.hue3{fill:var(--hue3)}\
-.dynid-plot .mark.hue4,.dynid-plot text.hue4{fill:var(--hue4)}.dynid-plot .mark.hue5,.dynid-plot text.hue5{fill:var(--hue5)}";
+.dynid-plot .mark.hue4,.dynid-plot text.hue4{fill:var(--hue4)}.dynid-plot .mark.hue5,.dynid-plot text.hue5{fill:var(--hue5)}\
+.dynid-plot .below{fill:var(--hue0)}.dynid-plot .above{fill:var(--hue1)}\
+.dynid-plot .isoline{fill:none;stroke:var(--ink);stroke-width:.5;stroke-opacity:.55}";
 
 /// What a picture on a page can do where scripts run: zoom and pan. It needs nothing but the page.
 pub const SCRIPT: &str = include_str!("plot/zoom.js");
@@ -194,6 +200,11 @@ fn draw(svg: &mut String, panel: &Panel) {
 
 /// The labels of the time axis below `y`.
 fn foot(svg: &mut String, time: &Axis, y: f64) {
+    foot_of(svg, time, y, "time [s]");
+}
+
+/// The labels of a horizontal axis below `y`.
+fn foot_of(svg: &mut String, time: &Axis, y: f64, name: &str) {
     let _ = writeln!(svg, "<g class=\"foot\" data-y=\"{y}\">");
     for &tick in &time.ticks {
         let x = time.place(tick, LEFT, WIDTH - RIGHT);
@@ -207,9 +218,10 @@ fn foot(svg: &mut String, time: &Axis, y: f64) {
     svg.push_str("</g>\n");
     let _ = writeln!(
         svg,
-        "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">time [s]</text>",
+        "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
         0.5 * (LEFT + WIDTH - RIGHT),
-        y + 31.0
+        y + 31.0,
+        escaped(name)
     );
 }
 

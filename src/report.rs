@@ -7,6 +7,7 @@ mod ladder;
 mod models;
 mod sections;
 mod sheet;
+mod wall;
 
 use std::fmt::Write;
 
@@ -16,6 +17,7 @@ pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
 pub use sheet::{DataQuality, Sheet};
+pub use wall::{WallReport, WallReportError};
 
 use crate::plot;
 
@@ -44,6 +46,8 @@ dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1rem}dt{color:va
 dd{margin:0;overflow-wrap:anywhere}\
 h3{font-size:1rem;margin:1.2rem 0 .3rem}ul{margin:.2rem 0;padding-left:1.2rem}summary{cursor:pointer;margin:.6rem 0}\
 .columns{display:grid;grid-template-columns:repeat(auto-fit,minmax(16rem,1fr));gap:0 2rem}\
+.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(26rem,100%),1fr));gap:0 1.5rem}\
+.pictures figure{margin:.5rem 0}table.rules td{padding:.2rem .35rem}table.rules td.core{outline:1px solid var(--faint)}\
 table.prose td{vertical-align:top}table.prose td:last-child{white-space:normal;min-width:12rem}\
 .bar{position:relative;display:inline-block;width:5rem;height:.8rem;background:var(--line)}\
 .bar span{position:absolute;left:0;top:0;bottom:0;background:#0072b2}\
@@ -51,10 +55,10 @@ table.prose td{vertical-align:top}table.prose td:last-child{white-space:normal;m
 .zoom-buttons{display:flex;gap:.3rem;justify-content:flex-end}.zoom-buttons button{font:inherit;min-width:2rem;padding:.1rem .4rem;\
 color:var(--ink);background:var(--paper);border:1px solid var(--line);border-radius:.25rem;cursor:pointer}\
 pre{overflow-x:auto;font:.85em/1.5 ui-monospace,monospace;margin:.5rem 0;white-space:pre-wrap;overflow-wrap:anywhere}\
-@media screen{figure{overflow-x:auto}figure svg.dynid-plot{min-width:36rem}}\
+@media screen{figure{overflow-x:auto}figure svg.dynid-plot{min-width:36rem}figure svg.half{min-width:0}}\
 @media print{body{margin:0;max-width:none;font-size:10pt}figure,tr,h2,h3{break-inside:avoid}h2,h3{break-after:avoid}\
-.wide{overflow:visible}table{font-size:7.5pt}th,td{padding:.1rem .25rem}.zoom-buttons{display:none}\
-.bar,.bar *{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
+.wide{overflow:visible}.pictures{grid-template-columns:1fr 1fr}table{font-size:7.5pt}th,td{padding:.1rem .25rem}.zoom-buttons{display:none}\
+.bar,.bar *,table.rules td{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// The page.
 pub fn page(title: &str, sections: &[&dyn Section]) -> String {

@@ -7,12 +7,12 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
 use dynid::control::{Law, LinearLaw, Wall};
 use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::number;
+use dynid::report::{Provenance, Section, WallReport, number};
 use dynid::wall::{self, Case, Goal, Measures, Setting, Told, WallFile};
 use serde_json::json;
 
@@ -27,6 +27,7 @@ Examples:
   dynid wall compare --model fitted.toml --wall mine.toml
   dynid wall run --wall fuzzy --speed fast --out contact.csv
   dynid wall tune --law rules --out tuned.toml        a monotone rule table, by an evolution strategy
+  dynid wall report --wall pd,fuzzy --out wall.html   a page with pictures: torque surfaces, contacts, chatter of every hand
   dynid wall feel --model fitted.toml --out felt.svg  what a hand feels of the device with and without its model
 
 A setting file says which joint of which device meets the wall, how the controller is sampled and who moves the handle;
@@ -45,6 +46,8 @@ enum Verb {
     Run(RunArguments),
     /// A better wall, found by trying.
     Tune(TuneArguments),
+    /// Walls under the same hands, as a page that opens with no network.
+    Report(ReportArguments),
     /// A setting or a wall that the program carries, as a file.
     Show(ShowArguments),
     /// What a hand feels of the device itself: inertia and friction over frequency, bare and carried by the model.
@@ -132,6 +135,22 @@ struct TuneArguments {
 }
 
 #[derive(clap::Args)]
+struct ReportArguments {
+    #[command(flatten)]
+    place: Where,
+    /// Walls: names of those that the program carries, or files; the first is what the others are compared with. Without any,
+    /// all that it carries.
+    #[arg(long, value_delimiter = ',', value_name = "WALLS")]
+    wall: Option<Vec<String>>,
+    /// The page to write (HTML).
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Overwrite the page if it is there.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(clap::Args)]
 struct ShowArguments {
     /// `setting`, or the name of a wall.
     name: String,
@@ -143,6 +162,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Verb::Compare(arguments) => compare(arguments),
         Verb::Run(arguments) => contact(arguments),
         Verb::Tune(arguments) => tune(arguments),
+        Verb::Report(arguments) => report(arguments),
         Verb::Show(arguments) => show(arguments),
         Verb::Feel(arguments) => feel::run(arguments),
     }
@@ -188,13 +208,14 @@ fn wall_of(asked: &str) -> anyhow::Result<(String, WallFile)> {
     Ok((name, WallFile::load(path)?))
 }
 
+fn all_if_none(asked: Option<&[String]>) -> Vec<String> {
+    asked.map_or_else(|| wall::SHIPPED.iter().map(|(name, _)| (*name).to_owned()).collect(), <[String]>::to_vec)
+}
+
 fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     let setting = arguments.place.setting()?;
     let model = arguments.place.model(&setting)?;
-    let asked: Vec<String> = match &arguments.wall {
-        Some(asked) => asked.clone(),
-        None => wall::SHIPPED.iter().map(|(name, _)| (*name).to_owned()).collect(),
-    };
+    let asked = all_if_none(arguments.wall.as_deref());
     let mut walls: Vec<(String, Wall)> = Vec::new();
     for asked in &asked {
         let (name, file) = wall_of(asked)?;
@@ -419,6 +440,74 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let json =
         json!({ "cost": tuned.cost, "evaluations": tuned.evaluations, "out": arguments.out.display().to_string() });
     Ok(Outcome { text, json, answer })
+}
+
+fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
+    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    check_output(&arguments.out, overwrite)?;
+    let setting = arguments.place.setting()?;
+    let model = arguments.place.model(&setting)?;
+    let asked = all_if_none(arguments.wall.as_deref());
+    let walls = asked.iter().map(|asked| wall_of(asked)).collect::<anyhow::Result<Vec<(String, WallFile)>>>()?;
+    let report = WallReport::new(&model, &setting, &walls)?;
+    let mut sections = report.sections();
+    sections.push(Box::new(came_from(arguments, &model, &asked)?));
+    let shown: Vec<&dyn Section> = sections.iter().map(Box::as_ref).collect();
+    let title = format!("Touch a wall: joint {} of {}", setting.joint, setting.device.title);
+    write_new(&arguments.out, &dynid::report::page(&title, &shown), overwrite)?;
+    let sentences = report.sentences();
+    let titles: Vec<&str> = shown.iter().map(|section| section.title()).collect();
+    let text = format!("{}\nwritten: {}\n", sentences.join("\n"), arguments.out.display());
+    let json = json!({
+        "page": arguments.out.display().to_string(),
+        "sentences": sentences,
+        "sections": titles,
+        "cases": report.cases(),
+    });
+    Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// What the page was made of, to the byte, and how.
+fn came_from(arguments: &ReportArguments, model: &Model, asked: &[String]) -> anyhow::Result<Provenance> {
+    let text_of =
+        |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
+    let digest = |text: &str| format!("sha256 {}", dynid_model::sha256_hex(text.as_bytes()));
+    let Where { setting, model: model_path, hands, seed } = &arguments.place;
+    let mut command = "dynid wall report".to_owned();
+    let mut entries = Vec::new();
+    let setting_text = match setting {
+        Some(path) => {
+            let _ = write!(command, " --setting {}", path.display());
+            text_of(path)?
+        }
+        None => wall::SETTING.to_owned(),
+    };
+    let name = setting.as_ref().map_or_else(|| "the program's".to_owned(), |path| path.display().to_string());
+    entries.push(("setting".to_owned(), format!("{name}, {}", digest(&setting_text))));
+    let name = match model_path {
+        Some(path) => {
+            let _ = write!(command, " --model {}", path.display());
+            path.display().to_string()
+        }
+        None => "the device's".to_owned(),
+    };
+    entries.push(("model".to_owned(), format!("{name}, sha256 {}", model.digest())));
+    for asked in asked {
+        let carried = wall::SHIPPED.iter().find(|(known, _)| known == asked);
+        let text = carried.map_or_else(|| text_of(Path::new(asked)), |(_, text)| Ok((*text).to_owned()))?;
+        entries.push((format!("wall {asked}"), digest(&text)));
+    }
+    entries.push(("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))));
+    for (option, value) in [("hands", hands.map(|hands| hands as u64)), ("seed", *seed)] {
+        if let Some(value) = value {
+            let _ = write!(command, " --{option} {value}");
+        }
+    }
+    if arguments.wall.is_some() {
+        let _ = write!(command, " --wall {}", asked.join(","));
+    }
+    let _ = write!(command, " --out {}", arguments.out.display());
+    Ok(Provenance { entries, commands: vec![command] })
 }
 
 fn show(arguments: &ShowArguments) -> anyhow::Result<Outcome> {

@@ -88,8 +88,7 @@ impl Wall {
     /// A sample time, scale or limit that is not positive.
     pub fn new(law: Law, scale: f64, sample_s: f64, limit: f64) -> Result<Self, WallError> {
         for (what, value) in [("scale", scale), ("sample time", sample_s), ("limit", limit)] {
-            // Not a number is not positive either.
-            if !(value > 0.0) {
+            if value.is_nan() || value <= 0.0 {
                 return Err(WallError::NotPositive { what, value });
             }
         }

@@ -183,7 +183,7 @@ fn ending(name: &str, room: usize) -> String {
 }
 
 /// Disc, square, triangle, diamond.
-fn marker(kind: usize, x: f64, y: f64) -> String {
+pub(super) fn marker(kind: usize, x: f64, y: f64) -> String {
     match kind {
         0 => format!("M{:.1} {y:.1}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0z", x - 4.0),
         1 => format!("M{:.1} {:.1}h7v7h-7z", x - 3.5, y - 3.5),
@@ -193,7 +193,7 @@ fn marker(kind: usize, x: f64, y: f64) -> String {
 }
 
 /// 1, 2 and 5 times powers of ten between two logarithms; only powers of ten over wide ranges.
-fn ticks(low: f64, high: f64) -> Vec<f64> {
+pub(super) fn ticks(low: f64, high: f64) -> Vec<f64> {
     let factors: &[f64] = if high - low > 2.5 { &[1.0] } else { &[1.0, 2.0, 5.0] };
     (low.floor() as i32..=high.ceil() as i32)
         .flat_map(|power| factors.iter().map(move |factor| factor * 10_f64.powi(power)))
@@ -202,7 +202,7 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
 }
 
 /// A tick as short as it can be told.
-fn told(tick: f64) -> String {
+pub(super) fn told(tick: f64) -> String {
     let power = (tick.log10() + 1e-9).floor() as i32;
     let text = if (-3..4).contains(&power) {
         format!("{tick:.*}", (-power).max(0) as usize)

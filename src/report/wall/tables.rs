@@ -1,0 +1,243 @@
+//! Measures, rules and the setting, as tables.
+
+use std::fmt::Write;
+
+use super::{Shown, WallReport, densest, median, milli, number, short};
+use crate::{
+    control::{Law, RuleTable},
+    plot::escaped,
+    wall::{self, Measures},
+};
+
+/// The deepest tint of a cell of a rule table.
+const TINT: f64 = 0.55;
+
+impl WallReport<'_> {
+    pub(super) fn measures(&self) -> String {
+        let (small, stiffness) = (self.unit.small, self.unit.stiffness);
+        let mut html = String::from(
+            "<div class=\"wide\"><table>\n<tr><th class=\"word\">wall</th><th class=\"word\">approach</th>",
+        );
+        for (quantity, unit) in [
+            ("chatter", format!("{small} RMS")),
+            ("worst hand", format!("{small} RMS")),
+            ("peak to peak", small.to_owned()),
+            ("frequency", "Hz".to_owned()),
+            ("settled", small.to_owned()),
+            ("stiffness", stiffness.to_owned()),
+            ("energy out", "mJ".to_owned()),
+            ("outside", "%".to_owned()),
+        ] {
+            let _ = write!(html, "<th>{quantity}<br>[{unit}]</th>");
+        }
+        html.push_str("</tr>\n");
+        for own in &self.walls {
+            for approach in &self.setting.approaches {
+                let of = self.of(&own.name, Some(&approach.name));
+                let middle = |value: fn(&Measures) -> f64| median(of.iter().map(|m| value(m)).collect());
+                let most = |value: fn(&Measures) -> f64| of.iter().map(|m| value(m)).fold(f64::NAN, f64::max);
+                let _ = writeln!(
+                    html,
+                    "<tr><td class=\"word\"><code>{}</code></td><td class=\"word\">{}</td><td>{}</td><td>{}</td><td>{}</td>\
+                     <td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+                    escaped(&own.name),
+                    escaped(&approach.name),
+                    milli(middle(|m| m.chatter_rms)),
+                    milli(most(|m| m.chatter_rms)),
+                    milli(middle(|m| m.peak_to_peak)),
+                    fixed(middle(|m| m.frequency), 1),
+                    fixed(1e3 * middle(|m| m.settled_position), 1),
+                    short(middle(|m| m.stiffness)),
+                    fixed(1e3 * most(|m| m.energy_out), 2),
+                    fixed(100.0 * most(|m| m.outside), 0),
+                );
+            }
+        }
+        let _ = writeln!(
+            html,
+            "</table></div>\n<p class=\"note\">Medians over {} hands; energy given out and time outside are those of the worst. \
+             Stiffness is static: what the wall holds where the handle settles, over how deep that is.</p>",
+            self.setting.hands
+        );
+        html.push_str(&self.compared());
+        html.push_str("<dl>\n");
+        for own in &self.walls {
+            let _ = writeln!(html, "<dt><code>{}</code></dt><dd>{}</dd>", escaped(&own.name), escaped(&self.told(own)));
+        }
+        html.push_str("</dl>\n");
+        html
+    }
+
+    /// Chatter hand by hand, of the first wall over each of the others.
+    fn compared(&self) -> String {
+        let mut html = String::new();
+        for own in &self.walls[1..] {
+            let ratios = self.ratios(&own.name);
+            let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+            let more = ratios.iter().filter(|ratio| **ratio >= 10.0).count();
+            let _ = writeln!(
+                html,
+                "<li><code>{}</code>: {} times less chatter than <code>{}</code> in the median, {} times at worst, at least ten \
+                 times less in {more} of {} cases</li>",
+                escaped(&own.name),
+                short(median(ratios.clone())),
+                escaped(&self.walls[0].name),
+                short(least),
+                ratios.len()
+            );
+        }
+        if html.is_empty() { html } else { format!("<p>Hand by hand:</p>\n<ul>\n{html}</ul>\n") }
+    }
+
+    /// What a wall is.
+    fn told(&self, own: &Shown) -> String {
+        let scale = own.wall.scale();
+        let law = match own.wall.law() {
+            Law::Linear(law) | Law::Leaky { linear: law, .. } => {
+                let (stiffness, damping) = (scale * law.k1, scale * law.k2);
+                let bound = wall::stability_bound(stiffness, damping, self.setting.sample_s);
+                format!(
+                    "{} {}, damping {} {}; passive whoever touches it only if the device itself damps with more than {} \
+                     (K T / 2 + B, Colgate & Schenkel 1997)",
+                    short(stiffness),
+                    self.unit.stiffness,
+                    short(damping),
+                    self.unit.damping,
+                    short(bound)
+                )
+            }
+            Law::Rules(table) => {
+                let kind = if table.is_monotone() { "monotone" } else { "not monotone" };
+                format!("{} x {} rules, {kind}", table.velocity().len(), table.position().len())
+            }
+            Law::Coupled(_) => "a virtual tool on a spring and a damper".to_owned(),
+        };
+        let leaky = if matches!(own.wall.law(), Law::Leaky { .. }) { "; with a leaky spring" } else { "" };
+        let watched = if own.passive { "; watched by a passivity controller" } else { "" };
+        format!("{}: {law}{leaky}{watched}", own.title)
+    }
+
+    /// Figure 5.6, for every wall that has rules.
+    pub(super) fn rules(&self) -> String {
+        let mut html = String::new();
+        for own in &self.walls {
+            let Law::Rules(table) = own.wall.law() else { continue };
+            let _ = write!(
+                html,
+                "<h3><code>{}</code>: {}</h3>\n<div class=\"wide\"><table class=\"rules\">\n<tr><th class=\"word\">velocity<br>by \
+                 position</th>",
+                escaped(&own.name),
+                escaped(&own.title)
+            );
+            html.push_str(&cells(table));
+            let _ = writeln!(
+                html,
+                "</table></div>\n<p class=\"note\">One for each pair of sets; 1 is \u{2212}{} {} on the joint.</p>",
+                number(own.wall.scale()),
+                self.unit.torque
+            );
+        }
+        html.push_str(
+            "<p class=\"note\">Figure 5.6 of the thesis: below zero pushes out of the wall (blue), above pulls in (vermilion). Framed: \
+             the range of interest.</p>\n",
+        );
+        html
+    }
+
+    pub(super) fn told_setting(&self) -> String {
+        let own = self.setting;
+        let (position, torque) = (self.unit.position, self.unit.torque);
+        let hand = &own.hand;
+        let mut entries: Vec<(String, String)> = vec![
+            ("device".to_owned(), format!("{}, joint {}; the others are locked", own.device.title, own.joint)),
+            (
+                "controller".to_owned(),
+                format!(
+                    "{} Hz, answers after {} more tick{}, positions in steps of {} {position}, at most {} {torque}",
+                    short(1.0 / own.sample_s),
+                    own.delay_samples,
+                    if own.delay_samples == 1 { "" } else { "s" },
+                    short(own.position_quantum),
+                    short(own.torque_limit)
+                ),
+            ),
+            (
+                "typical hand".to_owned(),
+                format!(
+                    "inertia {}, grip {} and {}, arm {} and {} (stiffness and damping), tightens by {}",
+                    short(hand.inertia),
+                    short(hand.grip_stiffness),
+                    short(hand.grip_damping),
+                    short(hand.arm_stiffness),
+                    short(hand.arm_damping),
+                    short(hand.tightening)
+                ),
+            ),
+            (
+                "hands".to_owned(),
+                format!(
+                    "{}, each number within a factor of {}, drawn with seed {}",
+                    own.hands,
+                    short(own.spread),
+                    own.seed
+                ),
+            ),
+        ];
+        for approach in &own.approaches {
+            entries.push((
+                approach.name.clone(),
+                format!(
+                    "from {} {position}, at most {} {}, then holding with {} {torque}",
+                    short(own.start),
+                    short(approach.peak),
+                    self.unit.velocity,
+                    short(own.hold_after(approach))
+                ),
+            ));
+        }
+        entries.push((
+            "simulation".to_owned(),
+            format!("steps of {} s, {} s after the first touch", short(own.step_s), short(own.after_s)),
+        ));
+        let mut html = String::from("<dl>\n");
+        for (what, value) in entries {
+            let _ = writeln!(html, "<dt>{}</dt><dd>{}</dd>", escaped(&what), escaped(&value));
+        }
+        html.push_str("</dl>\n");
+        html
+    }
+}
+
+/// Heading and rows of a rule table, tinted by the output.
+fn cells(table: &RuleTable) -> String {
+    let mut html = String::new();
+    for name in table.position().names() {
+        let _ = write!(html, "<th>{}</th>", escaped(name));
+    }
+    html.push_str("</tr>\n");
+    let inside = |[from, to]: [f64; 2], peak: f64| (from..=to).contains(&peak);
+    let (across, up) = (densest(table.position()), densest(table.velocity()));
+    let largest = table.outputs().iter().fold(0.0_f64, |most, output| most.max(output.abs()));
+    for (row, name) in table.velocity().names().iter().enumerate() {
+        let _ = write!(html, "<tr><td class=\"word\">{}</td>", escaped(name));
+        for column in 0..table.position().len() {
+            let output = table.rule(row, column);
+            // The square root tells small outputs apart too.
+            let tint = if largest > 0.0 { TINT * (output.abs() / largest).sqrt() } else { 0.0 };
+            let colour = if output < 0.0 { "0,114,178" } else { "213,94,0" };
+            let is_core = inside(across, table.position().peaks()[column]) && inside(up, table.velocity().peaks()[row]);
+            let _ = write!(
+                html,
+                "<td{} style=\"background:rgba({colour},{tint:.2})\">{}</td>",
+                if is_core { " class=\"core\"" } else { "" },
+                short(output)
+            );
+        }
+        html.push_str("</tr>\n");
+    }
+    html
+}
+
+fn fixed(value: f64, decimals: usize) -> String {
+    if value.is_finite() { format!("{value:.decimals$}").replace('-', "\u{2212}") } else { number(value) }
+}

@@ -80,13 +80,16 @@ impl WallFile {
         Ok(if self.passive { wall.passive() } else { wall })
     }
 
-    /// The file, every output of a rule as a number. Laws other than gains and rules have none.
+    /// The file, every output of a rule as a number.
     pub fn to_toml(&self, comment: &str) -> String {
         let mut text = String::new();
         for line in comment.lines() {
             let _ = writeln!(text, "# {line}");
         }
         let _ = writeln!(text, "title = {:?}\ntorque_per_unit = {:?}", self.title, self.scale);
+        if self.passive {
+            text.push_str("passive = true\n");
+        }
         match &self.law {
             Law::Rules(table) => {
                 for (key, partition) in [("position", table.position()), ("velocity", table.velocity())] {
@@ -105,7 +108,12 @@ impl WallFile {
             Law::Linear(law) | Law::Leaky { linear: law, .. } => {
                 let _ = writeln!(text, "\n[linear]\nk1 = {:?}\nk2 = {:?}", law.k1, law.k2);
             }
-            Law::Coupled(_) => {}
+            Law::Coupled(tool) => {
+                let VirtualTool { inertia, wall_stiffness, wall_damping, stiffness, damping } = tool;
+                let _ = writeln!(text, "\n[coupling]\ninertia = {inertia:?}\nwall_stiffness = {wall_stiffness:?}");
+                let _ =
+                    writeln!(text, "wall_damping = {wall_damping:?}\nstiffness = {stiffness:?}\ndamping = {damping:?}");
+            }
         }
         if let Law::Leaky { stiffness, share, .. } = &self.law {
             let _ = writeln!(text, "\n[leak]\nstiffness = {stiffness:?}\nshare = {share:?}");
@@ -353,6 +361,12 @@ mod tests {
             let file = shipped(name).expect("shipped");
             let again = WallFile::parse(&file.to_toml("once more"), Path::new("again.toml")).expect("written");
             assert_eq!(again, file, "{name}");
+        }
+        let tool = VirtualTool { inertia: 0.1, wall_stiffness: 3.0, wall_damping: 5.0, stiffness: 1.0, damping: 2.0 };
+        let linear = LinearLaw { k1: 100.0, k2: 2.0, offset: 0.0 };
+        for law in [Law::Coupled(tool), Law::Leaky { linear, stiffness: 2.0, share: 0.3 }] {
+            let file = WallFile { title: "another".to_owned(), scale: 0.5, law, passive: true };
+            assert_eq!(WallFile::parse(&file.to_toml("once"), Path::new("again.toml")).expect("written"), file);
         }
         let (tuned, _) = table("fuzzy_tuned");
         assert!(tuned.is_monotone(), "the tuned table is monotone");

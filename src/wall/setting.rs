@@ -7,7 +7,10 @@ use dynid_model::{
     document::{self, Entry, Table},
 };
 
-use super::hand::Hand;
+use super::{
+    hand::Hand,
+    measure::{SLOWEST_HZ, TO_S},
+};
 use crate::{error::Error, simulate::control::Filter};
 
 /// Where a wall is met.
@@ -127,6 +130,17 @@ impl Setting {
             let message = format!("`step_s` is {step_s}, longer than the controller's sample time {sample_s}");
             return Err(entry.error(message).help("simulate at least one step for every tick of the controller"));
         }
+        let after_s = positive(&simulation, "after_s")?;
+        if after_s < TO_S {
+            let message =
+                format!("`after_s` is {after_s}: how still the wall is shows up to {TO_S} s after the contact");
+            return Err(simulation.required("after_s", "")?.error(message).help(format!("give at least {TO_S}")));
+        }
+        if sample_s >= 1.0 / (2.0 * SLOWEST_HZ) {
+            let message =
+                format!("`sample_s` is {sample_s}: chatter above {SLOWEST_HZ} Hz does not show in its samples");
+            return Err(controller.required("sample_s", "")?.error(message).help("sample faster"));
+        }
         let hand = root.table("hand", "who moves the handle")?;
         let approach = root.table("approach", "how the wall is approached")?;
         approach.only(&["start", "aim", "hold", "relax_s", "speeds"])?;
@@ -159,7 +173,7 @@ impl Setting {
             torque_limit: positive(&controller, "torque_limit")?,
             filter: Filter::butterworth(positive(&controller, "cutoff_hz")?, sample_s),
             step_s,
-            after_s: positive(&simulation, "after_s")?,
+            after_s,
             hand: Hand {
                 inertia: hand_of("inertia")?,
                 grip_stiffness: hand_of("grip_stiffness")?,

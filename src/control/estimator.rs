@@ -45,7 +45,7 @@ struct Joint {
 }
 
 impl Estimator {
-    /// Up to this frequency [Hz] felt inertia and damping should be right: a hand's slow motion.
+    /// Up to this frequency (Hz) felt inertia and damping should be right: a hand's slow motion.
     pub const BAND_HZ: f64 = 2.0;
 
     /// A filter that is later than this at the band's edge (rad) is too slow for the band, and left as it is.

@@ -233,7 +233,8 @@ fn told(survey: &Survey) -> String {
 
 /// Two pictures a joint, inertia and friction over frequency.
 fn pictures(survey: &Survey) -> Vec<Steps> {
-    let values: [(&str, &str, fn(&Felt) -> f64); 2] = [
+    type Quantity = (&'static str, &'static str, fn(&Felt) -> f64);
+    let values: [Quantity; 2] = [
         ("inertia", "size [kg*m^2 or kg]", |felt| felt.inertia),
         ("friction", "size [N*m*s/rad or N*s/m]", |felt| felt.damping),
     ];

@@ -16,7 +16,7 @@
 //!   is held, and no stiffness of bristles makes it unstable;
 //! - what a resting encoder flickers is no motion ([`super::Estimator`]), and only a share of the friction is taken: the
 //!   device keeps some of its own. More than it has would be a drive, and limit cycles (Canudas de Wit, Noel, Aubin &
-//!   Brogliato 1991).
+//!   Brogliato 1991). The share that is left is also how far the model's friction may be off.
 //!
 //! # How much inertia
 //!
@@ -32,9 +32,9 @@
 //!
 //! | poles | noise of counts of 1e-4 rad | this hand bears | the worst hand bears |
 //! | --- | --- | --- | --- |
-//! | 20 Hz | 0.3 rad/s^2 | 0.41 | 0.2 |
-//! | 40 Hz | 1.6 rad/s^2 | 0.5 | 0.4 |
-//! | 80 Hz | 9 rad/s^2 (1e-5 rad: 0.9) | 0.7 | 0.6 |
+//! | 20 Hz | 0.3 rad/s^2 | 0.40 | 0.24 |
+//! | 40 Hz | 1.6 rad/s^2 | 0.55 | 0.40 |
+//! | 80 Hz | 9 rad/s^2 (1e-5 rad: 0.9) | 0.72 | 0.60 |
 //!
 //! So with counts of 1e-4 rad a device of this size cannot be made half as heavy in every hand; with counts of 1e-5 it can.
 

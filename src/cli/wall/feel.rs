@@ -233,7 +233,8 @@ fn told(survey: &Survey) -> String {
 
 /// Two pictures a joint, inertia and friction over frequency.
 fn pictures(survey: &Survey) -> Vec<Steps> {
-    let values: [(&str, &str, fn(&Felt) -> f64); 2] = [
+    type Quantity = (&'static str, &'static str, fn(&Felt) -> f64);
+    let values: [Quantity; 2] = [
         ("inertia", "size [kg*m^2 or kg]", |felt| felt.inertia),
         ("friction", "size [N*m*s/rad or N*s/m]", |felt| felt.damping),
     ];
@@ -249,8 +250,17 @@ fn pictures(survey: &Survey) -> Vec<Steps> {
             if drawn.iter().any(Option::is_some) {
                 series.push(("model off".to_owned(), drawn));
             }
+            // A logarithm has no sign.
+            let pushed: Vec<&str> = joint
+                .carried
+                .iter()
+                .zip(&rungs)
+                .filter(|(felt, _)| value(felt) < 0.0)
+                .map(|(_, rung)| &**rung)
+                .collect();
+            let sign = if pushed.is_empty() { String::new() } else { format!("; below 0 at {}", pushed.join(", ")) };
             Steps {
-                title: format!("joint {}: felt {name}", joint.joint),
+                title: format!("joint {}: felt {name}{sign}", joint.joint),
                 quantity: quantity.to_owned(),
                 rungs: rungs.clone(),
                 series,

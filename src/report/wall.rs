@@ -171,10 +171,20 @@ impl<'a> WallReport<'a> {
             let of: Vec<&Measures> = self.of(name, None);
             let outside = of.iter().map(|m| m.outside).fold(0.0, f64::max);
             let energy = of.iter().map(|m| m.energy_out).fold(0.0, f64::max);
+            let given = if energy > 0.0 {
+                format!("gives out at most {} mJ", short(1e3 * energy))
+            } else {
+                "gives nothing out".to_owned()
+            };
+            let left = if outside > 0.0 {
+                format!("left for at most {:.1} % of the time", 100.0 * outside)
+            } else {
+                "never left".to_owned()
+            };
             sentences.push(format!(
                 "Of the other walls {name} is the stillest with its worst hand: it shakes by {} {small} RMS in the median and by \
                  {}, {} times less than {first} in the median and {} times less at least, with {} {} of stiffness instead of {}; \
-                 {} and {}{next}.",
+                 it {given} and, from {} s after the touch, is {left}{next}.",
                 milli(self.median(name, None, |m| m.chatter_rms)),
                 self.worst_hand(name),
                 short(median(ratios)),
@@ -182,12 +192,7 @@ impl<'a> WallReport<'a> {
                 short(self.median(name, None, |m| m.stiffness)),
                 self.unit.stiffness,
                 short(self.median(first, None, |m| m.stiffness)),
-                if outside > 0.0 {
-                    format!("from {} s after the touch it is left for at most {:.1} % of the time", wall::FROM_S, 100.0 * outside)
-                } else {
-                    format!("from {} s after the touch it is never left", wall::FROM_S)
-                },
-                if energy > 0.0 { format!("gives out at most {} mJ", short(1e3 * energy)) } else { "gives nothing out".to_owned() },
+                wall::FROM_S,
             ));
         }
         let settled: Vec<f64> = self

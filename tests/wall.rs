@@ -41,6 +41,7 @@ fn fuzzy_walls_are_still_where_the_thesis_pd_chatters() {
     }
     let ratios = |controller: &str| -> Vec<f64> {
         let own = of(&cases, controller);
+        assert_eq!(own.len(), pd.len(), "{controller}");
         pd.iter().zip(own).map(|(pd, own)| value(pd, "chatter_rms") / value(own, "chatter_rms")).collect()
     };
     let consistent = ratios("fuzzy");
@@ -51,8 +52,16 @@ fn fuzzy_walls_are_still_where_the_thesis_pd_chatters() {
         assert!(value(case, "stiffness") >= 6.0 && value(case, "outside") <= 0.05, "{case}");
         assert!(value(case, "energy_out") <= 5e-3, "{case}");
     }
-    // A better spring and damper stands beside it.
+    // A better spring and damper stands beside it, and is no stiller at its stiffness.
     assert!(median(ratios("pd_tuned")) >= 10.0);
+    for speed in ["slow", "medium", "fast"] {
+        let typical = |controller: &str, key: &str| {
+            let own = of(&cases, controller).into_iter().filter(|case| case["speed"] == speed);
+            median(own.map(|case| value(case, key)).collect())
+        };
+        assert!(typical("fuzzy_tuned", "stiffness") >= typical("pd_tuned", "stiffness"), "{speed}");
+        assert!(typical("fuzzy_tuned", "chatter_rms") <= typical("pd_tuned", "chatter_rms"), "{speed}");
+    }
 }
 
 fn settled(cases: &[Case], speed: &str) -> f64 {

@@ -175,7 +175,10 @@ impl Where {
             None => Setting::shipped()?,
         };
         if let Some(hands) = self.hands {
-            setting.hands = hands.max(1);
+            if !(1..=Setting::MOST_HANDS).contains(&hands) {
+                bail!("--hands {hands}: give a number from 1 to {}", Setting::MOST_HANDS);
+            }
+            setting.hands = hands;
         }
         if let Some(seed) = self.seed {
             setting.seed = seed;
@@ -219,9 +222,16 @@ fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     let mut walls: Vec<(String, Wall)> = Vec::new();
     for asked in &asked {
         let (name, file) = wall_of(asked)?;
+        if walls.iter().any(|(other, _)| *other == name) {
+            bail!("--wall: two walls are named `{name}`; rename the file of one");
+        }
         walls.push((name, file.wall(&setting)?));
     }
     let cases = wall::compare(&model, &setting, &walls)?;
+    let never = walls.len() * setting.approaches.len() * setting.hands - cases.len();
+    if never > 0 {
+        eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
+    }
     Ok(Outcome { text: told(&setting, &walls, &cases), json: json!({ "cases": cases }), answer: Answer::Yes })
 }
 
@@ -299,7 +309,7 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
             let _ = writeln!(
                 text,
                 "{name}: passive whoever touches it only if the device itself damps with more than {} (K T / 2 + B, Colgate & \
-                 Schenkel 1997)",
+                 Schenkel 1997; filter and delay ask for more)",
                 number(bound)
             );
         }

@@ -65,12 +65,20 @@ pub enum WallError {
         /// Its value.
         value: f64,
     },
+    /// A number of the law that it cannot work with.
+    #[error("the wall's {what} is {value}: give a number from 0")]
+    Negative {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct State {
-    /// Position and velocity of the tool.
-    tool: [f64; 2],
+    /// Position and velocity of the tool; it starts where the device does.
+    tool: Option<[f64; 2]>,
     /// Output of the elastic-plastic element.
     element: f64,
     last_position: f64,
@@ -91,6 +99,20 @@ impl Wall {
             if value.is_nan() || value <= 0.0 {
                 return Err(WallError::NotPositive { what, value });
             }
+        }
+        let own: &[(&'static str, f64)] = match &law {
+            Law::Leaky { stiffness, share, .. } => &[("leak's stiffness", *stiffness), ("leak's share", *share)],
+            Law::Coupled(tool) => &[
+                ("tool's inertia", tool.inertia),
+                ("tool's wall", tool.wall_stiffness),
+                ("tool's wall damping", tool.wall_damping),
+                ("coupling's stiffness", tool.stiffness),
+                ("coupling's damping", tool.damping),
+            ],
+            Law::Linear(_) | Law::Rules(_) => &[],
+        };
+        if let Some(&(what, value)) = own.iter().find(|(_, value)| !(*value >= 0.0 && value.is_finite())) {
+            return Err(WallError::Negative { what, value });
         }
         Ok(Self { law, scale, sample_s, limit, passive: false, state: State::default() })
     }
@@ -126,23 +148,29 @@ impl Wall {
         (-self.scale * output).clamp(-self.limit, self.limit)
     }
 
-    /// The torque from this tick to the next.
+    /// The torque from this tick to the next; none where the sensors show no number.
     pub fn tick(&mut self, position: f64, velocity: f64) -> f64 {
+        if !(position.is_finite() && velocity.is_finite()) {
+            return 0.0;
+        }
         let inside = position < 0.0;
         let state = &mut self.state;
         if inside && !state.inside {
-            *state = State { tool: [position, velocity], last_position: 0.0, inside, ..State::default() };
+            state.element = 0.0;
         }
-        state.inside = inside;
+        let entered_at = if state.inside { state.last_position } else { 0.0 };
         let output = match &self.law {
-            Law::Coupled(tool) => tool.tick(position, velocity, self.sample_s, &mut state.tool),
+            Law::Coupled(tool) => {
+                let own = state.tool.get_or_insert([position, velocity]);
+                tool.tick(position, velocity, self.sample_s, own)
+            }
             _ if !inside => 0.0,
             Law::Linear(law) => law.output(position, velocity),
             Law::Rules(table) => table.output(position, velocity),
             Law::Leaky { linear, stiffness, share } => {
                 let spring = linear.k1 * position;
                 let most = share * spring.abs();
-                let moved = stiffness * linear.k1 * (position - state.last_position);
+                let moved = stiffness * linear.k1 * (position - entered_at);
                 state.element = (state.element + moved).clamp(-most, most);
                 linear.output(position, velocity) + state.element
             }
@@ -151,25 +179,29 @@ impl Wall {
         if self.passive {
             torque = self.watched(position, velocity, torque);
         }
+        self.state.inside = inside;
         self.state.last_position = position;
         self.state.last_torque = torque;
         torque
     }
 
-    /// The observer adds up `-torque dq` over the ticks; where that is below 0, a damper takes as much away as the tick can.
+    /// The observer adds up `-torque dq` over the ticks, as if a torque acted at once; where that is below 0, a damper takes
+    /// away what the tick can, but never more than the law's own torque. Energy that was given out is remembered beyond the
+    /// contact, energy that was taken is not.
     fn watched(&mut self, position: f64, velocity: f64, torque: f64) -> f64 {
         let state = &mut self.state;
+        state.energy -= state.last_torque * (position - state.last_position);
         if position >= 0.0 {
-            state.energy = 0.0;
+            state.energy = state.energy.min(0.0);
             return torque;
         }
-        state.energy -= state.last_torque * (position - state.last_position);
         let power = velocity * velocity * self.sample_s;
         if state.energy >= 0.0 || power <= 0.0 {
             return torque;
         }
-        let damped = torque + state.energy / power * velocity;
-        damped.clamp(-self.limit, self.limit)
+        let most = torque.abs();
+        let damper = (state.energy / power * velocity).clamp(-most, most);
+        (torque + damper).clamp(-self.limit, self.limit)
     }
 }
 
@@ -240,6 +272,27 @@ mod tests {
         assert!(leaky < -1e-4, "{leaky}");
         let watched = given(Law::Linear(spring), true);
         assert!(watched < 0.2 * sampled, "{watched} of {sampled}");
+    }
+
+    #[test]
+    fn a_coupled_tool_follows_freely_and_meets_the_wall_without_a_jump() {
+        let tool =
+            VirtualTool { inertia: 1e-3, wall_stiffness: 300.0, wall_damping: 5.0, stiffness: 100.0, damping: 2.0 };
+        let mut wall = Wall::new(Law::Coupled(tool), 0.03, 0.001, 1.0).expect("a wall");
+        assert!((0..50).all(|_| wall.tick(0.4, 0.0) == 0.0), "at rest outside there is nothing");
+        let path = |k: i32| 0.01 * (0.01 * f64::from(k)).cos();
+        let torques: Vec<f64> = (0..2000).map(|k| wall.tick(path(k), (path(k) - path(k - 1)) / 0.001)).collect();
+        let jump = torques.windows(2).skip(60).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+        let most = torques.iter().skip(60).fold(0.0_f64, |most, torque| most.max(torque.abs()));
+        assert!(most > 0.01 && jump < 0.2 * most, "{jump} of {most}");
+    }
+
+    #[test]
+    fn what_is_no_number_is_answered_with_nothing() {
+        let spring = LinearLaw { k1: 100.0, k2: 1.0, offset: 0.0 };
+        let mut wall = Wall::new(Law::Linear(spring), 0.5, 0.001, 100.0).expect("a wall");
+        assert_eq!((wall.tick(f64::NAN, 0.0), wall.tick(-0.01, f64::INFINITY)), (0.0, 0.0));
+        assert!(Wall::new(Law::Leaky { linear: spring, stiffness: 1.0, share: -0.1 }, 0.5, 0.001, 1.0).is_err());
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub fn compare_with(
             asked.extend((0..hands.len()).map(|hand| (name.as_str(), wall, approach, hand)));
         }
     }
-    let cases: Vec<Option<Case>> = asked
+    let cases: Vec<Result<Option<Case>, WallError>> = asked
         .par_iter()
         .map(|&(name, wall, approach, hand)| {
             let contact = played(&plant, setting, wall, &hands[hand], approach)?;
@@ -61,6 +61,8 @@ pub fn compare_with(
                 measures,
             }))
         })
-        .collect::<Result<_, WallError>>()?;
+        .collect();
+    // One after the other: whichever thread was first, the error told is that of the first case.
+    let cases = cases.into_iter().collect::<Result<Vec<Option<Case>>, WallError>>()?;
     Ok(cases.into_iter().flatten().collect())
 }

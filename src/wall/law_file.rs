@@ -123,7 +123,11 @@ impl WallFile {
 }
 
 fn law(root: &Table<'_>) -> Result<Law, ModelError> {
+    const ALWAYS: [&str; 3] = ["title", "torque_per_unit", "passive"];
+    // A table that the law does not read would say something that is not so.
+    let reads = |own: &[&str]| root.only(&[&ALWAYS, own].concat());
     if root.optional("coupling").is_some() {
+        reads(&["coupling"])?;
         let table = root.table("coupling", "the virtual coupling")?;
         table.only(&["inertia", "wall_stiffness", "wall_damping", "stiffness", "damping"])?;
         let number = |key: &str| -> Result<f64, ModelError> {
@@ -153,8 +157,10 @@ fn law(root: &Table<'_>) -> Result<Law, ModelError> {
         None => None,
     };
     if root.optional("rules").is_some() {
+        reads(&["linear", "position", "velocity", "outputs", "rules"])?;
         return Ok(Law::Rules(rules(root, linear.as_ref())?));
     }
+    reads(&["linear", "leak"])?;
     let Some(linear) = linear else {
         return Err(root.error("the wall has no law").help("give [linear], [rules] or [coupling]"));
     };
@@ -176,6 +182,19 @@ fn law(root: &Table<'_>) -> Result<Law, ModelError> {
 /// Fuzzy sets and rules.
 fn rules(root: &Table<'_>, linear: Option<&LinearLaw>) -> Result<RuleTable, ModelError> {
     let (position, velocity) = (partition(root, "position")?, partition(root, "velocity")?);
+    for (key, sets, reaches) in [
+        ("position", &position, position.peaks()[0] < 0.0 && position.peaks()[position.len() - 1] >= 0.0),
+        ("velocity", &velocity, velocity.peaks()[0] < 0.0 && velocity.peaks()[velocity.len() - 1] > 0.0),
+    ] {
+        if !reaches {
+            let (from, to) = (sets.peaks()[0], sets.peaks()[sets.len() - 1]);
+            let entry = root.table(key, "fuzzy sets")?.required("peaks", "one ascending number for each set")?;
+            let message = format!("the sets of the {key} cover {from} to {to}, not what is on both sides of 0");
+            return Err(entry
+                .error(message)
+                .help("the wall is below position 0, and one comes to it and leaves it: add sets"));
+        }
+    }
     let table = root.table("rules", "a row for each set of the velocity")?;
     table.only(&velocity.names().iter().map(String::as_str).collect::<Vec<&str>>())?;
     let named = match root.optional("outputs") {

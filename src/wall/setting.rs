@@ -68,6 +68,9 @@ pub struct Approach {
 }
 
 impl Setting {
+    /// As many hands are simulated at most.
+    pub const MOST_HANDS: usize = 100_000;
+
     /// The setting that the program carries.
     ///
     /// # Errors
@@ -123,14 +126,14 @@ impl Setting {
         controller.only(&["sample_s", "delay_samples", "position_quantum", "torque_limit", "cutoff_hz"])?;
         let simulation = root.table("simulation", "how the device is simulated")?;
         simulation.only(&["step_s", "after_s"])?;
-        let sample_s = positive(&controller, "sample_s")?;
-        let step_s = positive(&simulation, "step_s")?;
+        let sample_s = within(&controller, "sample_s", (1e-5, 1.0))?;
+        let step_s = within(&simulation, "step_s", (1e-6, 1.0))?;
         if step_s > sample_s {
             let entry = simulation.required("step_s", "")?;
             let message = format!("`step_s` is {step_s}, longer than the controller's sample time {sample_s}");
             return Err(entry.error(message).help("simulate at least one step for every tick of the controller"));
         }
-        let after_s = positive(&simulation, "after_s")?;
+        let after_s = within(&simulation, "after_s", (0.0, 600.0))?;
         if after_s < TO_S {
             let message =
                 format!("`after_s` is {after_s}: how still the wall is shows up to {TO_S} s after the contact");
@@ -163,12 +166,20 @@ impl Setting {
                 .error(format!("`spread` is {spread}"))
                 .help("give a factor from 1"));
         }
+        let aim = pair(&approach, "aim")?;
+        if !(aim[0] > 0.0 && aim[1] >= 0.0) {
+            let message = format!("`aim` is [{}, {}]: the arm would not aim into the wall", aim[0], aim[1]);
+            return Err(approach
+                .required("aim", "")?
+                .error(message)
+                .help("give a positive depth, and what speed adds to it"));
+        }
         Ok(Self {
             device,
             joint,
             posture,
             sample_s,
-            delay_samples: controller.required("delay_samples", "1")?.index()?,
+            delay_samples: up_to(&controller, "delay_samples", (0, 1000))?,
             position_quantum: not_negative(&controller, "position_quantum")?,
             torque_limit: positive(&controller, "torque_limit")?,
             filter: Filter::butterworth(positive(&controller, "cutoff_hz")?, sample_s),
@@ -183,10 +194,10 @@ impl Setting {
                 tightening: not_negative(&hand, "tightening")?,
             },
             spread,
-            hands: hand.required("count", "16")?.index()?.max(1),
+            hands: up_to(&hand, "count", (1, Self::MOST_HANDS))?,
             seed: hand.required("seed", "1")?.index()? as u64,
             start: positive(&approach, "start")?,
-            aim: pair(&approach, "aim")?,
+            aim,
             hold: pair(&approach, "hold")?,
             relax_s: positive(&approach, "relax_s")?,
             approaches: approaches(&approach)?,
@@ -202,7 +213,7 @@ impl Setting {
 fn approaches(table: &Table<'_>) -> Result<Vec<Approach>, ModelError> {
     let speeds = table.table("speeds", "{ slow = 0.7 }")?;
     let named = |(name, _): (&str, _)| {
-        let peak = positive(&speeds, name)?;
+        let peak = within(&speeds, name, (1e-2, 1e3))?;
         Ok(Approach { name: name.to_owned(), peak, hold: None })
     };
     let approaches = speeds.keys().into_iter().map(named).collect::<Result<Vec<Approach>, ModelError>>()?;
@@ -210,6 +221,26 @@ fn approaches(table: &Table<'_>) -> Result<Vec<Approach>, ModelError> {
         return Err(speeds.error("there is no speed to approach with").help("give one, e.g. slow = 0.7"));
     }
     Ok(approaches)
+}
+
+/// A positive number within what can be simulated.
+fn within(table: &Table<'_>, key: &str, (least, most): (f64, f64)) -> Result<f64, ModelError> {
+    let value = positive(table, key)?;
+    if (least..=most).contains(&value) {
+        return Ok(value);
+    }
+    let entry = table.required(key, "a positive number")?;
+    Err(entry.error(format!("`{key}` is {value}")).help(format!("give a number from {least} to {most}")))
+}
+
+/// A whole number up to `most`.
+fn up_to(table: &Table<'_>, key: &str, (least, most): (usize, usize)) -> Result<usize, ModelError> {
+    let entry = table.required(key, "a whole number")?;
+    let value = entry.index()?;
+    if (least..=most).contains(&value) {
+        return Ok(value);
+    }
+    Err(entry.error(format!("`{key}` is {value}")).help(format!("give a number from {least} to {most}")))
 }
 
 fn positive(table: &Table<'_>, key: &str) -> Result<f64, ModelError> {

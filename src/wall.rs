@@ -2,8 +2,8 @@
 //! (thesis chapter 5).
 //!
 //! [`Setting`] says which joint of which device meets the wall, how the controller is sampled, and who moves the handle;
-//! [`contact`] plays one approach; [`Measures`] tell how still and how solid the wall felt; [`compare`] puts several walls
-//! under the same hands; [`tune`] looks for a better one.
+//! [`contact()`] plays one approach; [`Measures`] tell how still and how solid the wall felt; [`compare()`] puts several walls
+//! under the same hands; [`tune_rules`] and [`tune_linear`] look for a better one.
 
 mod compare;
 mod contact;

@@ -26,16 +26,16 @@ pub struct Case {
 /// Plays every approach of every hand against every wall; in the order of the walls, approaches and hands.
 ///
 /// # Errors
-/// As [`super::contact`]; the first that fails.
+/// As [`super::contact()`]; the first that fails.
 pub fn compare(model: &Model, setting: &Setting, walls: &[(String, Wall)]) -> Result<Vec<Case>, WallError> {
     let hands = setting.hand.population(setting.spread, setting.hands, setting.seed);
     compare_with(model, setting, walls, &hands)
 }
 
-/// As [`compare`], with these hands. A hand that never meets the wall is left out.
+/// As [`compare()`], with these hands. A hand that never meets the wall is left out.
 ///
 /// # Errors
-/// As [`compare`].
+/// As [`compare()`].
 pub fn compare_with(
     model: &Model,
     setting: &Setting,

@@ -9,17 +9,18 @@ use crate::{control::Wall, signal::Lowpass};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Measures {
     /// Root mean square of the position from [`FROM_S`] to [`TO_S`] after the contact, without what lies below
-    /// [`SLOWEST_HZ`] (zero-phase Butterworth high-pass of second order) [rad or m].
+    /// [`SLOWEST_HZ`] (zero-phase Butterworth high-pass of second order over the whole contact, so that a little of the approach
+    /// leaks into it) [rad or m].
     pub chatter_rms: f64,
     /// Largest less smallest of the same [rad or m].
     pub peak_to_peak: f64,
-    /// Its frequency, by its changes of sign [Hz].
+    /// Its frequency, by its changes of sign (Hz).
     pub frequency: f64,
     /// Mean position of the last [`SETTLED_S`] [rad or m].
     pub settled_position: f64,
     /// What the wall holds against a steady push there, over how deep it is [N*m/rad or N/m]; 0 outside.
     pub stiffness: f64,
-    /// The most that the wall has given out, net of what it took, at any time since the contact [J] (the passivity observer of
+    /// The most that the wall has given out, net of what it took, at any time since the contact (J; the passivity observer of
     /// Hannaford & Ryu 2002).
     pub energy_out: f64,
     /// Share of the time from [`FROM_S`] to [`TO_S`] after the contact outside of the wall.
@@ -30,7 +31,7 @@ pub struct Measures {
 pub const FROM_S: f64 = 0.6;
 /// Its end (s).
 pub const TO_S: f64 = 2.1;
-/// What is slower is no chatter [Hz].
+/// What is slower is no chatter (Hz).
 pub const SLOWEST_HZ: f64 = 2.0;
 /// How long the end is in which the position has settled (s).
 pub const SETTLED_S: f64 = 0.5;

@@ -24,7 +24,7 @@ pub struct Goal {
     pub stiffness: f64,
     /// Share of the time that the joint may be outside.
     pub outside: f64,
-    /// Energy that a wall may give out [J].
+    /// Energy that a wall may give out (J).
     pub energy_out: f64,
     /// As many walls are tried at most.
     pub evaluations: usize,

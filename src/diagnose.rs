@@ -497,11 +497,9 @@ impl Work<'_> {
             &mut failed,
             &format!("{depth}: again, {}", path.join(" > ")),
         )?;
-        let is_lost = !refit.status.may_update_model()
-            || self.at_belief(base).is_some_and(|believed| has_wandered(&believed, base));
-        if self.judge.error == ErrorKind::Position && is_lost && !fitted.iter().any(verdict::explains) {
+        if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
             let key = format!("{depth}: believed, {}", path.join(" > "));
-            self.as_believed(&screening, base, &mut fitted, &mut failed, &key)?;
+            self.as_believed(&screening, (base, refit.status), &mut fitted, &mut failed, &key)?;
         }
         let torque = screening.torque();
         // What explains the logs to their noise is right wherever it helps.
@@ -615,7 +613,7 @@ impl Work<'_> {
     fn as_believed(
         &self,
         screening: &Screening<'_>,
-        base: &Model,
+        (base, status): (&Model, FitStatus),
         fitted: &mut Vec<Refit>,
         failed: &mut Vec<Refused>,
         key: &str,
@@ -623,6 +621,9 @@ impl Work<'_> {
         /// As many are fitted.
         const MOST: usize = 3;
         let Some(start) = self.at_belief(base) else { return Ok(()) };
+        if status.may_update_model() && !has_wandered(&start, base) {
+            return Ok(());
+        }
         let mut promising = verdict::shortlist(&self.screened(screening, &start)?);
         promising.truncate(MOST);
         for score in promising {

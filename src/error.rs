@@ -120,6 +120,13 @@ pub enum Error {
     },
 }
 
+impl Error {
+    /// The text of a file, or [`Error::Unreadable`].
+    pub(crate) fn read(path: &std::path::Path) -> Result<String, Self> {
+        std::fs::read_to_string(path).map_err(|source| Self::Unreadable { path: path.to_owned(), source })
+    }
+}
+
 impl From<crate::experiment::ExperimentError> for Error {
     fn from(error: crate::experiment::ExperimentError) -> Self {
         Self::Experiment(Box::new(error))

@@ -21,6 +21,7 @@ use crate::{
     error::Error,
     model::Model,
     random::Random,
+    simulate::control::round_to,
     system::{Linear, System},
     torque::fastest_rate,
 };
@@ -395,11 +396,7 @@ impl Controller {
 
     fn tick(&mut self, plant: &System, t: f64, x: &[f64], command: &mut [f64]) {
         plant.measure(t, x, &mut self.readings);
-        if self.quantum > 0.0 {
-            for reading in &mut self.readings {
-                *reading = (*reading / self.quantum).round() * self.quantum;
-            }
-        }
+        self.readings.iter_mut().for_each(|reading| *reading = round_to(*reading, self.quantum));
         let [q, dq, ddq] = &mut self.motion;
         self.estimator.tick(&self.readings, q, dq, ddq);
         command.copy_from_slice(self.compensation.tick(q, dq, ddq));

@@ -17,6 +17,7 @@ use dynid_model::{Device, Effect, JointKind, Link, Parameter, did_you_mean, inst
 
 pub use edit::Added;
 pub use fit_record::FitRecord;
+pub(crate) use read::device_of;
 
 use crate::error::Error;
 

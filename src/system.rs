@@ -403,8 +403,9 @@ impl System {
         solve::solve(n, inertia, ddq);
     }
 
-    /// Sums the joint effects into `scratch.load` and writes the rates of their states.
-    fn loads(&self, scratch: &mut Scratch, t: f64, x: &[f64], dx: &mut [f64]) {
+    /// Sums the joint effects, under the drive torques in `scratch.drive`, into `scratch.load` and writes the rates of their
+    /// states.
+    pub(crate) fn loads(&self, scratch: &mut Scratch, t: f64, x: &[f64], dx: &mut [f64]) {
         let Self { friction_blocks, load_blocks, effect_parameters, .. } = self;
         let mut outputs = [0.0; MAX_OUTPUTS];
         scratch.load.fill(0.0);

@@ -17,7 +17,7 @@ pub use compare::{Case, compare, compare_with};
 pub use contact::{Contact, WallError, contact};
 pub use hand::Hand;
 pub use law_file::WallFile;
-pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, stability_bound};
+pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, median, stability_bound};
 pub use setting::{Approach, Setting};
 pub use tune::{Goal, Told, Tuned, tune_linear, tune_rules};
 

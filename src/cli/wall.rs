@@ -263,7 +263,8 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
                 .filter(|case| case.controller == *name && case.speed == approach.name)
                 .map(|case| &case.measures)
                 .collect();
-            let median = |value: &dyn Fn(&Measures) -> f64| median(of.iter().map(|measures| value(measures)).collect());
+            let median =
+                |value: &dyn Fn(&Measures) -> f64| wall::median(of.iter().map(|measures| value(measures)).collect());
             let worst = of.iter().map(|measures| measures.chatter_rms).fold(0.0, f64::max);
             table.row([
                 name.clone(),
@@ -298,7 +299,7 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
         let _ = writeln!(
             text,
             "{name}: {:.1} times less chatter than {} in the median, {least:.1} at worst",
-            median(ratios),
+            wall::median(ratios),
             walls[0].0
         );
     }
@@ -315,12 +316,6 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
         }
     }
     text
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }
 
 fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {

@@ -235,12 +235,12 @@ impl Compensation {
         // The rates are linear in the states, or nearly: every state is moved a little, each changes its own rate only.
         aside.copy_from_slice(x);
         aside[2 * n..].iter_mut().for_each(|state| *state += ASIDE);
-        system.joint_loads(scratch, t, aside, rate_slopes);
+        system.loads(scratch, t, aside, rate_slopes);
         for (slope, rate) in rate_slopes[2 * n..].iter_mut().zip(&rates[2 * n..]) {
             *slope = (*slope - rate) / ASIDE;
         }
         at_rest[..n].copy_from_slice(&x[..n]);
-        system.joint_loads(scratch, t, at_rest, aside);
+        system.loads(scratch, t, at_rest, aside);
         let kernel = system.kernel();
         let (q, dq) = (&x[..n], &x[n..2 * n]);
         (kernel.gravity)(system.prepared(), q, gravity);

@@ -20,10 +20,9 @@ impl FilteredVelocity {
 
     /// The velocity once the position of another sample is known; 0 at the first.
     pub fn tick(&mut self, position: f64) -> f64 {
-        let Filter { a2, a3, b1, b2 } = self.filter;
         let difference = self.last.map_or(0.0, |last| (position - last) / self.sample_s);
-        let [one, two, filtered_one, filtered_two] = self.past;
-        let filtered = -a2 * filtered_one - a3 * filtered_two + b1 * one + b2 * two;
+        let [one, _, filtered_one, _] = self.past;
+        let filtered = self.filter.output(self.past);
         self.last = Some(position);
         self.past = [difference, one, filtered, filtered_one];
         filtered

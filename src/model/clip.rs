@@ -1,6 +1,6 @@
 //! Starts that lie outside their own bounds, brought to the nearest bound.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
@@ -15,7 +15,7 @@ impl Model {
     /// # Errors
     /// As [`Model::load`].
     pub fn load_clipped(path: &Path) -> Result<Self, Error> {
-        let text = fs::read_to_string(path).map_err(|source| Error::Unreadable { path: path.to_owned(), source })?;
+        let text = Error::read(path)?;
         let (text, clipped) = clipped(&text);
         let mut model = Self::parse_with(&text, path, Bodies::Unchecked)?;
         model.notes.extend(clipped);

@@ -1,9 +1,9 @@
 //! From a model file to a checked [`Model`].
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use dynid_model::{
-    Link, ModelError, Parameter, Source, device,
+    Device, Link, ModelError, Parameter, Source, device,
     device_reader::check_mass,
     devices, did_you_mean,
     document::{self, Table},
@@ -22,13 +22,23 @@ pub(super) enum Bodies {
     Unchecked,
 }
 
+/// The device that a file is about: its key `device`.
+pub(crate) fn device_of(root: &Table<'_>) -> Result<&'static Device, ModelError> {
+    let entry = root.required("device", "\"<device>\"")?;
+    let id = entry.text()?;
+    device(id).ok_or_else(|| {
+        let known = did_you_mean(id, devices().iter().map(|device| device.id.as_str()));
+        entry.error(format!("unknown device `{id}`")).help(known)
+    })
+}
+
 impl Model {
     /// Reads a model file.
     ///
     /// # Errors
     /// A file that cannot be read, or the first thing that is wrong in it, with its place.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let text = fs::read_to_string(path).map_err(|source| Error::Unreadable { path: path.to_owned(), source })?;
+        let text = Error::read(path)?;
         Ok(Self::parse(&text, path)?)
     }
 
@@ -45,12 +55,7 @@ impl Model {
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
         root.only(&["device", "link", "length", "base", "effect", "fit", "believed"])?;
-        let entry = root.required("device", "\"<device>\"")?;
-        let id = entry.text()?;
-        let device = device(id).ok_or_else(|| {
-            let known = did_you_mean(id, devices().iter().map(|device| device.id.as_str()));
-            entry.error(format!("unknown device `{id}`")).help(known)
-        })?;
+        let device = device_of(&root)?;
         let mut model = Self::of_device(device);
         model.effects.clear();
         read_links(&root, &mut model, bodies)?;

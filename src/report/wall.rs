@@ -9,7 +9,7 @@ use super::{Section, Verdict, number};
 use crate::{
     control::{Law, Partition, Wall},
     model::Model,
-    wall::{self, Case, Contact, Measures, Setting, WallError, WallFile},
+    wall::{self, Case, Contact, Measures, Setting, WallError, WallFile, median},
 };
 
 /// Everything that a page tells of some walls.
@@ -313,12 +313,6 @@ fn densest(sets: &Partition) -> [f64; 2] {
     let Some(first) = (0..peaks.len() - 1).find(is_dense) else { return [peaks[0], peaks[peaks.len() - 1]] };
     let last = (first..peaks.len() - 1).take_while(is_dense).last().unwrap_or(first);
     [peaks[first], peaks[last + 1]]
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }
 
 /// A thousand times a value, in three digits.

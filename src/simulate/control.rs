@@ -45,6 +45,11 @@ impl Filter {
     /// The thesis's filter: 15 Hz at 100 samples a second, coefficients as printed.
     pub const THESIS: Self = Self { a2: -0.8073, a3: 0.2638, b1: 0.2789, b2: 0.1775 };
 
+    /// The output (Eq. 4.7) after the last two inputs and the last two outputs, the later of each first.
+    pub(crate) fn output(&self, [input1, input2, output1, output2]: [f64; 4]) -> f64 {
+        -self.a2 * output1 - self.a3 * output2 + self.b1 * input1 + self.b2 * input2
+    }
+
     /// The step-invariant Butterworth filter of second order, which the thesis's is.
     pub fn butterworth(cutoff_hz: f64, sample_s: f64) -> Self {
         let decay = std::f64::consts::TAU * cutoff_hz * sample_s * FRAC_1_SQRT_2;
@@ -69,8 +74,7 @@ impl Controller {
     /// # Errors
     /// A file that cannot be read, gains of another number than joints, a run without a controller.
     pub fn read(path: &Path, file: &str, n_joints: usize, sample_s: f64) -> Result<Self, Error> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| Error::Unreadable { path: path.to_owned(), source })?;
+        let text = Error::read(path)?;
         Ok(Self::parse(&Source::new(path, &text), file, n_joints, sample_s)?)
     }
 
@@ -163,8 +167,8 @@ impl<'a> Loop<'a> {
             let error = reference[joint] - round_to(position[slot], self.controller.position_quantum);
             let last = self.last_error[slot];
             let rate = if last.is_nan() { 0.0 } else { (error - last) / elapsed_s };
-            let [rate1, rate2, filtered1, filtered2] = self.past[slot];
-            let filtered = -filter.a2 * filtered1 - filter.a3 * filtered2 + filter.b1 * rate1 + filter.b2 * rate2;
+            let [rate1, _, filtered1, _] = self.past[slot];
+            let filtered = filter.output(self.past[slot]);
             self.last_error[slot] = error;
             self.past[slot] = [rate, rate1, filtered, filtered1];
             let torque = proportional[joint] * error + derivative[joint] * filtered;
@@ -173,7 +177,7 @@ impl<'a> Loop<'a> {
     }
 }
 
-fn round_to(value: f64, quantum: f64) -> f64 {
+pub(crate) fn round_to(value: f64, quantum: f64) -> f64 {
     if quantum > 0.0 { (value / quantum).round() * quantum } else { value }
 }
 

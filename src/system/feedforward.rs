@@ -103,12 +103,6 @@ impl System {
         self.drive(scratch, t, x, command, dx);
         self.loads(scratch, t, x, dx);
     }
-
-    /// The joint effects at the state `x` under the drive torques in `scratch.drive`: their sum into `scratch.load`, the
-    /// rates of their states into `dx`.
-    pub(crate) fn joint_loads(&self, scratch: &mut Scratch, t: f64, x: &[f64], dx: &mut [f64]) {
-        self.loads(scratch, t, x, dx);
-    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     control::{FilteredVelocity, Wall},
     model::Model,
-    simulate::{self, SimulationError},
+    simulate::{self, SimulationError, control::round_to},
     system::{Scratch, System, SystemError},
 };
 
@@ -177,8 +177,7 @@ pub(super) fn played(
         )?;
         let mut shown = [0.0];
         plant.system.measure(t, &integrator.x[..plant.system.n_states()], &mut shown);
-        let quantum = setting.position_quantum;
-        let shown = if quantum > 0.0 { (shown[0] / quantum).round() * quantum } else { shown[0] };
+        let shown = round_to(shown[0], setting.position_quantum);
         underway.push_back(wall.tick(shown, velocity.tick(shown)));
         let torque = underway.pop_front().unwrap_or(0.0);
         if told.touched.is_none() && position < 0.0 {

@@ -8,7 +8,10 @@ use dynid_model::{
     document::{self, Entry, Table},
 };
 
-use super::Setting;
+use super::{
+    Setting,
+    setting::{not_negative, positive},
+};
 use crate::{
     control::{Law, LinearLaw, Partition, PartitionError, RuleTable, VirtualTool, Wall, WallError},
     error::Error,
@@ -33,9 +36,7 @@ impl WallFile {
     /// # Errors
     /// A file that cannot be read, or the first thing that is wrong in it, with its place.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| Error::Unreadable { path: path.to_owned(), source })?;
-        Ok(Self::parse(&text, path)?)
+        Ok(Self::parse(&Error::read(path)?, path)?)
     }
 
     /// Reads the text of a wall file; `path` is for messages.
@@ -130,15 +131,7 @@ fn law(root: &Table<'_>) -> Result<Law, ModelError> {
         reads(&["coupling"])?;
         let table = root.table("coupling", "the virtual coupling")?;
         table.only(&["inertia", "wall_stiffness", "wall_damping", "stiffness", "damping"])?;
-        let number = |key: &str| -> Result<f64, ModelError> {
-            let entry = table.required(key, "a positive number")?;
-            let value = entry.finite()?;
-            if value > 0.0 {
-                Ok(value)
-            } else {
-                Err(entry.error(format!("`{key}` is {value}")).help("give a positive number"))
-            }
-        };
+        let number = |key: &str| positive(&table, key);
         return Ok(Law::Coupled(VirtualTool {
             inertia: number("inertia")?,
             wall_stiffness: number("wall_stiffness")?,
@@ -167,15 +160,7 @@ fn law(root: &Table<'_>) -> Result<Law, ModelError> {
     let Some(entry) = root.optional("leak") else { return Ok(Law::Linear(linear)) };
     let table = entry.table("[leak]")?;
     table.only(&["stiffness", "share"])?;
-    let share = |key: &str| -> Result<f64, ModelError> {
-        let entry = table.required(key, "a number from 0")?;
-        let value = entry.finite()?;
-        if value >= 0.0 {
-            Ok(value)
-        } else {
-            Err(entry.error(format!("`{key}` is {value}")).help("give a number from 0"))
-        }
-    };
+    let share = |key: &str| not_negative(&table, key);
     Ok(Law::Leaky { linear, stiffness: share("stiffness")?, share: share("share")? })
 }
 

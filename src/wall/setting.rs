@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use dynid_model::{
-    Device, ModelError, Source, device, devices, did_you_mean,
+    Device, ModelError, Source,
     document::{self, Entry, Table},
 };
 
@@ -11,7 +11,7 @@ use super::{
     hand::Hand,
     measure::{SLOWEST_HZ, TO_S},
 };
-use crate::{error::Error, simulate::control::Filter};
+use crate::{error::Error, model::device_of, simulate::control::Filter};
 
 /// Where a wall is met.
 #[derive(Debug, Clone)]
@@ -84,9 +84,7 @@ impl Setting {
     /// # Errors
     /// A file that cannot be read, or the first thing that is wrong in it, with its place.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| Error::Unreadable { path: path.to_owned(), source })?;
-        Ok(Self::parse(&text, path)?)
+        Ok(Self::parse(&Error::read(path)?, path)?)
     }
 
     /// Reads the text of a setting file; `path` is for messages.
@@ -98,18 +96,13 @@ impl Setting {
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
         root.only(&["device", "joint", "posture", "controller", "hand", "approach", "simulation"])?;
-        let entry = root.required("device", "\"<device>\"")?;
-        let id = entry.text()?;
-        let device = device(id).ok_or_else(|| {
-            let known = did_you_mean(id, devices().iter().map(|device| device.id.as_str()));
-            entry.error(format!("unknown device `{id}`")).help(known)
-        })?;
+        let device = device_of(&root)?;
         let n_joints = device.joints.len();
         let entry = root.required("joint", "the joint's number")?;
         let joint = entry.index()?;
         if joint >= n_joints {
             let help = format!("its joints are 0 to {}", n_joints - 1);
-            return Err(entry.error(format!("device `{id}` has no joint {joint}")).help(help));
+            return Err(entry.error(format!("device `{}` has no joint {joint}", device.id)).help(help));
         }
         let posture = match root.optional("posture") {
             Some(entry) => {
@@ -243,13 +236,13 @@ fn up_to(table: &Table<'_>, key: &str, (least, most): (usize, usize)) -> Result<
     Err(entry.error(format!("`{key}` is {value}")).help(format!("give a number from {least} to {most}")))
 }
 
-fn positive(table: &Table<'_>, key: &str) -> Result<f64, ModelError> {
+pub(super) fn positive(table: &Table<'_>, key: &str) -> Result<f64, ModelError> {
     let entry = table.required(key, "a positive number")?;
     let value = entry.finite()?;
     if value > 0.0 { Ok(value) } else { Err(entry.error(format!("`{key}` is {value}")).help("give a positive number")) }
 }
 
-fn not_negative(table: &Table<'_>, key: &str) -> Result<f64, ModelError> {
+pub(super) fn not_negative(table: &Table<'_>, key: &str) -> Result<f64, ModelError> {
     let entry = table.required(key, "a number from 0")?;
     let value = entry.finite()?;
     if value >= 0.0 { Ok(value) } else { Err(entry.error(format!("`{key}` is {value}")).help("give a number from 0")) }

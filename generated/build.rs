@@ -55,7 +55,10 @@ fn build() -> Result<(), Box<dyn Error>> {
         if let Some(end_point) = EndPoint::new(device)? {
             let path = out.join(format!("{}_end_point.rs", device.id));
             fs::write(&path, end_point_module(&end_point)?)?;
-            writeln!(library, "#[allow(non_snake_case, unused_variables, clippy::all)]\n#[path = {path:?}]\npub mod end_point;")?;
+            writeln!(
+                library,
+                "#[allow(non_snake_case, unused_variables, clippy::all)]\n#[path = {path:?}]\npub mod end_point;"
+            )?;
             end_points.push(format!("&{}::end_point::END_POINT", device.id));
         }
         writeln!(library, "}}")?;

@@ -15,8 +15,8 @@ mod setting;
 mod tune;
 
 pub use compare::{Case, chatter_ratios, compare, compare_with};
-pub use damping::{OwnDamping, own_damping};
 pub use contact::{Contact, WallError, contact};
+pub use damping::{OwnDamping, own_damping};
 pub use hand::Hand;
 pub use law_file::WallFile;
 pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, stability_bound};

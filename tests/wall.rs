@@ -5,6 +5,7 @@ use std::path::Path;
 use assert_cmd::Command;
 use dynid::control::{FilteredVelocity, Law, LinearLaw, Wall};
 use dynid::model::Model;
+use dynid::simulate::control::Filter;
 use dynid::wall::{self, Approach, Case, Measures, Setting, contact};
 
 fn dynid() -> Command {
@@ -106,7 +107,7 @@ fn a_passivity_observer_books_the_energy_of_the_simulation() {
     for (sample_s, delay_samples) in [(0.01, 1), (0.001, 0), (0.001, 1), (0.001, 3)] {
         setting.sample_s = sample_s;
         setting.delay_samples = delay_samples;
-        setting.filter = dynid::simulate::control::Filter::butterworth(0.15 / sample_s, sample_s);
+        setting.filter = Filter::butterworth(0.15 / sample_s, sample_s);
         let spring = LinearLaw { k1: 400.0, k2: 0.0, offset: 0.0 };
         let plain = Wall::new(Law::Linear(spring), 0.03, sample_s, setting.torque_limit).expect("a wall");
         let passive = plain.clone().passive(delay_samples);
@@ -131,7 +132,10 @@ fn a_passivity_observer_books_the_energy_of_the_simulation() {
                 taken = observed;
                 forgotten += 1;
             }
-            assert!((observed - taken).abs() < 1e-12, "{sample_s} s, {delay_samples} late, tick {tick}: {observed} {taken}");
+            assert!(
+                (observed - taken).abs() < 1e-12,
+                "{sample_s} s, {delay_samples} late, tick {tick}: {observed} {taken}"
+            );
         }
         assert!(forgotten < played.position.len() / 2);
         if sample_s < 0.01 {
@@ -144,6 +148,33 @@ fn a_passivity_observer_books_the_energy_of_the_simulation() {
             assert!(with < 0.2 * without, "{delay_samples} late: {with} J of {without} J");
         }
     }
+}
+
+/// What the tuned walls still show at a fast approach is how the handle comes to rest, not chatter: a wall that is asked at once,
+/// exactly and ten times as often shows as much.
+#[test]
+fn the_tuned_walls_are_near_the_floor_of_the_measure() {
+    let setting = Setting::shipped().expect("shipped");
+    let model = Model::of_device(setting.device);
+    let tuned = wall::shipped("pd_tuned").expect("shipped");
+    let typical = |setting: &Setting| {
+        let walls = [("own".to_owned(), tuned.wall(setting).expect("a wall"))];
+        let cases = wall::compare(&model, setting, &walls).expect("contacts");
+        let fast = cases.iter().filter(|case| case.speed == "fast").map(|case| case.measures.chatter_rms);
+        median(fast.collect())
+    };
+    let sampled = typical(&setting);
+    let exact = Setting {
+        sample_s: 1e-3,
+        delay_samples: 0,
+        position_quantum: 0.0,
+        filter: Filter::butterworth(300.0, 1e-3),
+        ..setting.clone()
+    };
+    let floor = typical(&exact);
+    assert!(floor < 3e-4 && sampled < 1.1 * floor, "{sampled} over {floor}");
+    let dead = wall::chatter_floor(&setting, &setting.approaches[2]);
+    assert!(dead < floor, "a dead stop leaves less: {dead}");
 }
 
 fn settled(cases: &[Case], speed: &str) -> f64 {
@@ -205,7 +236,8 @@ fn a_tuning_is_never_worse_than_its_start() {
         let arguments = ["wall", "tune", "--law", law, "--start", "pd_tuned", "--stiffness", "7", "--hands", "2"];
         let more = ["--evaluations", "3", "--out", "new.toml", "--json"];
         let run = || {
-            let output = dynid().current_dir(folder.path()).args(arguments).args(more).arg("--force").assert().success();
+            let output =
+                dynid().current_dir(folder.path()).args(arguments).args(more).arg("--force").assert().success();
             let told: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).expect("JSON");
             (told, std::fs::read_to_string(folder.path().join("new.toml")).expect("written"))
         };

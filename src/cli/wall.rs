@@ -473,7 +473,9 @@ fn start(arguments: &TuneArguments) -> anyhow::Result<(wall::Family, f64)> {
         (Some((asked, WallFile { scale, law: Law::Linear(law), .. })), _) => {
             for (gain, value) in [("k1", law.k1), ("k2", law.k2)] {
                 if value.is_nan() || value <= 0.0 {
-                    bail!("--start {asked}: {gain} is {value}; a tuning multiplies gains, so give a wall whose {gain} is positive");
+                    bail!(
+                        "--start {asked}: {gain} is {value}; a tuning multiplies gains, so give a wall whose {gain} is positive"
+                    );
                 }
             }
             (*law, *scale)
@@ -481,7 +483,9 @@ fn start(arguments: &TuneArguments) -> anyhow::Result<(wall::Family, f64)> {
         (Some((_, WallFile { scale, law: Law::Coupled(tool), .. })), Kind::Coupled) => {
             return Ok((wall::Family::Coupled(*tool), *scale));
         }
-        (Some((asked, _)), _) => bail!("--start {asked}: a tuning starts from a wall of gains, [linear] without [rules] or [leak]"),
+        (Some((asked, _)), _) => {
+            bail!("--start {asked}: a tuning starts from a wall of gains, [linear] without [rules] or [leak]")
+        }
     };
     let family = match arguments.law {
         Kind::Linear => wall::Family::Linear(linear),

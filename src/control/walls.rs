@@ -335,8 +335,8 @@ mod tests {
                 taken -= torques.pop_front().expect("pushed") * (place(k + 1) - place(k));
                 most = most.max(taken);
             }
-            // Half the stiffness times the square of the depth, and what the damper took.
-            assert!((0.0025..0.0027).contains(&most) && taken >= 0.0, "{most}, {taken} at the end");
+            // Half the stiffness times the square of the depth, nearly: torques come late.
+            assert!((0.0024..0.0026).contains(&most) && taken > -1e-6, "{most}, {taken} at the end");
         }
     }
 

@@ -82,8 +82,6 @@ pub fn chatter_ratios(cases: &[Case], name: &str, than: &str) -> Vec<f64> {
     cases
         .iter()
         .filter(|case| case.controller == name)
-        .filter_map(|case| {
-            Some(than.get(&(case.speed.as_str(), case.hand))? / case.measures.chatter_rms.max(NONE))
-        })
+        .filter_map(|case| Some(than.get(&(case.speed.as_str(), case.hand))? / case.measures.chatter_rms.max(NONE)))
         .collect()
 }

@@ -10,7 +10,9 @@ use crate::{control::Wall, signal::Lowpass};
 pub struct Measures {
     /// Root mean square of the position from [`FROM_S`] to [`TO_S`] after the contact, without what lies below
     /// [`SLOWEST_HZ`] (zero-phase Butterworth high-pass of second order over the whole contact) [rad or m]. A little of the
-    /// approach leaks into it, which no wall can help: at 2.6 rad/s, the fastest of the shipped setting, about 0.18 mrad.
+    /// approach leaks into it ([`chatter_floor`]), and so does the way in which the handle comes to rest: at the fastest approach
+    /// of the shipped setting a wall of the tuned ones' stiffness and damping shows about 0.2 mrad in the median, also where it is
+    /// asked at once, exactly and every millisecond, and does not chatter at all.
     pub chatter_rms: f64,
     /// Largest less smallest of the same [rad or m].
     pub peak_to_peak: f64,
@@ -98,8 +100,7 @@ pub fn chatter_floor(setting: &Setting, approach: &Approach) -> f64 {
     let touched = planned.clone().position(|position| position < 0.0).unwrap_or(0);
     let after = (setting.after_s / sample_s).round() as usize;
     let position: Vec<f64> = planned.map(|position| position.max(0.0)).take(touched + after + 1).collect();
-    let contact =
-        Contact { sample_s, velocity: Vec::new(), torque: Vec::new(), touched: Some(touched), position };
+    let contact = Contact { sample_s, velocity: Vec::new(), torque: Vec::new(), touched: Some(touched), position };
     fast(&contact, touched).map_or(0.0, |fast| root_mean_square(&fast))
 }
 
@@ -157,13 +158,12 @@ mod tests {
         assert!((told.energy_out - 0.3).abs() < 1e-12, "{}", told.energy_out);
     }
 
-    /// Of the shipped setting; a hand of some weight comes to no harder a stop.
     #[test]
-    fn the_fastest_approach_alone_leaves_a_fifth_of_a_thousandth() {
+    fn a_dead_stop_leaves_less_than_a_tenth_of_a_thousandth() {
         let setting = Setting::shipped().expect("shipped");
         let floors: Vec<f64> = setting.approaches.iter().map(|approach| chatter_floor(&setting, approach)).collect();
         assert!(floors.windows(2).all(|pair| pair[0] < pair[1]), "more the faster: {floors:?}");
-        assert!((1.0e-4..2.5e-4).contains(&floors[2]), "{floors:?}");
+        assert!(floors[0] > 1e-5 && floors[2] < 1e-4, "{floors:?}");
     }
 
     /// Colgate & Schenkel's example of the limit: with no damping of the wall, b = K T / 2.

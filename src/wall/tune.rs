@@ -212,13 +212,10 @@ pub fn tune(
     let mut random = Random::new(!goal.seed);
     let hands = setting.hand.population(setting.spread, setting.hands, goal.seed);
     let plants = hands.iter().map(|_| other_plant(model, setting, goal, &mut random)).collect::<Result<Vec<_>, _>>()?;
-    let cost = |x: &[f64]| -> f64 {
-        let away: f64 = x.iter().map(|x| (x.abs() - FAR).max(0.0)).sum();
-        let near: Vec<f64> = x.iter().map(|x| x.clamp(-FAR, FAR)).collect();
-        let Ok(wall) = Wall::new(family.law(&near), scale, setting.sample_s, setting.torque_limit) else { return f64::MAX };
-        let asked: Vec<(usize, usize)> = (0..hands.len())
-            .flat_map(|hand| (0..setting.approaches.len()).map(move |approach| (hand, approach)))
-            .collect();
+    let asked: Vec<(usize, usize)> =
+        (0..hands.len()).flat_map(|hand| (0..setting.approaches.len()).map(move |approach| (hand, approach))).collect();
+    let cost_of = |law: Law| -> f64 {
+        let Ok(wall) = Wall::new(law, scale, setting.sample_s, setting.torque_limit) else { return f64::MAX };
         let costs: Vec<f64> = asked
             .par_iter()
             .map(|&(hand, approach)| {
@@ -228,7 +225,12 @@ pub fn tune(
             })
             .collect();
         let largest = costs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        costs.iter().sum::<f64>() / costs.len() as f64 + 0.5 * largest + away * away
+        costs.iter().sum::<f64>() / costs.len() as f64 + 0.5 * largest
+    };
+    let cost = |x: &[f64]| -> f64 {
+        let away: f64 = x.iter().map(|x| (x.abs() - FAR).max(0.0)).sum();
+        let near: Vec<f64> = x.iter().map(|x| x.clamp(-FAR, FAR)).collect();
+        cost_of(family.law(&near)) + away * away
     };
     let done = std::sync::atomic::AtomicUsize::new(0);
     let stopped = std::sync::atomic::AtomicBool::new(false);
@@ -254,9 +256,10 @@ pub fn tune(
     let best = build.ok().and_then(|mut search| search.run().overall_best).filter(|best| best.value < at_start);
     let x: Vec<f64> = best.map_or(start, |best| best.point.iter().map(|x| x.clamp(-FAR, FAR)).collect());
     let evaluations = done.load(std::sync::atomic::Ordering::Relaxed);
-    let wall =
-        WallFile { title: family.title().to_owned(), scale, law: rounded(family.law(&x)), passive: false, base: None };
-    Ok(Tuned { cost: cost(&x), cost_at_start: at_start, wall, evaluations })
+    let law = rounded(family.law(&x));
+    let cost = cost_of(law.clone());
+    let wall = WallFile { title: family.title().to_owned(), scale, law, passive: false, base: None };
+    Ok(Tuned { cost, cost_at_start: at_start, wall, evaluations })
 }
 
 /// What a wall costs that cannot be simulated, or is never met.

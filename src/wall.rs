@@ -7,6 +7,7 @@
 
 mod compare;
 mod contact;
+mod encounter;
 mod hand;
 mod law_file;
 mod measure;

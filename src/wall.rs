@@ -3,7 +3,8 @@
 //!
 //! [`Setting`] says which joint of which device meets the wall, how the controller is sampled, and who moves the handle;
 //! [`contact()`] plays one approach; [`Measures`] tell how still and how solid the wall felt; [`compare()`] puts several walls
-//! under the same hands; [`tune_rules`] and [`tune_linear`] look for a better one.
+//! under the same hands; [`tune_rules`] and [`tune_linear`] look for a better one. [`space`] is the same with the whole device,
+//! at a plane.
 
 mod compare;
 mod contact;
@@ -12,6 +13,7 @@ mod hand;
 mod law_file;
 mod measure;
 mod setting;
+pub mod space;
 mod tune;
 
 pub use compare::{Case, compare, compare_with};
@@ -19,7 +21,7 @@ pub use contact::{Contact, WallError, contact};
 pub use hand::Hand;
 pub use law_file::WallFile;
 pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, median, stability_bound};
-pub use setting::{Approach, Setting};
+pub use setting::{Approach, People, Reaching, Sampling, Setting};
 pub use tune::{Goal, Told, Tuned, tune_linear, tune_rules};
 
 use crate::error::Error;

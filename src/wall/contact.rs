@@ -44,6 +44,18 @@ pub enum WallError {
         /// The device's joint index.
         joint: usize,
     },
+    /// Nobody can hold the device.
+    #[error(transparent)]
+    NoEndPoint(#[from] crate::kinematics::NoEndPoint),
+    /// No contact can start there.
+    #[error(transparent)]
+    Start(#[from] super::space::StartError),
+    /// A plane that cannot be felt.
+    #[error(transparent)]
+    Plane(#[from] crate::control::PlaneError),
+    /// A model that cannot be carried.
+    #[error(transparent)]
+    Compensation(#[from] crate::control::CompensationError),
     /// Nothing that is commanded reaches the joint.
     #[error(
         "the model's drive lets no torque pass to joint {joint} at once; take what holds it back (a lag, a delay) out"

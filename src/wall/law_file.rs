@@ -77,7 +77,12 @@ impl WallFile {
     /// # Errors
     /// None that a file which was read and a setting which was read could have.
     pub fn wall(&self, setting: &Setting) -> Result<Wall, WallError> {
-        let wall = Wall::new(self.law.clone(), self.scale, setting.sample_s, setting.torque_limit)?;
+        self.at_work(setting.sample_s, setting.torque_limit)
+    }
+
+    /// The wall asked every `sample_s`, with torques up to `limit`.
+    pub(super) fn at_work(&self, sample_s: f64, limit: f64) -> Result<Wall, WallError> {
+        let wall = Wall::new(self.law.clone(), self.scale, sample_s, limit)?;
         Ok(if self.passive { wall.passive() } else { wall })
     }
 

@@ -39,6 +39,19 @@ pub const SETTLED_S: f64 = 0.5;
 impl Measures {
     /// Of a contact with `wall`; `None` where the wall was never met.
     pub fn of(contact: &Contact, wall: &Wall) -> Option<Self> {
+        let Contact { position, torque, .. } = contact;
+        // The torque is held from tick to tick: what it gives out is exact.
+        let given = |tick: usize| torque[tick] * (position[tick + 1] - position[tick]);
+        Self::along(contact, |position| wall.static_torque(position), given)
+    }
+
+    /// Of a contact with a wall that holds `static_torque(position)` against a steady push, and gives out `given(tick)` from a
+    /// tick to the next.
+    pub(super) fn along(
+        contact: &Contact,
+        static_torque: impl Fn(f64) -> f64,
+        given: impl Fn(usize) -> f64,
+    ) -> Option<Self> {
         let touched = contact.touched?;
         let rate_hz = 1.0 / contact.sample_s;
         let position = &contact.position;
@@ -53,13 +66,11 @@ impl Measures {
         let last = (SETTLED_S * rate_hz).round() as usize;
         let end = &position[position.len().saturating_sub(last.max(1))..];
         let settled_position = end.iter().sum::<f64>() / end.len().max(1) as f64;
-        let stiffness =
-            if settled_position < 0.0 { wall.static_torque(settled_position) / -settled_position } else { 0.0 };
-        // The torque is held from tick to tick: what it gives out is exact.
-        let (mut given, mut energy_out) = (0.0, 0.0_f64);
-        for (torque, pair) in contact.torque[touched..].iter().zip(position[touched..].windows(2)) {
-            given += torque * (pair[1] - pair[0]);
-            energy_out = energy_out.max(given);
+        let stiffness = if settled_position < 0.0 { static_torque(settled_position) / -settled_position } else { 0.0 };
+        let (mut out, mut energy_out) = (0.0, 0.0_f64);
+        for tick in touched..position.len().saturating_sub(1) {
+            out += given(tick);
+            energy_out = energy_out.max(out);
         }
         Some(Self {
             chatter_rms: (fast.iter().map(|value| value * value).sum::<f64>() / count).sqrt(),

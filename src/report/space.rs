@@ -153,11 +153,11 @@ impl<'a> SpaceReport<'a> {
         let ways: Vec<Vec<Trace>> = (0..self.setting.reaching.approaches.len())
             .map(|index| self.shown.iter().map(|(name, contacts)| self.way(name, &contacts[index])).collect())
             .collect();
-        let all = || ways.iter().flatten();
-        let across = span(all().flat_map(|trace| &trace.along));
-        let up = span(all().flat_map(|trace| &trace.values).chain([&0.0]));
+        let up = self.near();
+        let seen = ways.iter().flatten().flat_map(|trace| trace.along.iter().zip(&trace.values));
+        let across = span(seen.filter(|(_, distance)| **distance < up[1]).map(|(along, _)| along));
         let pictures = self.setting.reaching.approaches.iter().zip(&ways).map(|(approach, curves)| Traces {
-            title: format!("{} approach, {} m/s", approach.name, number(approach.peak)),
+            title: format!("{} approach, {} m/s", approach.name, approach.peak),
             along: "along the wall, from where it was met [mm]".to_owned(),
             quantity: "distance [mm]".to_owned(),
             across,
@@ -168,6 +168,13 @@ impl<'a> SpaceReport<'a> {
         let note = "The typical hand comes from above; the plane is the broken line, the wall below it. The two axes have scales of \
                     their own.";
         figures(pictures, note)
+    }
+
+    /// The distances from the plane that matter \[mm\].
+    fn near(&self) -> [f64; 2] {
+        let depths = self.shown.iter().flat_map(|(_, contacts)| contacts).flat_map(|own| &own.along.position);
+        let deepest = 1e3 * depths.copied().fold(-1e-3, f64::min);
+        [1.1 * deepest, -0.7 * deepest]
     }
 
     fn way(&self, name: &str, contact: &Contact) -> Trace {
@@ -189,15 +196,13 @@ impl<'a> SpaceReport<'a> {
         let of = |index: usize| -> Vec<Trace> {
             self.shown.iter().map(|(name, contacts)| curve(name, &contacts[index])).collect()
         };
-        let deepest = self.shown.iter().flat_map(|(_, contacts)| contacts).flat_map(|own| &own.along.position);
-        let deepest = 1e3 * deepest.copied().fold(-1e-3, f64::min);
         let approaches = self.setting.reaching.approaches.iter().enumerate();
         let pictures = approaches.map(|(index, approach)| Traces {
-            title: format!("{} approach, {} m/s", approach.name, number(approach.peak)),
+            title: format!("{} approach, {} m/s", approach.name, approach.peak),
             along: "time since the first touch [s]".to_owned(),
             quantity: "distance [mm]".to_owned(),
             across: [-BEFORE_S, AFTER_S],
-            up: [1.1 * deepest, -0.5 * deepest],
+            up: self.near(),
             curves: of(index),
             levels: vec![0.0],
         });

@@ -116,7 +116,8 @@ fn with_the_others_locked_a_plane_is_nearly_the_wall_at_the_joint() {
         .replace("turning_stiffness = 2.0", "turning_stiffness = 1e-9")
         .replace("turning_damping = 0.02", "turning_damping = 0.0");
     let plane = parsed(&text);
-    let model = Model::of_device(plane.device);
+    // Friction would leave each where it happened to stop.
+    let model = bare("freedom6s");
     let file = wall::shipped("pd_tuned").expect("shipped");
     let (at_joint, in_space) = (file.wall(&joint).expect("a wall"), plane.wall(&file).expect("a wall"));
     for (slow, own) in joint.approaches.iter().zip(&plane.reaching.approaches) {
@@ -126,7 +127,7 @@ fn with_the_others_locked_a_plane_is_nearly_the_wall_at_the_joint() {
         let one = Measures::of(&one, &at_joint).expect("it is met");
         let other = other.measures(&in_space, plane.lever).expect("it is met");
         let depth = other.settled_position / plane.lever;
-        assert!((depth - one.settled_position).abs() < 0.05 * depth.abs(), "{depth} {}", one.settled_position);
+        assert!((depth - one.settled_position).abs() < 0.03 * depth.abs(), "{depth} {}", one.settled_position);
         let stiffness = other.stiffness * plane.lever * plane.lever;
         assert!((stiffness - one.stiffness).abs() < 0.01 * stiffness, "{stiffness} {}", one.stiffness);
     }

@@ -142,7 +142,8 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Ca
             ]);
             let mut cells = vec![name.clone(), approach.name.clone()];
             cells.extend(
-                (0..setting.free.len()).map(|slot| format!("{:.0}", 1e3 * middle(&|case| case.coupling.moved[slot]))),
+                (0..setting.free.len())
+                    .map(|slot| format!("{:.0}", (1e3 * middle(&|case| case.coupling.moved[slot])).round() + 0.0)),
             );
             joints.cells(cells);
         }

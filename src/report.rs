@@ -19,7 +19,7 @@ pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
 pub use sheet::{DataQuality, Sheet};
 pub use space::SpaceReport;
-pub use wall::{WallReport, WallReportError};
+pub use wall::{WallReport, WallReportError, told_damping};
 
 use crate::plot;
 

@@ -64,7 +64,10 @@ impl<'a> SpaceReport<'a> {
         let mut shown = Vec::with_capacity(walls.len());
         for (name, wall) in walls {
             let approaches = setting.reaching.approaches.iter();
-            let contacts = approaches.map(|approach| contact(model, setting, wall, (hand, approach), carried));
+            let contacts = approaches.map(|approach| {
+                contact(model, setting, wall, (hand, approach), carried)
+                    .map_err(|error| error.in_case(name, approach, None))
+            });
             shown.push((name.clone(), contacts.collect::<Result<Vec<_>, _>>()?));
         }
         let along = main_direction(setting, &shown);

@@ -44,6 +44,18 @@ pub enum WallError {
         /// The device's joint index.
         joint: usize,
     },
+    /// The same, of one case among several.
+    #[error("wall `{wall}`, {approach} approach, {hand}: {source}")]
+    Case {
+        /// The wall's name.
+        wall: String,
+        /// The approach's.
+        approach: String,
+        /// Which hand, in words.
+        hand: String,
+        /// What happened.
+        source: Box<Self>,
+    },
     /// Nobody can hold the device.
     #[error(transparent)]
     NoEndPoint(#[from] crate::kinematics::NoEndPoint),
@@ -64,6 +76,17 @@ pub enum WallError {
         /// The device's joint index.
         joint: usize,
     },
+}
+
+impl WallError {
+    /// Says in which case the loop diverged; `hand` is its number, or none for the typical one. What else is wrong is so in all
+    /// cases.
+    #[must_use]
+    pub fn in_case(self, wall: &str, approach: &Approach, hand: Option<usize>) -> Self {
+        let Self::Diverged { .. } = self else { return self };
+        let hand = hand.map_or_else(|| "the typical hand".to_owned(), |hand| format!("hand {hand}"));
+        Self::Case { wall: wall.to_owned(), approach: approach.name.clone(), hand, source: Box::new(self) }
+    }
 }
 
 /// The device of a setting, ready to meet walls.

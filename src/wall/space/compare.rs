@@ -51,7 +51,8 @@ pub fn compare(
     let cases: Vec<Result<Option<Case>, WallError>> = asked
         .par_iter()
         .map(|&(name, wall, approach, index, hand)| {
-            let contact = played(&plant, setting, wall, hand, approach)?;
+            let contact = played(&plant, setting, wall, hand, approach)
+                .map_err(|error| error.in_case(name, approach, Some(index)))?;
             let told = contact.measures(wall, setting.lever).zip(contact.coupling(setting));
             Ok(told.map(|(measures, coupling)| Case {
                 controller: name.to_owned(),

@@ -172,7 +172,7 @@ impl Setting {
     /// # Errors
     /// None that a file which was read and a setting which was read could have.
     pub fn wall(&self, file: &WallFile) -> Result<Wall, WallError> {
-        file.at_work(self.sampling.sample_s, self.force_limit * self.lever)
+        file.at_work(self.sampling.sample_s, self.sampling.delay_samples, self.force_limit * self.lever)
     }
 }
 

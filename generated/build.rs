@@ -1,4 +1,4 @@
-//! Lowers the equations (`<device>/c<NN>.kir`) and the effects to Rust.
+//! Lowers the equations (`<device>/c<NN>.kir`), the kinematics of the end points and the effects to Rust.
 //!
 //! Where a device's equations are missing or belong to another structure of the device, they are derived anew (see
 //! `build/derive.rs`) and taken from `OUT_DIR`. An effect's edit, and no edit at all, never derive anything.
@@ -14,7 +14,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use dynid_lower::effect::EffectKernels;
-use dynid_lower::emit::{configuration_module, effects_module};
+use dynid_lower::emit::{configuration_module, effects_module, end_point_module};
+use dynid_lower::end_point::EndPoint;
 use dynid_lower::kernel::Configuration;
 use dynid_lower::{Kir, KirError};
 use dynid_model::Device;
@@ -32,7 +33,7 @@ fn build() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=build");
 
     let mut library = String::new();
-    let (mut table, mut structures) = (Vec::new(), Vec::new());
+    let (mut table, mut structures, mut end_points) = (Vec::new(), Vec::new(), Vec::new());
     for device in dynid_model::devices() {
         let folder = equations.join(&device.id);
         // Cargo takes a missing path for changed, every time; a folder that appears changes the one above.
@@ -51,9 +52,19 @@ fn build() -> Result<(), Box<dyn Error>> {
             writeln!(library, "#[path = {path:?}]\npub mod {name};")?;
             table.push(format!("&{}::{name}::KERNEL", device.id));
         }
+        if let Some(end_point) = EndPoint::new(device)? {
+            let path = out.join(format!("{}_end_point.rs", device.id));
+            fs::write(&path, end_point_module(&end_point)?)?;
+            writeln!(
+                library,
+                "#[allow(non_snake_case, unused_variables, clippy::all)]\n#[path = {path:?}]\npub mod end_point;"
+            )?;
+            end_points.push(format!("&{}::end_point::END_POINT", device.id));
+        }
         writeln!(library, "}}")?;
     }
     writeln!(library, "static KERNELS: &[&Kernel] = &[{}];", table.join(", "))?;
+    writeln!(library, "static END_POINTS: &[&EndPoint] = &[{}];", end_points.join(", "))?;
     writeln!(library, "static STRUCTURES: &[Structure] = &[{}];", structures.join(", "))?;
 
     let effects = dynid_model::effects().iter().map(EffectKernels::new).collect::<Result<Vec<_>, _>>()?;

@@ -10,9 +10,8 @@
 //! frequency is played a little below and a little above: `I = -d Re / d(omega^2)`, `K = Re + I omega^2`, `b = Im / omega`. A
 //! dry friction F has `b = 4 F / (pi A omega)`, as its describing function says.
 
-use std::{collections::BTreeMap, f64::consts::TAU};
+use std::f64::consts::TAU;
 
-use dynid_model::Stage;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -159,7 +158,7 @@ pub fn survey(plant: &Model, believed: &Model, free: &[usize], options: &Options
     if has_errors {
         let mut random = Random::new(options.seed);
         for _ in 0..options.draws {
-            carriers.push(Some(carry(&drawn(believed, &mut random))?));
+            carriers.push(Some(carry(&believed.off_by_errors(&mut random))?));
         }
     }
     let n_frequencies = options.frequencies.len();
@@ -239,34 +238,6 @@ impl Options {
         }
         Ok(())
     }
-}
-
-/// A model off by its standard errors, each parameter by itself.
-///
-/// A record of a fit has no correlations but one that is known without it: torques, masses and gains share a scale that no
-/// motion reveals and no command of this model feels. What the errors of all gains have in common, relative to their
-/// values, is that scale's, and not drawn.
-fn drawn(model: &Model, random: &mut Random) -> Model {
-    let errors = model.fit.as_ref().map(|fit| fit.std_error.clone()).unwrap_or_default();
-    let relative = |name: &str| Some(errors.get(name)? / model.parameter(name)?.value.abs());
-    let gains = model.effects.iter().filter(|instance| instance.effect.stage == Some(Stage::Gain));
-    let common = gains
-        .flat_map(|gain| (0..gain.parameters.len()).map(|index| gain.parameter_name(index)))
-        .map(|name| relative(&name).unwrap_or(0.0))
-        .reduce(f64::min)
-        .unwrap_or(0.0);
-    let scales = |name: &str| model.unit(name).is_some_and(|unit| unit.starts_with('N') || unit.starts_with("kg"));
-    // In the order of the map, so that a seed stands for one draw.
-    let values: BTreeMap<&str, f64> = errors
-        .iter()
-        .filter_map(|(name, error)| {
-            let value = model.parameter(name)?.value;
-            let shared = if scales(name) { common * value } else { 0.0 };
-            let own = (error * error - shared * shared).max(0.0).sqrt();
-            Some((name.as_str(), value + own * random.normal()))
-        })
-        .collect();
-    model.with_values(&|name| values.get(name).copied())
 }
 
 /// What is felt at one joint and frequency.

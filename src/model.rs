@@ -4,6 +4,7 @@
 //! value. Parameters have one order everywhere: links, lengths, gravity, then effects in the order of the file.
 
 mod clip;
+mod drawn;
 mod edit;
 mod fit_record;
 mod read;

@@ -3,23 +3,25 @@
 //!
 //! [`Setting`] says which joint of which device meets the wall, how the controller is sampled, and who moves the handle;
 //! [`contact()`] plays one approach; [`Measures`] tell how still and how solid the wall felt; [`compare()`] puts several walls
-//! under the same hands; [`tune_rules`] and [`tune_linear`] look for a better one.
+//! under the same hands; [`tune()`] looks for a better one.
 
 mod compare;
 mod contact;
+mod damping;
 mod hand;
 mod law_file;
 mod measure;
 mod setting;
 mod tune;
 
-pub use compare::{Case, compare, compare_with};
+pub use compare::{Case, chatter_ratios, compare, compare_with};
 pub use contact::{Contact, WallError, contact};
+pub use damping::{OwnDamping, own_damping};
 pub use hand::Hand;
 pub use law_file::WallFile;
-pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, median, stability_bound};
+pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, stability_bound};
 pub use setting::{Approach, Setting};
-pub use tune::{Goal, Told, Tuned, tune_linear, tune_rules};
+pub use tune::{Family, Goal, Told, Tuned, tune};
 
 use crate::error::Error;
 
@@ -32,6 +34,18 @@ pub const SHIPPED: [(&str, &str); 5] = [
     ("fuzzy_tuned", include_str!("wall/shipped/fuzzy_tuned.toml")),
 ];
 
+/// Walls that the program carries too, other answers to the same chatter; `dynid wall compare` plays them when asked.
+pub const BESIDE: [(&str, &str); 3] = [
+    ("coupled", include_str!("wall/shipped/coupled.toml")),
+    ("passive", include_str!("wall/shipped/passive.toml")),
+    ("leaky", include_str!("wall/shipped/leaky.toml")),
+];
+
+/// Names and files of all walls that the program carries.
+pub fn carried() -> impl Iterator<Item = (&'static str, &'static str)> {
+    SHIPPED.into_iter().chain(BESIDE)
+}
+
 /// The setting that the program carries: the thesis's.
 pub const SETTING: &str = include_str!("wall/shipped/setting.toml");
 
@@ -40,11 +54,11 @@ pub const SETTING: &str = include_str!("wall/shipped/setting.toml");
 /// # Errors
 /// No wall of that name.
 pub fn shipped(name: &str) -> Result<WallFile, Error> {
-    let Some((_, text)) = SHIPPED.iter().find(|(known, _)| *known == name) else {
+    let Some((_, text)) = carried().find(|(known, _)| *known == name) else {
         return Err(Error::UnknownName {
             kind: "wall",
             name: name.to_owned(),
-            help: dynid_model::did_you_mean(name, SHIPPED.iter().map(|(name, _)| *name)),
+            help: dynid_model::did_you_mean(name, carried().map(|(name, _)| name)),
         });
     };
     Ok(WallFile::parse(text, std::path::Path::new(&format!("{name}.toml")))?)

@@ -3,16 +3,18 @@
 use std::path::Path;
 
 use assert_cmd::Command;
-use dynid::control::{Law, LinearLaw, Wall};
+use dynid::control::{FilteredVelocity, Law, LinearLaw, Wall};
 use dynid::model::Model;
+use dynid::simulate::control::Filter;
 use dynid::wall::{self, Approach, Case, Measures, Setting, contact};
 
 fn dynid() -> Command {
     Command::cargo_bin("dynid").expect("the program")
 }
 
-fn compared() -> Vec<serde_json::Value> {
-    let output = dynid().args(["wall", "compare", "--json"]).assert().success().get_output().stdout.clone();
+fn compared(arguments: &[&str]) -> Vec<serde_json::Value> {
+    let all = [&["wall", "compare", "--json"], arguments].concat();
+    let output = dynid().args(all).assert().success().get_output().stdout.clone();
     let told: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
     told["cases"].as_array().expect("cases").clone()
 }
@@ -29,7 +31,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 /// Sixteen hands that nothing was tuned on, three speeds.
 #[test]
 fn fuzzy_walls_are_still_where_the_thesis_pd_chatters() {
-    let cases = compared();
+    let cases = compared(&[]);
     let value = |case: &serde_json::Value, key: &str| case[key].as_f64().expect("a number");
     let pd = of(&cases, "pd");
     assert_eq!(pd.len(), 48);
@@ -62,6 +64,117 @@ fn fuzzy_walls_are_still_where_the_thesis_pd_chatters() {
         assert!(typical("fuzzy_tuned", "stiffness") >= typical("pd_tuned", "stiffness"), "{speed}");
         assert!(typical("fuzzy_tuned", "chatter_rms") <= typical("pd_tuned", "chatter_rms"), "{speed}");
     }
+}
+
+/// What other programs read stays; what stands beside is told when asked.
+#[test]
+fn walls_of_other_kinds_stand_beside_when_asked() {
+    let names = |cases: &[serde_json::Value]| -> Vec<String> {
+        let mut names: Vec<String> =
+            cases.iter().map(|case| case["controller"].as_str().expect("a name").to_owned()).collect();
+        names.dedup();
+        names
+    };
+    let five = ["pd", "pd_tuned", "fuzzy_literal", "fuzzy", "fuzzy_tuned"];
+    let few = ["--hands", "2"];
+    assert_eq!(names(&compared(&few)), five);
+    let cases = compared(&["--all"]);
+    assert_eq!(names(&cases), [&five[..], &["coupled", "passive", "leaky"]].concat());
+    assert_eq!(names(&compared(&["--hands", "2", "--wall", "leaky,pd"])), ["leaky", "pd"]);
+    let value = |case: &serde_json::Value, key: &str| case[key].as_f64().expect("a number");
+    let all = |controller: &str, key: &str| -> Vec<f64> {
+        of(&cases, controller).into_iter().map(|case| value(case, key)).collect()
+    };
+    // The tuned ones are stiffer and far stiller than PD, whoever touches them.
+    for controller in ["coupled", "leaky"] {
+        let chatter = all("pd", "chatter_rms").into_iter().zip(all(controller, "chatter_rms"));
+        assert!(chatter.into_iter().all(|(pd, own)| own < pd / 5.0), "{controller}");
+        assert!(all(controller, "stiffness").into_iter().all(|own| own >= 6.0), "{controller}");
+        assert!(all(controller, "energy_out").into_iter().all(|own| own <= 5e-3), "{controller}");
+    }
+    // Passivity control takes some of the energy out of the chatter, at this rate and delay far from all of it.
+    assert!(median(all("passive", "energy_out")) < 0.5 * median(all("pd", "energy_out")));
+    assert!(median(all("passive", "chatter_rms")) < median(all("pd", "chatter_rms")));
+    assert!(median(all("passive", "energy_out")) > 5e-3);
+}
+
+/// At 1 kHz, where a tick is short beside the hand's motion, the same controller keeps a spring without a damper passive.
+/// What its observer books is the energy of the simulation, of torques that act a tick late.
+#[test]
+fn a_passivity_observer_books_the_energy_of_the_simulation() {
+    let mut setting = Setting::shipped().expect("shipped");
+    setting.position_quantum = 0.0;
+    for (sample_s, delay_samples) in [(0.01, 1), (0.001, 0), (0.001, 1), (0.001, 3)] {
+        setting.sample_s = sample_s;
+        setting.delay_samples = delay_samples;
+        setting.filter = Filter::butterworth(0.15 / sample_s, sample_s);
+        let spring = LinearLaw { k1: 400.0, k2: 0.0, offset: 0.0 };
+        let plain = Wall::new(Law::Linear(spring), 0.03, sample_s, setting.torque_limit).expect("a wall");
+        let passive = plain.clone().passive(delay_samples);
+        let model = Model::of_device(setting.device);
+        let played = contact(&model, &setting, &passive, &setting.hand, &setting.approaches[1]).expect("a contact");
+        // Once more over the same positions, to look at the observer.
+        let mut again = passive.clone();
+        let mut velocity = FilteredVelocity::new(setting.filter, sample_s);
+        let (mut taken, mut forgotten) = (0.0, 0);
+        for tick in 0..played.position.len() {
+            let position = played.position[tick];
+            if tick > 0 {
+                taken -= played.torque[tick - 1] * (position - played.position[tick - 1]);
+            }
+            let answered = again.tick(position, velocity.tick(position));
+            if let Some(acts) = played.torque.get(tick + delay_samples) {
+                assert_eq!(answered, *acts, "tick {tick}");
+            }
+            let observed = again.observed_energy().expect("it is watched");
+            // Between contacts it forgets what was taken; never what was given out.
+            if observed < taken - 1e-12 && position >= 0.0 {
+                taken = observed;
+                forgotten += 1;
+            }
+            assert!(
+                (observed - taken).abs() < 1e-12,
+                "{sample_s} s, {delay_samples} late, tick {tick}: {observed} {taken}"
+            );
+        }
+        assert!(forgotten < played.position.len() / 2);
+        if sample_s < 0.01 {
+            let energy = |wall: &Wall| {
+                let contact = contact(&model, &setting, wall, &setting.hand, &setting.approaches[1]);
+                Measures::of(&contact.expect("a contact"), wall).expect("it is met").energy_out
+            };
+            let (without, with) = (energy(&plain), energy(&passive));
+            println!("{delay_samples} late: {without} J, {with} J");
+            assert!(with < 0.2 * without, "{delay_samples} late: {with} J of {without} J");
+        }
+    }
+}
+
+/// What the tuned walls still show at a fast approach is how the handle comes to rest, not chatter: a wall that is asked at once,
+/// exactly and ten times as often shows as much.
+#[test]
+fn the_tuned_walls_are_near_the_floor_of_the_measure() {
+    let setting = Setting::shipped().expect("shipped");
+    let model = Model::of_device(setting.device);
+    let tuned = wall::shipped("pd_tuned").expect("shipped");
+    let typical = |setting: &Setting| {
+        let walls = [("own".to_owned(), tuned.wall(setting).expect("a wall"))];
+        let cases = wall::compare(&model, setting, &walls).expect("contacts");
+        let fast = cases.iter().filter(|case| case.speed == "fast").map(|case| case.measures.chatter_rms);
+        median(fast.collect())
+    };
+    let sampled = typical(&setting);
+    let exact = Setting {
+        sample_s: 1e-3,
+        delay_samples: 0,
+        position_quantum: 0.0,
+        filter: Filter::butterworth(300.0, 1e-3),
+        ..setting.clone()
+    };
+    let floor = typical(&exact);
+    assert!(floor < 3e-4 && sampled < 1.1 * floor, "{sampled} over {floor}");
+    let dead = wall::chatter_floor(&setting, &setting.approaches[2]);
+    assert!(dead < floor, "a dead stop leaves less: {dead}");
 }
 
 fn settled(cases: &[Case], speed: &str) -> f64 {
@@ -115,6 +228,29 @@ fn a_still_hand_settles_where_the_springs_balance() {
     assert!(told.energy_out < 1e-3 && told.outside == 0.0, "{told:?}");
 }
 
+/// A tuning tries its start first and gives back nothing worse, and its file names the command that makes it.
+#[test]
+fn a_tuning_is_never_worse_than_its_start() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for law in ["linear", "rules", "coupled", "leaky"] {
+        let arguments = ["wall", "tune", "--law", law, "--start", "pd_tuned", "--stiffness", "7", "--hands", "2"];
+        let more = ["--evaluations", "3", "--out", "new.toml", "--json"];
+        let run = || {
+            let output =
+                dynid().current_dir(folder.path()).args(arguments).args(more).arg("--force").assert().success();
+            let told: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).expect("JSON");
+            (told, std::fs::read_to_string(folder.path().join("new.toml")).expect("written"))
+        };
+        let (told, file) = run();
+        assert!(told["cost"].as_f64() <= told["cost_at_start"].as_f64().map(|cost| cost + 0.02), "{told}");
+        let command = format!(
+            "`dynid wall tune --law {law} --hands 2 --start pd_tuned --stiffness 7 --evaluations 3 --out new.toml`"
+        );
+        assert!(file.contains(&command), "{file}");
+        assert_eq!(run().1, file, "the same bytes");
+    }
+}
+
 fn wrong(folder: &Path, name: &str, text: &str, arguments: &[&str]) -> String {
     let path = folder.join(name);
     std::fs::write(&path, text).expect("written");
@@ -151,7 +287,23 @@ fn bad_input_is_told_once_with_its_remedy() {
     let mut pd = shown("pd");
     pd = pd.replacen("k2 = 100.0", "k2 = 1e6", 1);
     let told = wrong(folder.path(), "p.toml", &pd, &["run", "--wall", "p.toml", "--setting", "u.toml"]);
-    assert!(told.contains("the closed loop diverges at") && told.contains("joint 0"), "{told}");
+    assert!(told.contains("wall `p`, slow approach, the typical hand: the closed loop diverges at"), "{told}");
+    assert!(told.contains("joint 0"), "{told}");
+    let told = wrong(folder.path(), "p.toml", &pd, &["compare", "--wall", "pd,p.toml", "--setting", "u.toml"]);
+    assert!(told.contains("wall `p`, slow approach, hand 0: the closed loop diverges at"), "{told}");
+    let report = ["report", "--wall", "pd,p.toml", "--setting", "u.toml", "--out", "page.html"];
+    let told = wrong(folder.path(), "p.toml", &pd, &report);
+    assert!(told.contains("wall `p`, slow approach, the typical hand: the closed loop diverges at"), "{told}");
+    assert!(!folder.path().join("page.html").exists());
+    // A tuning multiplies its start.
+    for (from, to) in [("k1 = 100.0", "k1 = -3.0"), ("k2 = 100.0", "k2 = 0.0")] {
+        let start = shown("pd").replacen(from, to, 1);
+        let told = wrong(folder.path(), "n.toml", &start, &["tune", "--start", "n.toml", "--out", "new.toml"]);
+        assert!(told.contains("n.toml") && told.contains(&to[..2]) && told.contains("positive"), "{told}");
+    }
+    let told = wrong(folder.path(), "n.toml", "", &["tune", "--start", "fuzzy", "--out", "new.toml"]);
+    assert!(told.contains("--start fuzzy") && told.contains("[linear]"), "{told}");
+    assert!(!folder.path().join("new.toml").exists());
     let told = wrong(folder.path(), "x.toml", "", &["compare", "--wall", "fuzy"]);
     assert!(told.contains("unknown wall `fuzy`") && told.contains("fuzzy"), "{told}");
 }

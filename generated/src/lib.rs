@@ -9,6 +9,7 @@
 
 mod dual;
 mod effect;
+mod end_point;
 mod exponential;
 mod gradient;
 mod kernel;
@@ -21,6 +22,7 @@ use kernel::checked;
 
 pub use dual::Dual;
 pub use effect::{EffectKernel, N_SIGNALS, Signal};
+pub use end_point::EndPoint;
 pub use kernel::{Kernel, Operations};
 pub use lanes::{LANES, Lanes};
 pub use scalar::Scalar;
@@ -36,6 +38,11 @@ pub fn kernels() -> &'static [&'static Kernel] {
 /// The kernel of a device's configuration, numbered from 1.
 pub fn kernel(device: &str, configuration: usize) -> Option<&'static Kernel> {
     KERNELS.iter().copied().find(|kernel| kernel.device == device && kernel.configuration == configuration)
+}
+
+/// Where the end point of a device is and how it moves, where the device's file names one.
+pub fn end_point(device: &str) -> Option<&'static EndPoint> {
+    END_POINTS.iter().copied().find(|end_point| end_point.device == device)
 }
 
 /// Which parameters appear where in the equations of a device.

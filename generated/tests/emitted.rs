@@ -28,6 +28,10 @@ fn modules_are_as_reviewed() {
             let shown = if kernel.free.len() <= 2 { text } else { outline(&text) };
             insta::assert_snapshot!(module, shown);
         }
+        for device in dynid_model::devices().iter().filter(|device| device.end_point.is_some()) {
+            let module = format!("{}_end_point", device.id);
+            insta::assert_snapshot!(module.clone(), emitted(&format!("{module}.rs")));
+        }
         let library = emitted("effect_library.rs");
         for effect in effects() {
             let start = library.find(&format!("pub mod {} {{", effect.id)).expect("every effect is a module");

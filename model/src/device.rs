@@ -27,6 +27,8 @@ pub struct Device {
     pub joints: Vec<Joint>,
     /// Parents come before their children.
     pub frames: Vec<Frame>,
+    /// The point of the device that a hand or a tool is at, where the file names one.
+    pub end_point: Option<EndPoint>,
     /// Links `1..`, in order.
     pub links: Vec<Link>,
     /// Which joints are free together, numbered from 1 in this order. Sets are unique.
@@ -164,6 +166,15 @@ pub struct Frame {
     pub a: Expression,
     /// Rotation about x \[rad\]: affine in revolute joint variables with integer factors.
     pub alpha: Expression,
+}
+
+/// The point of a device that a hand or a tool is at. It does not enter the equations of motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EndPoint {
+    /// Index into [`Device::frames`] of the frame that it is fixed to.
+    pub frame: usize,
+    /// Where it lies in that frame \[m\].
+    pub point: [f64; 3],
 }
 
 /// A rigid body. The ten inertial parameters are its mass \[kg\], centroid \[m\] and inertia about the centroid

@@ -4,7 +4,9 @@ use std::{collections::BTreeMap, path::Path};
 
 use crate::{
     Expression,
-    device::{Configuration, Convention, Device, Frame, Joint, JointKind, Length, Link, Method, joint_variable},
+    device::{
+        Configuration, Convention, Device, EndPoint, Frame, Joint, JointKind, Length, Link, Method, joint_variable,
+    },
     document::{self, Entry, Table},
     effect::Effect,
     error::{ModelError, Source, did_you_mean},
@@ -38,6 +40,7 @@ impl Device {
             "base",
             "kinematics",
             "lengths",
+            "end_point",
             "joint",
             "link",
             "bounds",
@@ -59,6 +62,7 @@ impl Device {
             .enumerate()
             .map(|(joint, table)| read_joint(table, kinds.get(&joint).copied(), joint, &command_unit))
             .collect::<Result<Vec<_>, _>>()?;
+        let end_point = read_end_point(&root, &frames)?;
         let links = read_links(&root, &frames)?;
         let (configurations, methods) = read_identification(&root, joints.len())?;
         let mut defaults = Vec::new();
@@ -79,6 +83,7 @@ impl Device {
             lengths,
             joints,
             frames,
+            end_point,
             links,
             configurations,
             methods,
@@ -276,6 +281,31 @@ fn read_frames(root: &Table, n_joints: usize, lengths: &[Length]) -> Result<Kine
     Ok((convention, frames, kinds))
 }
 
+/// `[end_point]`: the frame that the point is fixed to, and where it lies in it.
+fn read_end_point(root: &Table, frames: &[Frame]) -> Result<Option<EndPoint>, ModelError> {
+    let Some(entry) = root.optional("end_point") else { return Ok(None) };
+    let table = entry.table("[end_point]")?;
+    table.only(&["frame", "point"])?;
+    let frame = read_frame(&table, frames)?;
+    let Some(entry) = table.optional("point") else { return Ok(Some(EndPoint { frame, point: [0.0; 3] })) };
+    let point = entry.array()?.iter().map(Entry::finite).collect::<Result<Vec<f64>, _>>()?;
+    let point = <[f64; 3]>::try_from(point).map_err(|point| {
+        let message = format!("`point` has three coordinates, found {}", point.len());
+        entry.error(message).help("write e.g. `point = [0, 0, 0.05]`")
+    })?;
+    Ok(Some(EndPoint { frame, point }))
+}
+
+/// The frame that a table names.
+fn read_frame(table: &Table, frames: &[Frame]) -> Result<usize, ModelError> {
+    let entry = table.required("frame", "\"<frame>\"")?;
+    let name = entry.text()?;
+    frames.iter().position(|frame| frame.name == name).ok_or_else(|| {
+        let known = did_you_mean(name, frames.iter().map(|frame| frame.name.as_str()));
+        entry.error(format!("unknown frame `{name}` of {}", table.what)).help(known)
+    })
+}
+
 /// One cell of the table; `kind` is what a joint variable in it measures.
 fn read_cell(
     entry: &Entry,
@@ -447,12 +477,7 @@ fn read_links(root: &Table, frames: &[Frame]) -> Result<Vec<Link>, ModelError> {
         let mut known = vec!["title", "frame"];
         known.extend(Link::SYMBOLS);
         table.only(&known)?;
-        let entry = table.required("frame", "\"<frame>\"")?;
-        let name = entry.text()?;
-        let frame = frames.iter().position(|frame| frame.name == name).ok_or_else(|| {
-            let known = did_you_mean(name, frames.iter().map(|frame| frame.name.as_str()));
-            entry.error(format!("unknown frame `{name}` of {}", table.what)).help(known)
-        })?;
+        let frame = read_frame(table, frames)?;
         let mut inertial = [Parameter::known(0.0); 10];
         for (index, (parameter, symbol)) in inertial.iter_mut().zip(Link::SYMBOLS).enumerate() {
             let entry = table.required(symbol, "<number>")?;

@@ -13,13 +13,14 @@ const KEYWORDS: [&str; 53] = [
 ];
 
 /// Crates of Rust, and what stands beside the devices' modules and folders in the crate of the kernels.
-const TAKEN: [&str; 18] = [
+const TAKEN: [&str; 19] = [
     "alloc",
     "build",
     "core",
     "dual",
     "effect",
     "effect_library",
+    "end_point",
     "gradient",
     "kernel",
     "lanes",

@@ -50,6 +50,10 @@ fn kinematics() {
         ("L1 = 0.4", "q1 = 0.4"),
         ("frame = \"f2\"", "frame = \"f3\""),
         ("frame = \"f2\"", "frame = \"f1\""),
+        ("[end_point]\nframe = \"f2\"", "[end_point]\nframe = \"f3\""),
+        ("[end_point]\nframe = \"f2\"", "[end_point]"),
+        ("[end_point]", "[end_point]\npoint = [0, 1]"),
+        ("[end_point]", "[end_point]\nwhere = 1"),
     ]);
     insta::assert_snapshot!(told);
 }

@@ -2,18 +2,17 @@
 
 mod feel;
 
-use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
-use dynid::control::{Law, LinearLaw, Wall};
+use dynid::control::{Law, Wall};
 use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::{Provenance, Section, WallReport, number};
-use dynid::wall::{self, Case, Goal, Measures, Setting, Told, WallFile};
+use dynid::report::{Provenance, Section, WallReport, number, told_damping};
+use dynid::wall::{self, Case, Goal, Measures, OwnDamping, Setting, Told, WallFile};
 use serde_json::json;
 
 use super::table::{Align, Table};
@@ -75,9 +74,12 @@ struct Where {
 struct CompareArguments {
     #[command(flatten)]
     place: Where,
-    /// Walls: names of those that the program carries, or files; without any, all that it carries.
+    /// Walls: names of those that the program carries, or files; without any, the thesis's, their like, and what was tuned.
     #[arg(long, value_delimiter = ',', value_name = "WALLS")]
     wall: Option<Vec<String>>,
+    /// All walls that the program carries: also one behind a virtual coupling, a passive and a leaky one.
+    #[arg(long, conflicts_with = "wall")]
+    all: bool,
 }
 
 #[derive(clap::Args)]
@@ -107,6 +109,10 @@ enum Kind {
     Rules,
     /// A spring and a damper.
     Linear,
+    /// A wall behind a virtual coupling.
+    Coupled,
+    /// A spring that gives back less than it took, and a damper.
+    Leaky,
 }
 
 #[derive(clap::Args)]
@@ -119,8 +125,8 @@ struct TuneArguments {
     /// Static stiffness that the wall should have [N*m/rad or N/m].
     #[arg(long, value_name = "K", default_value_t = 6.6)]
     stiffness: f64,
-    /// A wall of gains to start from: the name of one that the program carries, or a file; without it, gains that suit the
-    /// stiffness.
+    /// A wall of gains (or of the law that is tuned) to start from: the name of one that the program carries, or a file; without
+    /// it, gains that suit the stiffness.
     #[arg(long, value_name = "WALL")]
     start: Option<String>,
     /// As many walls are tried at most.
@@ -186,6 +192,23 @@ impl Where {
         Ok(setting)
     }
 
+    /// The options that were given, as they stand in a command.
+    fn told(&self) -> String {
+        let Self { setting, model, hands, seed } = self;
+        let mut text = String::new();
+        for (option, path) in [("setting", setting), ("model", model)] {
+            if let Some(path) = path {
+                let _ = write!(text, " --{option} {}", path.display());
+            }
+        }
+        for (option, value) in [("hands", hands.map(|hands| hands as u64)), ("seed", *seed)] {
+            if let Some(value) = value {
+                let _ = write!(text, " --{option} {value}");
+            }
+        }
+        text
+    }
+
     fn model(&self, setting: &Setting) -> anyhow::Result<Model> {
         let Some(path) = &self.model else { return Ok(Model::of_device(setting.device)) };
         let model = Model::load(path)?;
@@ -211,14 +234,18 @@ fn wall_of(asked: &str) -> anyhow::Result<(String, WallFile)> {
     Ok((name, WallFile::load(path)?))
 }
 
-fn all_if_none(asked: Option<&[String]>) -> Vec<String> {
-    asked.map_or_else(|| wall::SHIPPED.iter().map(|(name, _)| (*name).to_owned()).collect(), <[String]>::to_vec)
+/// The walls that were asked for; without any, these.
+fn or(asked: Option<&[String]>, usual: impl Iterator<Item = (&'static str, &'static str)>) -> Vec<String> {
+    asked.map_or_else(|| usual.map(|(name, _)| name.to_owned()).collect(), <[String]>::to_vec)
 }
 
 fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     let setting = arguments.place.setting()?;
     let model = arguments.place.model(&setting)?;
-    let asked = all_if_none(arguments.wall.as_deref());
+    let asked = match &arguments.wall {
+        None if arguments.all => or(None, wall::carried()),
+        asked => or(asked.as_deref(), wall::SHIPPED.into_iter()),
+    };
     let mut walls: Vec<(String, Wall)> = Vec::new();
     for asked in &asked {
         let (name, file) = wall_of(asked)?;
@@ -232,11 +259,12 @@ fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     if never > 0 {
         eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
-    Ok(Outcome { text: told(&setting, &walls, &cases), json: json!({ "cases": cases }), answer: Answer::Yes })
+    let text = told(&setting, &walls, &cases, &wall::own_damping(&model, &setting)?);
+    Ok(Outcome { text, json: json!({ "cases": cases }), answer: Answer::Yes })
 }
 
 /// A row for each wall and approach: the median hand, and the worst where that matters.
-fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
+fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDamping) -> String {
     let mut text = format!(
         "joint {} of {}, {} hands, controller at {} Hz\n",
         setting.joint,
@@ -282,19 +310,8 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
     }
     text.push_str(&table.text());
     text.push_str("medians over the hands; energy out and time outside are those of the worst hand\n");
-    let by_key: BTreeMap<(&str, usize), f64> = cases
-        .iter()
-        .filter(|case| case.controller == walls[0].0)
-        .map(|case| ((case.speed.as_str(), case.hand), case.measures.chatter_rms))
-        .collect();
     for (name, _) in &walls[1..] {
-        let ratios: Vec<f64> = cases
-            .iter()
-            .filter(|case| case.controller == *name)
-            .filter_map(|case| {
-                Some(by_key.get(&(case.speed.as_str(), case.hand))? / case.measures.chatter_rms.max(1e-12))
-            })
-            .collect();
+        let ratios = wall::chatter_ratios(cases, name, &walls[0].0);
         let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
         let _ = writeln!(
             text,
@@ -314,6 +331,9 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case]) -> String {
                 number(bound)
             );
         }
+    }
+    if walls.iter().any(|(_, wall)| matches!(wall.law(), Law::Linear(_))) {
+        let _ = writeln!(text, "{}", told_damping(own, setting));
     }
     text
 }
@@ -345,7 +365,8 @@ fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
             }
         }
     };
-    let contact = wall::contact(&model, &setting, &wall, &hand, approach)?;
+    let contact = wall::contact(&model, &setting, &wall, &hand, approach)
+        .map_err(|error| error.in_case(&name, approach, arguments.hand))?;
     let Some(measures) = Measures::of(&contact, &wall) else {
         bail!("the hand never comes to the wall: start nearer, or aim further");
     };
@@ -375,9 +396,6 @@ fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
-/// Damping over stiffness of the gains that a tuning starts from (s): about the lag of a sampled wall.
-const LEAD_S: f64 = 0.03;
-
 fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
     check_output(&arguments.out, overwrite)?;
@@ -388,19 +406,7 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     // Tuned on other hands than those that judge.
     setting.seed = arguments.place.seed.unwrap_or(setting.seed + 1000);
     let model = arguments.place.model(&setting)?;
-    let (scale, start) = match &arguments.start {
-        None => {
-            let scale = wall::shipped("pd")?.scale;
-            (
-                scale,
-                LinearLaw { k1: arguments.stiffness / scale, k2: LEAD_S * arguments.stiffness / scale, offset: 0.0 },
-            )
-        }
-        Some(asked) => match wall_of(asked)?.1 {
-            WallFile { scale, law: Law::Linear(law), .. } => (scale, law),
-            _ => bail!("--start {asked}: a tuning starts from a wall of gains, [linear] without [rules]"),
-        },
-    };
+    let (family, scale) = start(arguments)?;
     let goal = Goal {
         stiffness: arguments.stiffness,
         outside: 0.03,
@@ -419,32 +425,90 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
         }
         stopped.load(Ordering::Relaxed)
     };
-    let tuned = match arguments.law {
-        Kind::Linear => wall::tune_linear(&model, &setting, (&start, scale), &goal, &told)?,
-        Kind::Rules => {
-            let Law::Rules(table) = wall::shipped("fuzzy")?.law else { bail!("the shipped fuzzy wall has no rules") };
-            let sets = (table.position(), table.velocity());
-            wall::tune_rules(&model, &setting, sets, (&start, scale), &goal, &told)?
-        }
-    };
+    let tuned = wall::tune(&model, &setting, &family, scale, &goal, &told)?;
     bar.finish_and_clear();
+    let errors = match &model.fit {
+        Some(fit) if !fit.std_error.is_empty() => {
+            "models that are off by the fit's standard errors (each parameter by itself: the record has no covariances)"
+        }
+        _ => "the model as it is",
+    };
     let comment = format!(
-        "Tuned by `dynid wall tune --law {}` for {} N*m/rad (or N/m) on {} hands of seed {} and drives up to {} times the \
-         model's: {} walls tried.",
-        if arguments.law == Kind::Rules { "rules" } else { "linear" },
-        arguments.stiffness,
+        "Tuned by `{}`\non {} hands of seed {}, {errors}, and drives up to {} times the model's: {} walls tried, cost {:.3} at the \
+         start, {:.3} at the end.",
+        tuned_by(arguments),
         setting.hands,
         setting.seed,
         goal.drive,
-        tuned.evaluations
+        tuned.evaluations,
+        tuned.cost_at_start,
+        tuned.cost
     );
     write_new(&arguments.out, &tuned.wall.to_toml(&comment), overwrite)?;
     let answer = if stopped.load(Ordering::Relaxed) { Answer::Interrupted } else { Answer::Yes };
-    let text =
-        format!("{} walls tried; cost {:.3}\nwritten: {}\n", tuned.evaluations, tuned.cost, arguments.out.display());
-    let json =
-        json!({ "cost": tuned.cost, "evaluations": tuned.evaluations, "out": arguments.out.display().to_string() });
+    let text = format!(
+        "{} walls tried; cost {:.3}, {:.3} at the start\nwritten: {}\n",
+        tuned.evaluations,
+        tuned.cost,
+        tuned.cost_at_start,
+        arguments.out.display()
+    );
+    let json = json!({
+        "cost": tuned.cost,
+        "cost_at_start": tuned.cost_at_start,
+        "evaluations": tuned.evaluations,
+        "out": arguments.out.display().to_string(),
+    });
     Ok(Outcome { text, json, answer })
+}
+
+/// What is varied, and where it starts: at a wall that was named, or at gains that suit the stiffness.
+fn start(arguments: &TuneArguments) -> anyhow::Result<(wall::Family, f64)> {
+    let own = arguments.start.as_ref().map(|asked| Ok::<_, anyhow::Error>((asked, wall_of(asked)?.1))).transpose()?;
+    let (linear, scale) = match (&own, arguments.law) {
+        (None, _) => {
+            let scale = wall::shipped("pd")?.scale;
+            (wall::Family::linear_start(arguments.stiffness / scale), scale)
+        }
+        (Some((asked, WallFile { scale, law: Law::Linear(law), .. })), _) => {
+            for (gain, value) in [("k1", law.k1), ("k2", law.k2)] {
+                if value.is_nan() || value <= 0.0 {
+                    bail!(
+                        "--start {asked}: {gain} is {value}; a tuning multiplies gains, so give a wall whose {gain} is positive"
+                    );
+                }
+            }
+            (*law, *scale)
+        }
+        (Some((_, WallFile { scale, law: Law::Coupled(tool), .. })), Kind::Coupled) => {
+            return Ok((wall::Family::Coupled(*tool), *scale));
+        }
+        (Some((asked, _)), _) => {
+            bail!("--start {asked}: a tuning starts from a wall of gains, [linear] without [rules] or [leak]")
+        }
+    };
+    let family = match arguments.law {
+        Kind::Linear => wall::Family::Linear(linear),
+        Kind::Coupled => wall::Family::Coupled(wall::Family::coupled_start(&linear)),
+        Kind::Leaky => wall::Family::Leaky { linear, stiffness: 1.0, share: 0.3 },
+        Kind::Rules => {
+            let Law::Rules(table) = wall::shipped("fuzzy")?.law else { bail!("the shipped fuzzy wall has no rules") };
+            wall::Family::Rules { position: table.position().clone(), velocity: table.velocity().clone(), linear }
+        }
+    };
+    Ok((family, scale))
+}
+
+/// The command that makes the same file again.
+fn tuned_by(arguments: &TuneArguments) -> String {
+    let law = arguments.law.to_possible_value().map_or_else(String::new, |law| law.get_name().to_owned());
+    let mut command = format!("dynid wall tune --law {law}{}", arguments.place.told());
+    if let Some(start) = &arguments.start {
+        let _ = write!(command, " --start {start}");
+    }
+    let TuneArguments { stiffness, evaluations, out, .. } = arguments;
+    let _ = write!(command, " --stiffness {stiffness} --evaluations {evaluations} --out {}", out.display());
+    command
 }
 
 fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
@@ -452,7 +516,7 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
     check_output(&arguments.out, overwrite)?;
     let setting = arguments.place.setting()?;
     let model = arguments.place.model(&setting)?;
-    let asked = all_if_none(arguments.wall.as_deref());
+    let asked = or(arguments.wall.as_deref(), wall::carried());
     let walls = asked.iter().map(|asked| wall_of(asked)).collect::<anyhow::Result<Vec<(String, WallFile)>>>()?;
     let report = WallReport::new(&model, &setting, &walls)?;
     let mut sections = report.sections();
@@ -477,37 +541,22 @@ fn came_from(arguments: &ReportArguments, model: &Model, asked: &[String]) -> an
     let text_of =
         |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
     let digest = |text: &str| format!("sha256 {}", dynid_model::sha256_hex(text.as_bytes()));
-    let Where { setting, model: model_path, hands, seed } = &arguments.place;
-    let mut command = "dynid wall report".to_owned();
-    let mut entries = Vec::new();
-    let setting_text = match setting {
-        Some(path) => {
-            let _ = write!(command, " --setting {}", path.display());
-            text_of(path)?
-        }
-        None => wall::SETTING.to_owned(),
+    let Where { setting, model: model_path, .. } = &arguments.place;
+    let mut command = format!("dynid wall report{}", arguments.place.told());
+    let shown = |path: &Option<PathBuf>, without: &str| {
+        path.as_ref().map_or_else(|| without.to_owned(), |path| path.display().to_string())
     };
-    let name = setting.as_ref().map_or_else(|| "the program's".to_owned(), |path| path.display().to_string());
-    entries.push(("setting".to_owned(), format!("{name}, {}", digest(&setting_text))));
-    let name = match model_path {
-        Some(path) => {
-            let _ = write!(command, " --model {}", path.display());
-            path.display().to_string()
-        }
-        None => "the device's".to_owned(),
-    };
-    entries.push(("model".to_owned(), format!("{name}, sha256 {}", model.digest())));
+    let setting_text = setting.as_ref().map_or_else(|| Ok(wall::SETTING.to_owned()), |path| text_of(path))?;
+    let mut entries = vec![
+        ("setting".to_owned(), format!("{}, {}", shown(setting, "the program's"), digest(&setting_text))),
+        ("model".to_owned(), format!("{}, sha256 {}", shown(model_path, "the device's"), model.digest())),
+    ];
     for asked in asked {
-        let carried = wall::SHIPPED.iter().find(|(known, _)| known == asked);
-        let text = carried.map_or_else(|| text_of(Path::new(asked)), |(_, text)| Ok((*text).to_owned()))?;
+        let carried = wall::carried().find(|(known, _)| known == asked);
+        let text = carried.map_or_else(|| text_of(Path::new(asked)), |(_, text)| Ok(text.to_owned()))?;
         entries.push((format!("wall {asked}"), digest(&text)));
     }
     entries.push(("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))));
-    for (option, value) in [("hands", hands.map(|hands| hands as u64)), ("seed", *seed)] {
-        if let Some(value) = value {
-            let _ = write!(command, " --{option} {value}");
-        }
-    }
     if arguments.wall.is_some() {
         let _ = write!(command, " --wall {}", asked.join(","));
     }
@@ -521,7 +570,7 @@ fn show(arguments: &ShowArguments) -> anyhow::Result<Outcome> {
         wall::SETTING
     } else {
         wall::shipped(name)?;
-        wall::SHIPPED.iter().find(|(known, _)| *known == name).map_or("", |(_, text)| text)
+        wall::carried().find(|(known, _)| *known == name).map_or("", |(_, text)| text)
     };
     Ok(Outcome { text: text.to_owned(), json: json!({ "name": name, "text": text }), answer: Answer::Yes })
 }

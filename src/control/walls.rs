@@ -3,6 +3,8 @@
 //! Signs are those of the thesis: the wall's surface is at 0 and its inside below; a law's output `u` is negative where it
 //! pushes out, and the torque on the joint is `-scale u`.
 
+use std::collections::VecDeque;
+
 use super::rules::{LinearLaw, RuleTable};
 
 /// How the wall resists.
@@ -48,8 +50,8 @@ pub struct Wall {
     scale: f64,
     sample_s: f64,
     limit: f64,
-    /// Whether a passivity controller watches it.
-    passive: bool,
+    /// The passivity controller, if one watches it.
+    watch: Option<Watch>,
     state: State,
 }
 
@@ -82,10 +84,55 @@ struct State {
     /// Output of the elastic-plastic element.
     element: f64,
     last_position: f64,
-    /// Energy that the wall has taken up since the last contact began.
-    energy: f64,
-    last_torque: f64,
     inside: bool,
+}
+
+/// Time-domain passivity observer and controller (Hannaford & Ryu 2002).
+#[derive(Debug, Clone)]
+struct Watch {
+    /// Torques that were answered and have not been booked: the first acted over the interval that ends now, the others act
+    /// one after the other from now on.
+    underway: VecDeque<f64>,
+    last_position: f64,
+    /// What the wall has taken up, less what it gave out (J).
+    energy: f64,
+}
+
+impl Watch {
+    /// Before the first tick, of a wall whose torques act `delay_samples` ticks after the position that they answer.
+    fn new(delay_samples: usize) -> Self {
+        Self { underway: VecDeque::from(vec![0.0; delay_samples + 1]), last_position: 0.0, energy: 0.0 }
+    }
+
+    /// Books `-torque dq` of the interval that ends with this tick, and gives the torque that acts next: that of the law, and a
+    /// damper where the wall would otherwise have given out more than it took by the end of the interval over which this
+    /// torque acts, if the joint goes on as it moved from the last tick to this one. (A filtered velocity would be later still.)
+    ///
+    /// Outside, once no torque is underway, energy that was taken is forgotten, and energy that was given out is not: each
+    /// contact has to be passive by itself.
+    fn tick(&mut self, position: f64, limit: f64, torque: f64) -> f64 {
+        let acted = self.underway.pop_front().unwrap_or(0.0);
+        let moved = position - self.last_position;
+        self.energy -= acted * moved;
+        self.last_position = position;
+        if position >= 0.0 && self.underway.iter().all(|torque| *torque == 0.0) {
+            self.energy = self.energy.min(0.0);
+        }
+        let expected = self.energy - (self.underway.iter().sum::<f64>() + torque) * moved;
+        let mut answered = torque;
+        if position < 0.0 && expected < 0.0 && moved != 0.0 {
+            answered = (torque + expected / moved).clamp(-limit, limit);
+        }
+        // As long as it was before: room for one was just made.
+        self.underway.push_back(answered);
+        answered
+    }
+
+    /// A tick whose sensors show no number, and that is answered with nothing. What acted meanwhile is not booked.
+    fn missed(&mut self) {
+        let _ = self.underway.pop_front();
+        self.underway.push_back(0.0);
+    }
 }
 
 impl Wall {
@@ -114,13 +161,20 @@ impl Wall {
         if let Some(&(what, value)) = own.iter().find(|(_, value)| !(*value >= 0.0 && value.is_finite())) {
             return Err(WallError::Negative { what, value });
         }
-        Ok(Self { law, scale, sample_s, limit, passive: false, state: State::default() })
+        Ok(Self { law, scale, sample_s, limit, watch: None, state: State::default() })
     }
 
-    /// With a passivity observer that damps where the wall would give out more than it has taken (Hannaford & Ryu 2002).
+    /// With a passivity observer that damps where the wall would give out more than it has taken (Hannaford & Ryu 2002), in a
+    /// controller whose torques act `delay_samples` ticks after the position that they answer.
     #[must_use]
-    pub fn passive(self) -> Self {
-        Self { passive: true, ..self }
+    pub fn passive(self, delay_samples: usize) -> Self {
+        Self { watch: Some(Watch::new(delay_samples)), ..self }
+    }
+
+    /// What the passivity observer says that the wall has taken up, less what it gave out, up to the last tick (J); `None`
+    /// where there is no observer. Exact for the positions that it was shown, if the drive delivers what it is told.
+    pub fn observed_energy(&self) -> Option<f64> {
+        self.watch.as_ref().map(|watch| watch.energy)
     }
 
     /// The law.
@@ -133,13 +187,17 @@ impl Wall {
         self.scale
     }
 
-    /// The torque of a wall at rest at this position: what holds against a steady push.
+    /// The torque of a wall at rest at this position: what holds against a steady push. A leaky spring holds that, its element
+    /// included, where the joint was pushed in from the surface; where it came back from deeper inside, less.
     pub fn static_torque(&self, position: f64) -> f64 {
         if position >= 0.0 {
             return 0.0;
         }
         let output = match &self.law {
-            Law::Linear(law) | Law::Leaky { linear: law, .. } => law.output(position, 0.0),
+            Law::Linear(law) => law.output(position, 0.0),
+            Law::Leaky { linear, stiffness, share } => {
+                linear.output(position, 0.0) + stiffness.min(*share) * linear.k1 * position
+            }
             Law::Rules(table) => table.output(position, 0.0),
             Law::Coupled(tool) => {
                 position * tool.stiffness * tool.wall_stiffness / (tool.stiffness + tool.wall_stiffness)
@@ -151,6 +209,9 @@ impl Wall {
     /// The torque from this tick to the next; none where the sensors show no number.
     pub fn tick(&mut self, position: f64, velocity: f64) -> f64 {
         if !(position.is_finite() && velocity.is_finite()) {
+            if let Some(watch) = &mut self.watch {
+                watch.missed();
+            }
             return 0.0;
         }
         let inside = position < 0.0;
@@ -176,32 +237,12 @@ impl Wall {
             }
         };
         let mut torque = (-self.scale * output).clamp(-self.limit, self.limit);
-        if self.passive {
-            torque = self.watched(position, velocity, torque);
+        if let Some(watch) = &mut self.watch {
+            torque = watch.tick(position, self.limit, torque);
         }
         self.state.inside = inside;
         self.state.last_position = position;
-        self.state.last_torque = torque;
         torque
-    }
-
-    /// The observer adds up `-torque dq` over the ticks, as if a torque acted at once; where that is below 0, a damper takes
-    /// away what the tick can, but never more than the law's own torque. Energy that was given out is remembered beyond the
-    /// contact, energy that was taken is not.
-    fn watched(&mut self, position: f64, velocity: f64, torque: f64) -> f64 {
-        let state = &mut self.state;
-        state.energy -= state.last_torque * (position - state.last_position);
-        if position >= 0.0 {
-            state.energy = state.energy.min(0.0);
-            return torque;
-        }
-        let power = velocity * velocity * self.sample_s;
-        if state.energy >= 0.0 || power <= 0.0 {
-            return torque;
-        }
-        let most = torque.abs();
-        let damper = (state.energy / power * velocity).clamp(-most, most);
-        (torque + damper).clamp(-self.limit, self.limit)
     }
 }
 
@@ -239,39 +280,64 @@ mod tests {
             VirtualTool { inertia: 0.1, wall_stiffness: 300.0, wall_damping: 5.0, stiffness: 100.0, damping: 2.0 };
         // two springs in series: 75
         assert!((pressed(Law::Coupled(tool), 0.02) - 0.75).abs() < 1e-6, "{}", pressed(Law::Coupled(tool), 0.02));
-        for law in [Law::Linear(spring), Law::Coupled(tool)] {
+        let leaky = |stiffness, share| Law::Leaky { linear: spring, stiffness, share };
+        for law in [Law::Linear(spring), Law::Coupled(tool), leaky(0.1, 0.3), leaky(2.0, 0.3)] {
             let wall = Wall::new(law.clone(), 0.5, 0.001, 100.0).expect("a wall");
             assert!((wall.static_torque(-0.02) - pressed(law, 0.02)).abs() < 1e-6);
             assert_eq!(wall.static_torque(0.001), 0.0);
         }
     }
 
-    /// Energy that the wall gives out over slow cycles into it and out [J].
-    fn given(law: Law, passive: bool) -> f64 {
+    /// Energy that the wall gives out over slow cycles into it and out, and what its observer says of that [J]. Torques act
+    /// `delay` ticks late.
+    fn given(law: Law, watched: bool, delay: usize) -> (f64, Option<f64>) {
         let mut wall = Wall::new(law, 0.5, 0.001, 100.0).expect("a wall");
-        if passive {
-            wall = wall.passive();
+        if watched {
+            wall = wall.passive(delay);
         }
-        let (mut given, mut last) = (0.0, 0.01);
-        for k in 1..4000 {
-            let position = 0.01 * (f64::from(k) * 0.002 * std::f64::consts::PI).cos();
-            let torque = wall.tick(position, (position - last) / 0.001);
-            let next = 0.01 * (f64::from(k + 1) * 0.002 * std::f64::consts::PI).cos();
-            given += torque * (next - position);
-            last = position;
+        let place = |k: i32| 0.01 * (f64::from(k) * 0.002 * std::f64::consts::PI).cos();
+        let mut torques = VecDeque::from(vec![0.0; delay]);
+        let mut given = 0.0;
+        // Eight times into the wall and out of it, and on until no torque is underway.
+        for k in 1..8020 {
+            torques.push_back(wall.tick(place(k), (place(k) - place(k - 1)) / 0.001));
+            given += torques.pop_front().expect("pushed") * (place(k + 1) - place(k));
         }
-        given
+        (given, wall.observed_energy())
     }
 
     #[test]
     fn a_leaky_spring_keeps_energy_and_a_sampled_one_gives_some() {
         let spring = LinearLaw { k1: 100.0, k2: 0.0, offset: 0.0 };
-        let sampled = given(Law::Linear(spring), false);
-        assert!(sampled > 0.0, "a spring that is asked late gives energy out: {sampled}");
-        let leaky = given(Law::Leaky { linear: spring, stiffness: 2.0, share: 0.3 }, false);
+        let (leaky, _) = given(Law::Leaky { linear: spring, stiffness: 2.0, share: 0.3 }, false, 0);
         assert!(leaky < -1e-4, "{leaky}");
-        let watched = given(Law::Linear(spring), true);
-        assert!(watched < 0.2 * sampled, "{watched} of {sampled}");
+        for delay in [0, 1, 3] {
+            let (sampled, unseen) = given(Law::Linear(spring), false, delay);
+            assert!(sampled > 0.0 && unseen.is_none(), "a spring that is asked late gives energy out: {sampled}");
+            let (watched, _) = given(Law::Linear(spring), true, delay);
+            assert!(watched < 0.1 * sampled, "{delay} late: {watched} of {sampled}");
+        }
+    }
+
+    /// What was given out in a contact stays booked; the energy of the one contact is that of the torques that acted.
+    #[test]
+    fn the_observer_books_torques_when_they_act() {
+        let law = LinearLaw { k1: 100.0, k2: 0.3, offset: 0.0 };
+        for delay in [0, 1, 4] {
+            let mut wall = Wall::new(Law::Linear(law), 0.5, 0.001, 100.0).expect("a wall").passive(delay);
+            let place = |k: i32| 0.01 * (f64::from(k) * 0.003).cos();
+            let mut torques = VecDeque::from(vec![0.0; delay]);
+            let (mut taken, mut most) = (0.0, 0.0_f64);
+            for k in 1..1570 {
+                torques.push_back(wall.tick(place(k), (place(k) - place(k - 1)) / 0.001));
+                let observed = wall.observed_energy().expect("it is watched");
+                assert!((observed - taken).abs() < 1e-15, "{delay} late, tick {k}: {observed} for {taken}");
+                taken -= torques.pop_front().expect("pushed") * (place(k + 1) - place(k));
+                most = most.max(taken);
+            }
+            // Half the stiffness times the square of the depth, nearly: torques come late.
+            assert!((0.0024..0.0026).contains(&most) && taken > -1e-6, "{most}, {taken} at the end");
+        }
     }
 
     #[test]

@@ -31,6 +31,7 @@ fn devices() -> &'static [Device] {
             links: Vec::new(),
             configurations: vec![Configuration { free: vec![1] }, Configuration { free: vec![0, 1] }],
             methods: Vec::new(),
+            end_point: None,
             effects: Vec::new(),
         }]
     })

@@ -7,9 +7,9 @@ use dynid_model::device::JointKind;
 
 use super::{Section, Verdict, number};
 use crate::{
-    control::{Law, Partition, Wall},
+    control::{Law, LinearLaw, Partition, Wall},
     model::Model,
-    wall::{self, Case, Contact, Measures, Setting, WallError, WallFile, median},
+    wall::{self, Case, Contact, Measures, OwnDamping, Setting, WallError, WallFile, median},
 };
 
 /// Everything that a page tells of some walls.
@@ -19,6 +19,8 @@ pub struct WallReport<'a> {
     walls: Vec<Shown>,
     /// Of every wall, approach and hand.
     cases: Vec<Case>,
+    /// Damping that the device has of its own.
+    own: OwnDamping,
     unit: Unit,
 }
 
@@ -30,6 +32,8 @@ struct Shown {
     wall: Wall,
     /// Whether a passivity controller watches it.
     passive: bool,
+    /// The linear law that its rules were made from.
+    base: Option<LinearLaw>,
     /// One for each approach.
     contacts: Vec<Contact>,
 }
@@ -45,6 +49,40 @@ struct Unit {
     torque: &'static str,
     stiffness: &'static str,
     damping: &'static str,
+}
+
+impl Unit {
+    /// Those of the setting's joint.
+    fn of(setting: &Setting) -> Self {
+        match setting.device.joints[setting.joint].kind {
+            JointKind::Revolute => Self {
+                position: "rad",
+                small: "mrad",
+                velocity: "rad/s",
+                torque: "N*m",
+                stiffness: "N*m/rad",
+                damping: "N*m*s/rad",
+            },
+            JointKind::Prismatic => {
+                Self { position: "m", small: "mm", velocity: "m/s", torque: "N", stiffness: "N/m", damping: "N*s/m" }
+            }
+        }
+    }
+}
+
+/// A sentence on the damping that a device has of its own, to stand beside what Colgate & Schenkel's bound asks for.
+pub fn told_damping(own: &OwnDamping, setting: &Setting) -> String {
+    if own.from.is_empty() {
+        return "By the model the device has no viscous friction at this joint, and dry friction does not count: the bound asks for \
+                more than there is."
+            .to_owned();
+    }
+    format!(
+        "By the model the device damps with {} {} of its own ({}); dry friction does not count.",
+        short(own.value),
+        Unit::of(setting).damping,
+        own.from.join(", ")
+    )
 }
 
 /// Why a page has nothing to show.
@@ -108,29 +146,20 @@ impl<'a> WallReport<'a> {
             let contacts = setting
                 .approaches
                 .iter()
-                .map(|approach| wall::contact(model, setting, &wall, &setting.hand, approach))
+                .map(|approach| {
+                    wall::contact(model, setting, &wall, &setting.hand, approach)
+                        .map_err(|error| error.in_case(name, approach, None))
+                })
                 .collect::<Result<Vec<_>, _>>()?;
             named.push((name.clone(), wall.clone()));
-            shown.push(Shown { name: name.clone(), title: file.title.clone(), wall, passive: file.passive, contacts });
+            let (title, passive, base) = (file.title.clone(), file.passive, file.base);
+            shown.push(Shown { name: name.clone(), title, wall, passive, base, contacts });
         }
         let cases = wall::compare(model, setting, &named)?;
         if let Some((name, _)) = named.iter().find(|(name, _)| !cases.iter().any(|case| case.controller == *name)) {
             return Err(WallReportError::Untouched { name: name.clone() });
         }
-        let unit = match setting.device.joints[setting.joint].kind {
-            JointKind::Revolute => Unit {
-                position: "rad",
-                small: "mrad",
-                velocity: "rad/s",
-                torque: "N*m",
-                stiffness: "N*m/rad",
-                damping: "N*m*s/rad",
-            },
-            JointKind::Prismatic => {
-                Unit { position: "m", small: "mm", velocity: "m/s", torque: "N", stiffness: "N/m", damping: "N*s/m" }
-            }
-        };
-        Ok(Self { setting, walls: shown, cases, unit })
+        Ok(Self { setting, walls: shown, cases, own: wall::own_damping(model, setting)?, unit: Unit::of(setting) })
     }
 
     /// Every case.
@@ -283,15 +312,7 @@ impl<'a> WallReport<'a> {
 
     /// Chatter of the first wall over that of this one, hand by hand.
     fn ratios(&self, name: &str) -> Vec<f64> {
-        let of = |name: &str| self.cases.iter().filter(move |case| case.controller == name).collect::<Vec<_>>();
-        let first = of(&self.walls[0].name);
-        of(name)
-            .iter()
-            .filter_map(|case| {
-                let same = first.iter().find(|own| own.hand == case.hand && own.speed == case.speed)?;
-                Some(same.measures.chatter_rms / case.measures.chatter_rms.max(1e-12))
-            })
-            .collect()
+        wall::chatter_ratios(&self.cases, name, &self.walls[0].name)
     }
 
     /// The deepest median settled position of any wall; a little below the surface where all stay outside.

@@ -1,5 +1,7 @@
 //! Several walls under the same hands.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -52,7 +54,8 @@ pub fn compare_with(
     let cases: Vec<Result<Option<Case>, WallError>> = asked
         .par_iter()
         .map(|&(name, wall, approach, hand)| {
-            let contact = played(&plant, setting, wall, &hands[hand], approach)?;
+            let contact = played(&plant, setting, wall, &hands[hand], approach)
+                .map_err(|error| error.in_case(name, approach, Some(hand)))?;
             let measures = Measures::of(&contact, wall);
             Ok(measures.map(|measures| Case {
                 controller: name.to_owned(),
@@ -65,4 +68,20 @@ pub fn compare_with(
     // One after the other: whichever thread was first, the error told is that of the first case.
     let cases = cases.into_iter().collect::<Result<Vec<Option<Case>>, WallError>>()?;
     Ok(cases.into_iter().flatten().collect())
+}
+
+/// Chatter of the wall `than` over that of the wall `name`, for every approach and hand that met both.
+pub fn chatter_ratios(cases: &[Case], name: &str, than: &str) -> Vec<f64> {
+    /// Below a picometre there is no chatter to compare with.
+    const NONE: f64 = 1e-12;
+    let than: BTreeMap<(&str, usize), f64> = cases
+        .iter()
+        .filter(|case| case.controller == than)
+        .map(|case| ((case.speed.as_str(), case.hand), case.measures.chatter_rms))
+        .collect();
+    cases
+        .iter()
+        .filter(|case| case.controller == name)
+        .filter_map(|case| Some(than.get(&(case.speed.as_str(), case.hand))? / case.measures.chatter_rms.max(NONE)))
+        .collect()
 }

@@ -44,6 +44,18 @@ pub enum WallError {
         /// The device's joint index.
         joint: usize,
     },
+    /// The same, of one case among several.
+    #[error("wall `{wall}`, {approach} approach, {hand}: {source}")]
+    Case {
+        /// The wall's name.
+        wall: String,
+        /// The approach's.
+        approach: String,
+        /// Which hand, in words.
+        hand: String,
+        /// What happened.
+        source: Box<Self>,
+    },
     /// Nothing that is commanded reaches the joint.
     #[error(
         "the model's drive lets no torque pass to joint {joint} at once; take what holds it back (a lag, a delay) out"
@@ -52,6 +64,17 @@ pub enum WallError {
         /// The device's joint index.
         joint: usize,
     },
+}
+
+impl WallError {
+    /// Says in which case the loop diverged; `hand` is its number, or none for the typical one. What else is wrong is so in all
+    /// cases.
+    #[must_use]
+    pub fn in_case(self, wall: &str, approach: &Approach, hand: Option<usize>) -> Self {
+        let Self::Diverged { .. } = self else { return self };
+        let hand = hand.map_or_else(|| "the typical hand".to_owned(), |hand| format!("hand {hand}"));
+        Self::Case { wall: wall.to_owned(), approach: approach.name.clone(), hand, source: Box::new(self) }
+    }
 }
 
 /// The device of a setting, ready to meet walls.

@@ -28,6 +28,8 @@ pub struct WallFile {
     pub law: Law,
     /// Whether a passivity controller watches it.
     pub passive: bool,
+    /// The linear law that rules were made from (Eq. 5.5), where the file states it.
+    pub base: Option<LinearLaw>,
 }
 
 impl WallFile {
@@ -64,10 +66,12 @@ impl WallFile {
         if scale <= 0.0 {
             return Err(entry.error(format!("`torque_per_unit` is {scale}")).help("give a positive number"));
         }
+        let (law, base) = law(&root)?;
         Ok(Self {
             title: root.required("title", "what the wall is")?.text()?.to_owned(),
             scale,
-            law: law(&root)?,
+            law,
+            base,
             passive: root.optional("passive").map_or(Ok(false), |entry| entry.flag())?,
         })
     }
@@ -78,7 +82,7 @@ impl WallFile {
     /// None that a file which was read and a setting which was read could have.
     pub fn wall(&self, setting: &Setting) -> Result<Wall, WallError> {
         let wall = Wall::new(self.law.clone(), self.scale, setting.sample_s, setting.torque_limit)?;
-        Ok(if self.passive { wall.passive() } else { wall })
+        Ok(if self.passive { wall.passive(setting.delay_samples) } else { wall })
     }
 
     /// The file, every output of a rule as a number.
@@ -116,6 +120,9 @@ impl WallFile {
                     writeln!(text, "wall_damping = {wall_damping:?}\nstiffness = {stiffness:?}\ndamping = {damping:?}");
             }
         }
+        if let Some(base) = &self.base {
+            let _ = writeln!(text, "\n[linear]\nk1 = {:?}\nk2 = {:?}", base.k1, base.k2);
+        }
         if let Law::Leaky { stiffness, share, .. } = &self.law {
             let _ = writeln!(text, "\n[leak]\nstiffness = {stiffness:?}\nshare = {share:?}");
         }
@@ -123,7 +130,8 @@ impl WallFile {
     }
 }
 
-fn law(root: &Table<'_>) -> Result<Law, ModelError> {
+/// The law, and the linear one that its rules were made from.
+fn law(root: &Table<'_>) -> Result<(Law, Option<LinearLaw>), ModelError> {
     const ALWAYS: [&str; 3] = ["title", "torque_per_unit", "passive"];
     // A table that the law does not read would say something that is not so.
     let reads = |own: &[&str]| root.only(&[&ALWAYS, own].concat());
@@ -132,13 +140,14 @@ fn law(root: &Table<'_>) -> Result<Law, ModelError> {
         let table = root.table("coupling", "the virtual coupling")?;
         table.only(&["inertia", "wall_stiffness", "wall_damping", "stiffness", "damping"])?;
         let number = |key: &str| positive(&table, key);
-        return Ok(Law::Coupled(VirtualTool {
+        let tool = VirtualTool {
             inertia: number("inertia")?,
             wall_stiffness: number("wall_stiffness")?,
             wall_damping: number("wall_damping")?,
             stiffness: number("stiffness")?,
             damping: number("damping")?,
-        }));
+        };
+        return Ok((Law::Coupled(tool), None));
     }
     let linear = match root.optional("linear") {
         Some(entry) => {
@@ -151,17 +160,17 @@ fn law(root: &Table<'_>) -> Result<Law, ModelError> {
     };
     if root.optional("rules").is_some() {
         reads(&["linear", "position", "velocity", "outputs", "rules"])?;
-        return Ok(Law::Rules(rules(root, linear.as_ref())?));
+        return Ok((Law::Rules(rules(root, linear.as_ref())?), linear));
     }
     reads(&["linear", "leak"])?;
     let Some(linear) = linear else {
         return Err(root.error("the wall has no law").help("give [linear], [rules] or [coupling]"));
     };
-    let Some(entry) = root.optional("leak") else { return Ok(Law::Linear(linear)) };
+    let Some(entry) = root.optional("leak") else { return Ok((Law::Linear(linear), None)) };
     let table = entry.table("[leak]")?;
     table.only(&["stiffness", "share"])?;
     let share = |key: &str| not_negative(&table, key);
-    Ok(Law::Leaky { linear, stiffness: share("stiffness")?, share: share("share")? })
+    Ok((Law::Leaky { linear, stiffness: share("stiffness")?, share: share("share")? }, None))
 }
 
 /// Fuzzy sets and rules.
@@ -369,7 +378,7 @@ mod tests {
         let tool = VirtualTool { inertia: 0.1, wall_stiffness: 3.0, wall_damping: 5.0, stiffness: 1.0, damping: 2.0 };
         let linear = LinearLaw { k1: 100.0, k2: 2.0, offset: 0.0 };
         for law in [Law::Coupled(tool), Law::Leaky { linear, stiffness: 2.0, share: 0.3 }] {
-            let file = WallFile { title: "another".to_owned(), scale: 0.5, law, passive: true };
+            let file = WallFile { title: "another".to_owned(), scale: 0.5, law, passive: true, base: None };
             assert_eq!(WallFile::parse(&file.to_toml("once"), Path::new("again.toml")).expect("written"), file);
         }
         let (tuned, _) = table("fuzzy_tuned");

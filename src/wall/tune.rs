@@ -12,7 +12,7 @@ use super::{
     contact::{Plant, played},
 };
 use crate::{
-    control::{Law, LinearLaw, Partition, RuleTable, Wall},
+    control::{Law, LinearLaw, Partition, RuleTable, VirtualTool, Wall},
     model::Model,
     random::Random,
 };
@@ -41,6 +41,8 @@ pub struct Tuned {
     pub wall: WallFile,
     /// What it costs; see [`Told::cost`].
     pub cost: f64,
+    /// What the start cost.
+    pub cost_at_start: f64,
     /// Walls that were tried.
     pub evaluations: usize,
 }
@@ -54,42 +56,103 @@ pub struct Told {
     pub cost: f64,
 }
 
-/// Tunes the gains of a spring and damper.
-///
-/// # Errors
-/// The model makes no equations.
-pub fn tune_linear(
-    model: &Model,
-    setting: &Setting,
-    start: (&LinearLaw, f64),
-    goal: &Goal,
-    told: &(dyn Fn(Told) -> bool + Sync),
-) -> Result<Tuned, WallError> {
-    let (law, scale) = start;
-    let make = |x: &[f64]| Law::Linear(LinearLaw { k1: law.k1 * x[0].exp(), k2: law.k2 * x[1].exp(), offset: 0.0 });
-    tune(model, setting, ("PD wall, tuned", scale), 2, &make, goal, told)
+/// What a tuning varies, by factors on its start.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Family {
+    /// The gains of a spring and damper.
+    Linear(LinearLaw),
+    /// A monotone rule table over these fuzzy sets. It pushes with a static part that grows with the depth from set to set, and
+    /// damps, less so at the surface and on the way out. The linear law that it starts from is one of the tables.
+    Rules {
+        /// Fuzzy sets of the position.
+        position: Partition,
+        /// Fuzzy sets of the velocity.
+        velocity: Partition,
+        /// The start.
+        linear: LinearLaw,
+    },
+    /// A wall behind a virtual coupling: tool, wall and coupling.
+    Coupled(VirtualTool),
+    /// A leaky spring with its damper. The element's share is at most a half.
+    Leaky {
+        /// Spring and damper.
+        linear: LinearLaw,
+        /// The element's stiffness over the spring's.
+        stiffness: f64,
+        /// The element's largest share.
+        share: f64,
+    },
 }
+
+impl Family {
+    /// Where nothing better is known: a spring of the stiffness `k1`, in the law's units, and a damper that suits it.
+    pub fn linear_start(k1: f64) -> LinearLaw {
+        LinearLaw { k1, k2: LEAD_S * k1, offset: 0.0 }
+    }
+
+    /// A virtual coupling that feels as stiff as this spring: a wall three times as stiff behind a coupling, with a tool that
+    /// follows faster than the controller's ticks.
+    pub fn coupled_start(linear: &LinearLaw) -> VirtualTool {
+        let LinearLaw { k1, k2, .. } = *linear;
+        VirtualTool {
+            inertia: LEAD_S * k2,
+            wall_stiffness: 3.0 * k1,
+            wall_damping: 3.0 * k2,
+            stiffness: 1.5 * k1,
+            damping: 1.5 * k2,
+        }
+    }
+
+    /// How many numbers are varied.
+    fn n_numbers(&self) -> usize {
+        match self {
+            Self::Linear(_) => 2,
+            Self::Rules { .. } => N_RULE_NUMBERS,
+            Self::Coupled(_) => 5,
+            Self::Leaky { .. } => 4,
+        }
+    }
+
+    /// What a tuned wall of the family is called.
+    fn title(&self) -> &'static str {
+        match self {
+            Self::Linear(_) => "PD wall, tuned",
+            Self::Rules { .. } => "fuzzy wall, tuned",
+            Self::Coupled(_) => "wall behind a virtual coupling, tuned",
+            Self::Leaky { .. } => "leaky wall, tuned",
+        }
+    }
+
+    /// The law that the numbers `x`, logarithms of factors on the start, make.
+    fn law(&self, x: &[f64]) -> Law {
+        let times = |law: &LinearLaw| LinearLaw { k1: law.k1 * x[0].exp(), k2: law.k2 * x[1].exp(), offset: 0.0 };
+        match self {
+            Self::Linear(law) => Law::Linear(times(law)),
+            Self::Rules { position, velocity, linear } => Law::Rules(monotone(position, velocity, linear, x)),
+            Self::Coupled(tool) => Law::Coupled(VirtualTool {
+                inertia: tool.inertia * x[0].exp(),
+                wall_stiffness: tool.wall_stiffness * x[1].exp(),
+                wall_damping: tool.wall_damping * x[2].exp(),
+                stiffness: tool.stiffness * x[3].exp(),
+                damping: tool.damping * x[4].exp(),
+            }),
+            Self::Leaky { linear, stiffness, share } => Law::Leaky {
+                linear: times(linear),
+                stiffness: stiffness * x[2].exp(),
+                share: (share * x[3].exp()).min(MOST_SHARE),
+            },
+        }
+    }
+}
+
+/// Damping over stiffness of the gains that a tuning starts from (s): about the lag of a sampled wall.
+const LEAD_S: f64 = 0.03;
+
+/// An element that takes away more than half of the spring on the way out leaves little that pushes back.
+const MOST_SHARE: f64 = 0.5;
 
 /// Numbers of a tuned rule table, each as the logarithm of a factor on its start.
 const N_RULE_NUMBERS: usize = 10;
-
-/// Tunes a monotone rule table over the fuzzy sets of another. It pushes with a static part that grows with the depth from
-/// set to set, and damps, less so at the surface and on the way out. The linear law that it starts from is one of the tables.
-///
-/// # Errors
-/// The model makes no equations.
-pub fn tune_rules(
-    model: &Model,
-    setting: &Setting,
-    sets: (&Partition, &Partition),
-    start: (&LinearLaw, f64),
-    goal: &Goal,
-    told: &(dyn Fn(Told) -> bool + Sync),
-) -> Result<Tuned, WallError> {
-    let (law, scale) = start;
-    let make = |x: &[f64]| Law::Rules(monotone(sets.0, sets.1, law, x));
-    tune(model, setting, ("fuzzy wall, tuned", scale), N_RULE_NUMBERS, &make, goal, told)
-}
 
 /// The table that the numbers `x` make of a linear law.
 fn monotone(position: &Partition, velocity: &Partition, law: &LinearLaw, x: &[f64]) -> RuleTable {
@@ -132,25 +195,27 @@ fn monotone(position: &Partition, velocity: &Partition, law: &LinearLaw, x: &[f6
 /// Numbers further than this from their start, as logarithms, are not tried.
 const FAR: f64 = 3.0;
 
-fn tune(
+/// Tunes a wall whose law has `scale` units of torque for one of its output. The start is tried first, and what comes out is
+/// never worse than it.
+///
+/// # Errors
+/// The model makes no equations.
+pub fn tune(
     model: &Model,
     setting: &Setting,
-    (title, scale): (&str, f64),
-    n: usize,
-    make: &(dyn Fn(&[f64]) -> Law + Sync),
+    family: &Family,
+    scale: f64,
     goal: &Goal,
     told: &(dyn Fn(Told) -> bool + Sync),
 ) -> Result<Tuned, WallError> {
-    let mut random = Random::new(goal.seed);
+    // Hands and plants are drawn from streams of their own.
+    let mut random = Random::new(!goal.seed);
     let hands = setting.hand.population(setting.spread, setting.hands, goal.seed);
     let plants = hands.iter().map(|_| other_plant(model, setting, goal, &mut random)).collect::<Result<Vec<_>, _>>()?;
-    let cost = |x: &[f64]| -> f64 {
-        let away: f64 = x.iter().map(|x| (x.abs() - FAR).max(0.0)).sum();
-        let near: Vec<f64> = x.iter().map(|x| x.clamp(-FAR, FAR)).collect();
-        let Ok(wall) = Wall::new(make(&near), scale, setting.sample_s, setting.torque_limit) else { return f64::MAX };
-        let asked: Vec<(usize, usize)> = (0..hands.len())
-            .flat_map(|hand| (0..setting.approaches.len()).map(move |approach| (hand, approach)))
-            .collect();
+    let asked: Vec<(usize, usize)> =
+        (0..hands.len()).flat_map(|hand| (0..setting.approaches.len()).map(move |approach| (hand, approach))).collect();
+    let cost_of = |law: Law| -> f64 {
+        let Ok(wall) = Wall::new(law, scale, setting.sample_s, setting.torque_limit) else { return f64::MAX };
         let costs: Vec<f64> = asked
             .par_iter()
             .map(|&(hand, approach)| {
@@ -160,7 +225,12 @@ fn tune(
             })
             .collect();
         let largest = costs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        costs.iter().sum::<f64>() / costs.len() as f64 + 0.5 * largest + away * away
+        costs.iter().sum::<f64>() / costs.len() as f64 + 0.5 * largest
+    };
+    let cost = |x: &[f64]| -> f64 {
+        let away: f64 = x.iter().map(|x| (x.abs() - FAR).max(0.0)).sum();
+        let near: Vec<f64> = x.iter().map(|x| x.clamp(-FAR, FAR)).collect();
+        cost_of(family.law(&near)) + away * away
     };
     let done = std::sync::atomic::AtomicUsize::new(0);
     let stopped = std::sync::atomic::AtomicBool::new(false);
@@ -175,22 +245,25 @@ fn tune(
         }
         cost
     };
-    let build = cmaes::CMAESOptions::new(vec![0.0; n], 0.5)
+    let start = vec![0.0; family.n_numbers()];
+    let at_start = objective(&cmaes::DVector::from_vec(start.clone()));
+    let build = cmaes::CMAESOptions::new(start.clone(), 0.5)
         .seed(goal.seed)
-        .max_function_evals(goal.evaluations)
+        .max_function_evals(goal.evaluations.saturating_sub(1).max(1))
         .tol_fun(1e-4)
         .tol_x(1e-3)
         .build(objective);
-    let start = vec![0.0; n];
-    let best = build.ok().and_then(|mut search| search.run().overall_best);
+    let best = build.ok().and_then(|mut search| search.run().overall_best).filter(|best| best.value < at_start);
     let x: Vec<f64> = best.map_or(start, |best| best.point.iter().map(|x| x.clamp(-FAR, FAR)).collect());
     let evaluations = done.load(std::sync::atomic::Ordering::Relaxed);
-    let wall = WallFile { title: title.to_owned(), scale, law: rounded(make(&x)), passive: false };
-    Ok(Tuned { cost: cost(&x), wall, evaluations })
+    let law = rounded(family.law(&x));
+    let cost = cost_of(law.clone());
+    let wall = WallFile { title: family.title().to_owned(), scale, law, passive: false, base: None };
+    Ok(Tuned { cost, cost_at_start: at_start, wall, evaluations })
 }
 
 /// What a wall costs that cannot be simulated, or is never met.
-const UNUSABLE: f64 = 50.0;
+const UNUSABLE: f64 = 1000.0;
 
 /// Logarithm of the chatter, and prices for what a goal does not allow.
 fn price(measures: &Measures, goal: &Goal) -> f64 {
@@ -199,24 +272,17 @@ fn price(measures: &Measures, goal: &Goal) -> f64 {
     /// One mrad.
     const UNIT: f64 = 1e-3;
     const PRICE: f64 = 30.0;
+    /// A wall that gives out more than it may pays more for that than it could save in chatter.
+    const ENERGY_PRICE: f64 = 3.0;
     let softer = (goal.stiffness / measures.stiffness.max(0.01 * goal.stiffness)).ln().max(0.0);
     let outside = (measures.outside - goal.outside).max(0.0);
-    let energy = (measures.energy_out / goal.energy_out - 1.0).clamp(0.0, 1.0);
-    (measures.chatter_rms.max(NONE) / UNIT).ln() + PRICE * (softer + outside) + energy
+    let energy = (measures.energy_out / goal.energy_out).max(1.0).ln();
+    (measures.chatter_rms.max(NONE) / UNIT).ln() + PRICE * (softer + outside) + ENERGY_PRICE * energy
 }
 
 /// The plant as the model's standard errors allow it, with a drive that delivers somewhat more.
 fn other_plant(model: &Model, setting: &Setting, goal: &Goal, random: &mut Random) -> Result<Plant, WallError> {
-    let mut drawn = model.clone();
-    if let Some(fit) = &model.fit {
-        let mut values = std::collections::BTreeMap::new();
-        for (name, error) in &fit.std_error {
-            if let Some(parameter) = model.parameter(name) {
-                values.insert(name.clone(), parameter.value + error * random.normal());
-            }
-        }
-        drawn = model.with_values(&|name| values.get(name).copied());
-    }
+    let drawn = model.off_by_errors(random);
     let delivered = random.between(1.0, goal.drive.max(1.0));
     Ok(Plant::new(&drawn, setting)?.delivering(delivered))
 }
@@ -230,14 +296,24 @@ fn rounded(law: Law) -> Law {
         let unit = 10.0_f64.powi(3 - value.abs().log10().floor() as i32);
         (value * unit).round() / unit
     };
+    let linear = |law: LinearLaw| LinearLaw { k1: digits(law.k1), k2: digits(law.k2), offset: law.offset };
     match law {
-        Law::Linear(law) => Law::Linear(LinearLaw { k1: digits(law.k1), k2: digits(law.k2), offset: law.offset }),
+        Law::Linear(law) => Law::Linear(linear(law)),
         Law::Rules(table) => {
             let outputs = table.outputs().iter().copied().map(digits).collect();
             let (position, velocity) = (table.position().clone(), table.velocity().clone());
             RuleTable::new(position, velocity, outputs).map_or(Law::Rules(table), Law::Rules)
         }
-        other => other,
+        Law::Coupled(tool) => Law::Coupled(VirtualTool {
+            inertia: digits(tool.inertia),
+            wall_stiffness: digits(tool.wall_stiffness),
+            wall_damping: digits(tool.wall_damping),
+            stiffness: digits(tool.stiffness),
+            damping: digits(tool.damping),
+        }),
+        Law::Leaky { linear: own, stiffness, share } => {
+            Law::Leaky { linear: linear(own), stiffness: digits(stiffness), share: digits(share) }
+        }
     }
 }
 

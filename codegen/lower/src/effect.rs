@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use dynid_model::effect::{Effect, EffectParameter, SIGNALS};
-use dynid_model::expression::{BinaryOperator, Expression, Function as Call};
+use dynid_model::expression::Expression;
 
 use crate::kernel::{Argument, Function, Results};
 use crate::{Input, Node, Program};
@@ -153,45 +153,10 @@ impl Formulas<'_> {
     }
 
     fn node(&mut self, formula: &str, expression: &Expression) -> Result<Node, UnknownSymbol> {
-        let node = match expression {
-            Expression::Number(value) => self.program.number(*value),
-            Expression::Symbol(symbol) => *self.scope.get(symbol).ok_or_else(|| UnknownSymbol {
-                effect: self.effect.id.clone(),
-                formula: formula.to_owned(),
-                symbol: symbol.clone(),
-            })?,
-            Expression::Negate(a) => {
-                let a = self.node(formula, a)?;
-                self.program.negate(a)
-            }
-            Expression::Binary(operator, a, b) => {
-                let (a, b) = (self.node(formula, a)?, self.node(formula, b)?);
-                match operator {
-                    BinaryOperator::Add => self.program.add(a, b),
-                    BinaryOperator::Subtract => self.program.subtract(a, b),
-                    BinaryOperator::Multiply => self.program.multiply(a, b),
-                    BinaryOperator::Divide => self.program.divide(a, b),
-                }
-            }
-            Expression::Call(function, arguments) => {
-                let arguments =
-                    arguments.iter().map(|argument| self.node(formula, argument)).collect::<Result<Vec<_>, _>>()?;
-                match (function, arguments.as_slice()) {
-                    (Call::Min, &[a, b]) => self.program.minimum(a, b),
-                    (Call::Max, &[a, b]) => self.program.maximum(a, b),
-                    (function, &[a]) => self.program.call(*function, a),
-                    // `dynid_model` has checked the number of arguments.
-                    _ => self.program.number(f64::NAN),
-                }
-            }
-            Expression::IfElse(comparison, operands) => {
-                let mut nodes = Vec::with_capacity(4);
-                for operand in operands.iter() {
-                    nodes.push(self.node(formula, operand)?);
-                }
-                self.program.select(*comparison, [nodes[0], nodes[1], nodes[2], nodes[3]])
-            }
-        };
-        Ok(node)
+        self.program.expression(expression, &self.scope).map_err(|symbol| UnknownSymbol {
+            effect: self.effect.id.clone(),
+            formula: formula.to_owned(),
+            symbol,
+        })
     }
 }

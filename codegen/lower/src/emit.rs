@@ -4,11 +4,13 @@
 //! within a fixed-size array, so that no check is left that could fail.
 
 mod effects;
+mod end_point;
 mod function;
 mod kernels;
 mod term;
 
 pub use effects::effects_module;
+pub use end_point::end_point_module;
 pub use kernels::configuration_module;
 
 use proc_macro2::{Ident, Literal, TokenStream};

@@ -9,6 +9,7 @@
 
 mod derivative;
 mod evaluate;
+mod expression;
 mod operations;
 mod rewrite;
 mod split;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Shown, WallReport, densest, plain};
+use super::{Shown, WallReport, densest, listed, milli, plain};
 use crate::{
     control::{Law, Partition},
     plot::{
@@ -36,13 +36,24 @@ impl WallReport<'_> {
             kinds: speeds,
             values,
         };
+        let floors: Vec<String> = self
+            .setting
+            .approaches
+            .iter()
+            .map(|approach| milli(crate::wall::chatter_floor(self.setting, approach)))
+            .collect();
+        let names: Vec<&str> = self.setting.approaches.iter().map(|approach| approach.name.as_str()).collect();
         format!(
             "<figure>\n{}</figure>\n<p class=\"note\">The same hands in the same order at every wall. Chatter is what is left of \
-             the position above {} Hz, from {} to {} s after the first touch.</p>\n",
+             the position above {} Hz, from {} to {} s after the first touch. The filter sees the whole contact, so that a little \
+             of the approach leaks into that: where a wall stops a {} approach dead, {} {} would be measured.</p>\n",
             dots::inline(&dots),
             crate::wall::SLOWEST_HZ,
             crate::wall::FROM_S,
-            crate::wall::TO_S
+            crate::wall::TO_S,
+            escaped(&listed(&names)),
+            listed(&floors),
+            self.unit.small
         )
     }
 

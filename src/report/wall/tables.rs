@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use super::{Shown, WallReport, densest, median, milli, number, plain, short};
+use super::{Shown, WallReport, densest, median, milli, number, plain, short, told_damping};
 use crate::{
-    control::{Law, RuleTable},
+    control::{Law, LinearLaw, RuleTable},
     plot::escaped,
     wall::{self, Measures},
 };
@@ -60,6 +60,7 @@ impl WallReport<'_> {
             self.setting.hands
         );
         html.push_str(&self.compared());
+        let _ = writeln!(html, "<p>{}</p>", escaped(&told_damping(&self.own, self.setting)));
         html.push_str("<dl>\n");
         for own in &self.walls {
             let _ = writeln!(html, "<dt><code>{}</code></dt><dd>{}</dd>", escaped(&own.name), escaped(&self.told(own)));
@@ -98,7 +99,7 @@ impl WallReport<'_> {
                 let bound = wall::stability_bound(stiffness, damping, self.setting.sample_s);
                 format!(
                     "{} {}, damping {} {}; passive whoever touches it only if the device itself damps with more than {} \
-                     (K T / 2 + B, Colgate & Schenkel 1997)",
+                     (K T / 2 + B, Colgate & Schenkel 1997; filter and delay ask for more)",
                     short(stiffness),
                     self.unit.stiffness,
                     short(damping),
@@ -129,7 +130,7 @@ impl WallReport<'_> {
                 escaped(&own.name),
                 escaped(&own.title)
             );
-            html.push_str(&cells(table));
+            html.push_str(&cells(table, own.base.as_ref()));
             let _ = writeln!(
                 html,
                 "</table></div>\n<p class=\"note\">One for each pair of sets; 1 is \u{2212}{} {} on the joint.</p>",
@@ -139,7 +140,8 @@ impl WallReport<'_> {
         }
         html.push_str(
             "<p class=\"note\">Figure 5.6 of the thesis: below zero pushes out of the wall (blue), above pulls in (vermilion). Framed: \
-             the range of interest.</p>\n",
+             the range of interest. Bold and marked \u{2022}: modified, that is not what the linear law of the wall's file gives at the \
+             peaks of the two sets, nor nothing outside.</p>\n",
         );
         html
     }
@@ -208,8 +210,8 @@ impl WallReport<'_> {
     }
 }
 
-/// Heading and rows of a rule table, tinted by the output.
-fn cells(table: &RuleTable) -> String {
+/// Heading and rows of a rule table, tinted by the output; marked where it is not what `base` makes of it (Eq. 5.5).
+fn cells(table: &RuleTable, base: Option<&LinearLaw>) -> String {
     let mut html = String::new();
     for name in table.position().names() {
         let _ = write!(html, "<th>{}</th>", escaped(name));
@@ -225,12 +227,17 @@ fn cells(table: &RuleTable) -> String {
             // The square root tells small outputs apart too.
             let tint = if largest > 0.0 { TINT * (output.abs() / largest).sqrt() } else { 0.0 };
             let colour = if output < 0.0 { "0,114,178" } else { "213,94,0" };
-            let is_core = inside(across, table.position().peaks()[column]) && inside(up, table.velocity().peaks()[row]);
+            let (position, rate) = (table.position().peaks()[column], table.velocity().peaks()[row]);
+            let is_core = inside(across, position) && inside(up, rate);
+            let given = |base: &LinearLaw| if position > 0.0 { 0.0 } else { base.output(position, rate) };
+            let told = match base {
+                Some(base) if output != given(base) => format!("<b>{}\u{2022}</b>", short(output)),
+                _ => short(output),
+            };
             let _ = write!(
                 html,
-                "<td{} style=\"background:rgba({colour},{tint:.2})\">{}</td>",
+                "<td{} style=\"background:rgba({colour},{tint:.2})\">{told}</td>",
                 if is_core { " class=\"core\"" } else { "" },
-                short(output)
             );
         }
         html.push_str("</tr>\n");

@@ -54,6 +54,7 @@ fn device(convention: Convention, kinds: &[JointKind], frames: Vec<Frame>, links
         links: links.iter().map(|&frame| Link { frame, title: String::new(), inertial: [zero; 10] }).collect(),
         configurations: vec![Configuration { free: (0..kinds.len()).collect() }],
         methods: Vec::new(),
+        end_point: None,
         effects: Vec::new(),
     }
 }

@@ -45,6 +45,7 @@ fn rotor(gravity: f64) -> Device {
         links: vec![Link { frame: 0, title: String::new(), inertial }],
         configurations: vec![Configuration { free: vec![0] }],
         methods: Vec::new(),
+        end_point: None,
         effects: Vec::new(),
     }
 }

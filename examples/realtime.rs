@@ -7,16 +7,17 @@
 //!
 //! The sensors here belong to a simulated Freedom 6S of six free joints that a hand moves about. A robot's own go in place
 //! of [`Device`]; so does whatever gives its thread a core and a priority of its own, which is the operating system's
-//! affair. Only the tick is measured: estimator, wall, compensation. On a machine that does other things too the worst tick
+//! affair. Only the tick is measured: estimator, a wall at a joint, a wall that is a plane in space, compensation. On a machine that does other things too the worst tick
 //! is that in which something else had the core; `--passes 3` makes the same ticks again, and tells besides what is left of the
 //! worst one if each tick counts by the fastest of its passes.
 
 use std::time::{Duration, Instant};
 
-use dynid::control::{Compensation, Estimator, Shares};
+use dynid::control::{Compensation, Estimator, PlaneWall, Shares};
+use dynid::kinematics::Kinematics;
 use dynid::model::Model;
 use dynid::system::System;
-use dynid::wall::{self, Setting};
+use dynid::wall::{self, Setting, space};
 
 const SAMPLE_S: f64 = 1e-3;
 const QUANTUM: f64 = 1e-4;
@@ -59,7 +60,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Everything that allocates or may fail comes first.
     let device = dynid_model::device("freedom6s").ok_or("the device is not in the library")?;
     let free: Vec<usize> = (0..JOINTS).collect();
-    let system = System::of_model(&Model::of_device(device), &free, |_| 0.0)?;
+    let model = Model::of_device(device);
+    let system = System::of_model(&model, &free, |_| 0.0)?;
+    // A plane in space before the handle.
+    let place = space::Setting::shipped()?;
+    let kinematics = Kinematics::of_model(&model, &free, &place.posture)?;
+    let felt = (place.wall(&wall::shipped("fuzzy")?)?, place.lever);
+    let mut plane = PlaneWall::new(&system, kinematics, place.plane, felt, &place.torque_limits)?;
     let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S)?;
     let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, QUANTUM, 1);
     // A fuzzy wall at joint 0, below its position 0.
@@ -91,6 +98,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             estimator.tick(&reading, &mut q, &mut dq, &mut ddq);
             command.copy_from_slice(compensation.tick(&q, &dq, &ddq));
             command[0] += wall.tick(q[0], dq[0]);
+            command.iter_mut().zip(plane.tick(&q, &dq)).for_each(|(command, felt)| *command += felt);
             let span = before.elapsed().as_nanos().min(u128::from(u32::MAX)) as u32;
             spans.push(span);
             *fastest = span.min(*fastest);
@@ -105,7 +113,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             println!("{name:>22}  {:8.2} us", f64::from(*span) / 1e3);
         }
     };
-    println!("{ticks} ticks of estimator, compensation and wall, {JOINTS} joints");
+    println!("{ticks} ticks of estimator, compensation, a wall at a joint and one in space, {JOINTS} joints");
     told("median", at(0.5));
     told("99 %", at(0.99));
     told("99.99 %", at(0.9999));

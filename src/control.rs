@@ -5,6 +5,7 @@
 mod compensation;
 mod estimator;
 mod partition;
+mod plane;
 mod rules;
 mod share;
 mod velocity;
@@ -13,6 +14,7 @@ mod walls;
 pub use compensation::{Compensation, CompensationError, Shares};
 pub use estimator::Estimator;
 pub use partition::{Partition, PartitionError};
+pub use plane::{Plane, PlaneError, PlaneWall};
 pub use rules::{LinearLaw, RuleTable, RuleTableError};
 pub use share::{Holding, largest_inertia_share};
 pub use velocity::FilteredVelocity;

@@ -10,6 +10,7 @@ pub mod experiment;
 pub mod felt;
 pub mod fit;
 pub mod identify;
+pub mod kinematics;
 pub mod ladder;
 pub mod log;
 pub mod model;

@@ -7,6 +7,7 @@ mod ladder;
 mod models;
 mod sections;
 mod sheet;
+mod space;
 mod wall;
 
 use std::fmt::Write;
@@ -17,6 +18,7 @@ pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
 pub use sheet::{DataQuality, Sheet};
+pub use space::SpaceReport;
 pub use wall::{WallReport, WallReportError, told_damping};
 
 use crate::plot;

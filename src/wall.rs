@@ -3,15 +3,17 @@
 //!
 //! [`Setting`] says which joint of which device meets the wall, how the controller is sampled, and who moves the handle;
 //! [`contact()`] plays one approach; [`Measures`] tell how still and how solid the wall felt; [`compare()`] puts several walls
-//! under the same hands; [`tune()`] looks for a better one.
+//! under the same hands; [`tune()`] looks for a better one. [`space`] is the same with the whole device, at a plane.
 
 mod compare;
 mod contact;
 mod damping;
+mod encounter;
 mod hand;
 mod law_file;
 mod measure;
 mod setting;
+pub mod space;
 mod tune;
 
 pub use compare::{Case, chatter_ratios, compare, compare_with};
@@ -20,7 +22,7 @@ pub use damping::{OwnDamping, own_damping};
 pub use hand::Hand;
 pub use law_file::WallFile;
 pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, stability_bound};
-pub use setting::{Approach, Setting};
+pub use setting::{Approach, People, Reaching, Sampling, Setting};
 pub use tune::{Family, Goal, Told, Tuned, tune};
 
 use crate::error::Error;

@@ -31,6 +31,12 @@ fn the_readme_is_true() {
         readme.contains(String::from_utf8(report.stdout).unwrap().trim_end()),
         "the README's walls are not the program's"
     );
+    let space = ["wall", "space", "--compensate", "--out", "space.html"];
+    let space = Command::cargo_bin("dynid").unwrap().current_dir(folder.path()).args(space).output().unwrap();
+    assert!(
+        readme.contains(String::from_utf8(space.stdout).unwrap().trim_end()),
+        "the README's wall in space is not the program's"
+    );
     // Over a tour that is there: told to, it takes its place.
     fs::create_dir(folder.path().join("dynid-tour")).unwrap();
     fs::write(folder.path().join("dynid-tour/fitted.toml"), "mine\n").unwrap();

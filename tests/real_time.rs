@@ -6,9 +6,11 @@
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};
 use std::cell::Cell;
 
-use dynid::control::{Compensation, Estimator, Shares};
+use dynid::control::{Compensation, Estimator, PlaneWall, Shares};
+use dynid::kinematics::Kinematics;
 use dynid::model::{EffectInstance, Model};
 use dynid::system::System;
+use dynid::wall::{self, space};
 
 /// Counts what each thread asks for.
 struct Counting;
@@ -67,9 +69,18 @@ fn model() -> Model {
     model
 }
 
+/// A plane with a rule table along its normal, about where the arm is moved.
+fn plane(model: &Model, system: &System) -> PlaneWall {
+    let setting = space::Setting::shipped().expect("shipped");
+    let kinematics = Kinematics::of_model(model, &setting.free, &setting.posture).expect("an end point");
+    let law = setting.wall(&wall::shipped("fuzzy").expect("shipped")).expect("a wall");
+    PlaneWall::new(system, kinematics, setting.plane, (law, setting.lever), &setting.torque_limits).expect("a plane")
+}
+
 fn ticks(model: &Model, readings: impl Fn(u32, usize) -> f64) -> (u64, Vec<f64>) {
     const JOINTS: usize = 6;
     let system = System::of_model(model, &[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
+    let mut plane = plane(model, &system);
     let mut compensation = Compensation::new(system, Shares::default(), 1e-3).expect("a model that can be carried");
     let mut estimator = Estimator::new(JOINTS, 1e-3, 20.0, 1e-4, 1);
     let [mut reading, mut q, mut dq, mut ddq, mut sum] = [[0.0; JOINTS]; 5];
@@ -80,8 +91,9 @@ fn ticks(model: &Model, readings: impl Fn(u32, usize) -> f64) -> (u64, Vec<f64>)
         }
         estimator.tick(&reading, &mut q, &mut dq, &mut ddq);
         let command = compensation.tick(&q, &dq, &ddq);
-        for (sum, command) in sum.iter_mut().zip(command) {
-            *sum += command.abs();
+        let felt = plane.tick(&q, &dq);
+        for (sum, (command, felt)) in sum.iter_mut().zip(command.iter().zip(felt)) {
+            *sum += command.abs() + felt.abs();
         }
         if k == 2500 {
             estimator.restart();

@@ -269,6 +269,28 @@ fn a_tuning_is_never_worse_than_its_start() {
     }
 }
 
+/// What a model's drive does beside its gain is played; only a late command is refused.
+#[test]
+fn a_lag_of_the_drive_is_played_and_a_delay_is_refused() {
+    let setting = Setting::shipped().expect("shipped");
+    let wall = wall::shipped("pd_tuned").expect("shipped").wall(&setting).expect("a wall");
+    let played = |model: &Model| contact(model, &setting, &wall, &setting.hand, &setting.approaches[0]);
+    let plain = Model::of_device(setting.device);
+    let energy = |model: &Model| {
+        let contact = played(model).expect("a contact");
+        Measures::of(&contact, &wall).expect("it is met").chatter_rms
+    };
+    let mut lagging = plain.clone();
+    lagging.add_effect("input_lag", Some(0), None).expect("added");
+    lagging.set_value("joint.0.input_lag.T", 0.03).expect("its own");
+    assert!(energy(&lagging) > 2.0 * energy(&plain), "{} {}", energy(&lagging), energy(&plain));
+    let mut late = plain.clone();
+    late.add_effect("input_delay", Some(0), None).expect("added");
+    late.set_value("joint.0.input_delay.delay", 0.02).expect("its own");
+    let told = played(&late).expect_err("late").to_string();
+    assert!(told.contains("joint 0") && told.contains("0.02 s late") && told.contains("delay_samples"), "{told}");
+}
+
 fn wrong(folder: &Path, name: &str, text: &str, arguments: &[&str]) -> String {
     let path = folder.join(name);
     std::fs::write(&path, text).expect("written");

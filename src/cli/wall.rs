@@ -1,6 +1,7 @@
 //! `dynid wall`: touch a virtual wall.
 
 mod feel;
+mod space;
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -13,6 +14,7 @@ use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
 use dynid::report::{Provenance, Section, WallReport, number, told_damping};
 use dynid::wall::{self, Case, Goal, Measures, OwnDamping, Setting, Told, WallFile};
+use dynid_model::Device;
 use serde_json::json;
 
 use super::table::{Align, Table};
@@ -27,6 +29,7 @@ Examples:
   dynid wall run --wall fuzzy --speed fast --out contact.csv
   dynid wall tune --law rules --out tuned.toml        a monotone rule table, by an evolution strategy
   dynid wall report --wall pd,fuzzy --out wall.html   a page with pictures: torque surfaces, contacts, chatter of every hand
+  dynid wall space --compensate --out space.html      the whole device in a hand, at a plane; the model carries its weight
   dynid wall feel --model fitted.toml --out felt.svg  what a hand feels of the device with and without its model
 
 A setting file says which joint of which device meets the wall, how the controller is sampled and who moves the handle;
@@ -51,6 +54,8 @@ enum Verb {
     Report(ReportArguments),
     /// A setting or a wall that the program carries, as a file.
     Show(ShowArguments),
+    /// The whole device in a hand, at a wall that is a plane in space.
+    Space(space::Arguments),
     /// What a hand feels of the device itself: inertia and friction over frequency, bare and carried by the model.
     Feel(feel::Arguments),
 }
@@ -160,7 +165,7 @@ struct ReportArguments {
 
 #[derive(clap::Args)]
 struct ShowArguments {
-    /// `setting`, or the name of a wall.
+    /// `setting`, `space` (the setting with a plane), or the name of a wall.
     name: String,
 }
 
@@ -172,6 +177,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Verb::Tune(arguments) => tune(arguments),
         Verb::Report(arguments) => report(arguments),
         Verb::Show(arguments) => show(arguments),
+        Verb::Space(arguments) => space::run(arguments),
         Verb::Feel(arguments) => feel::run(arguments),
     }
 }
@@ -183,9 +189,7 @@ impl Where {
             None => Setting::shipped()?,
         };
         if let Some(hands) = self.hands {
-            if !(1..=Setting::MOST_HANDS).contains(&hands) {
-                bail!("--hands {hands}: give a number from 1 to {}", Setting::MOST_HANDS);
-            }
+            check_hands(hands)?;
             setting.hands = hands;
         }
         if let Some(seed) = self.seed {
@@ -212,18 +216,23 @@ impl Where {
     }
 
     fn model(&self, setting: &Setting) -> anyhow::Result<Model> {
-        let Some(path) = &self.model else { return Ok(Model::of_device(setting.device)) };
-        let model = Model::load(path)?;
-        if model.device.id != setting.device.id {
-            bail!(
-                "{}: the model is of device `{}`, the setting of `{}`; use a model and a setting of one device",
-                path.display(),
-                model.device.id,
-                setting.device.id
-            );
-        }
-        Ok(model)
+        model_of(self.model.as_deref(), setting.device)
     }
+}
+
+fn check_hands(hands: usize) -> anyhow::Result<()> {
+    if !(1..=Setting::MOST_HANDS).contains(&hands) {
+        bail!("--hands {hands}: give a number from 1 to {}", Setting::MOST_HANDS);
+    }
+    Ok(())
+}
+
+/// The model of a file, which must be of the setting's device; or the device's own.
+fn model_of(path: Option<&Path>, device: &'static Device) -> anyhow::Result<Model> {
+    let Some(path) = path else { return Ok(Model::of_device(device)) };
+    let model = Model::load(path)?;
+    super::inputs::of_device(&model, path, device, "the setting")?;
+    Ok(model)
 }
 
 /// A wall by its name or its file; a file's name is that of the wall.
@@ -570,6 +579,8 @@ fn show(arguments: &ShowArguments) -> anyhow::Result<Outcome> {
     let name = arguments.name.as_str();
     let text = if name == "setting" {
         wall::SETTING
+    } else if name == "space" {
+        wall::space::SETTING
     } else {
         wall::shipped(name)?;
         wall::carried().find(|(known, _)| *known == name).map_or("", |(_, text)| text)

@@ -132,10 +132,7 @@ impl Compensation {
             return Err(CompensationError::Sample { value: sample_s });
         }
         let n = system.n_free();
-        let drive = system.drive_map();
-        let inverse = nalgebra::DMatrix::from_row_slice(n, n, &drive.matrix).try_inverse();
-        let inverse = inverse.filter(|inverse| inverse.iter().all(|entry| entry.is_finite()));
-        let inverse = inverse.ok_or(CompensationError::NoDrive)?;
+        let inverse_drive = system.inverse_drive().ok_or(CompensationError::NoDrive)?;
         let sensors = system.sensor_map();
         if let Some(slot) = sensors.iter().position(|(slope, offset)| !(slope.is_finite() && offset.is_finite())) {
             return Err(CompensationError::NoSensor { joint: system.kernel().free[slot] });
@@ -145,8 +142,8 @@ impl Compensation {
         Ok(Self {
             shares,
             sample_s,
-            inverse_drive: inverse.transpose().as_slice().to_vec(),
-            drive_offset: drive.offset,
+            inverse_drive,
+            drive_offset: system.drive_map().offset,
             sensors,
             ticks: 0,
             at_rest: vec![0.0; x.len()],

@@ -36,6 +36,13 @@ impl System {
         DriveMap { matrix, offset }
     }
 
+    /// Commands of the free joints per torque, n_free x n_free, row-major; `None` where commands do not determine torques.
+    pub(crate) fn inverse_drive(&self) -> Option<Vec<f64>> {
+        let n = self.n_free();
+        let inverse = nalgebra::DMatrix::from_row_slice(n, n, &self.drive_map().matrix).try_inverse()?;
+        inverse.iter().all(|entry| entry.is_finite()).then(|| inverse.transpose().as_slice().to_vec())
+    }
+
     /// Constant, slope by the own command and slope by the other joint's of an actuator stage, where it is affine.
     fn affine(&self, element: &Element) -> Option<[f64; 3]> {
         /// Commands at which the stage is tried, own and the other joint's.

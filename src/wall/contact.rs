@@ -2,13 +2,13 @@
 
 use super::{
     Approach, Hand, Setting,
+    encounter::{Encounter, Held},
     hand::{Plan, Wanted},
 };
 use crate::{
     control::{FilteredVelocity, Wall},
     model::Model,
-    simulate::{self, SimulationError, control::round_to},
-    system::{Scratch, System, SystemError},
+    system::{System, SystemError},
 };
 
 /// What happened, tick by tick.
@@ -56,10 +56,31 @@ pub enum WallError {
         /// What happened.
         source: Box<Self>,
     },
-    /// Nothing that is commanded reaches the joint.
+    /// Nobody can hold the device.
+    #[error(transparent)]
+    NoEndPoint(#[from] crate::kinematics::NoEndPoint),
+    /// No contact can start there.
+    #[error(transparent)]
+    Start(#[from] super::space::StartError),
+    /// A plane that cannot be felt.
+    #[error(transparent)]
+    Plane(#[from] crate::control::PlaneError),
+    /// A model that cannot be carried.
+    #[error(transparent)]
+    Compensation(#[from] crate::control::CompensationError),
+    /// The device's own input is late, beside the controller's delay.
     #[error(
-        "the model's drive lets no torque pass to joint {joint} at once; take what holds it back (a lag, a delay) out"
+        "joint {joint}: the model's command arrives {span_s} s late (input_delay), which a wall is not simulated with; take the \
+         effect out, and add as many samples to `delay_samples` of the setting"
     )]
+    Late {
+        /// The device's joint index.
+        joint: usize,
+        /// By how much (s).
+        span_s: f64,
+    },
+    /// Nothing that is commanded reaches the joint.
+    #[error("the model's drive lets no torque pass to joint {joint}: give its gain a value other than 0")]
     NoDrive {
         /// The device's joint index.
         joint: usize,
@@ -80,18 +101,15 @@ impl WallError {
 /// The device of a setting, ready to meet walls.
 pub(super) struct Plant {
     pub(super) system: System,
-    /// Torque at the joint for one unit commanded.
+    /// Torque at the joint for one unit that the controller commands; it knows gains, and nothing else of the drive.
     gain: f64,
 }
 
 impl Plant {
     pub(super) fn new(model: &Model, setting: &Setting) -> Result<Self, WallError> {
         let system = System::of_model(model, &[setting.joint], |joint| setting.posture[joint])?;
-        let gain = system.drive_gain(0, setting.torque_limit);
-        if !(gain.abs() > f64::MIN_POSITIVE && gain.is_finite()) {
-            return Err(WallError::NoDrive { joint: setting.joint });
-        }
-        Ok(Self { system, gain })
+        let inverse = system.inverse_drive().ok_or(WallError::NoDrive { joint: setting.joint })?;
+        Ok(Self { system, gain: 1.0 / inverse[0] })
     }
 
     /// With a drive that delivers so many times what the controller takes it for.
@@ -100,49 +118,26 @@ impl Plant {
     }
 }
 
-/// Joint, effect states, then the hand: position, velocity, and how much the handle shakes.
-struct Integrator<'a> {
-    plant: &'a Plant,
-    hand: &'a Hand,
-    scratch: Scratch,
-    x: Vec<f64>,
-    rooms: [Vec<f64>; 3],
+/// A hand that holds the joint itself.
+struct Joint {
+    plan: Plan,
 }
 
-/// Speed of the handle against the hand at which the grip is as tight as it gets [rad/s or m/s], and how fast it follows (s).
-const SHAKES: f64 = 0.5;
-const GRIP_S: f64 = 0.1;
-
-impl Integrator<'_> {
-    /// Rates of everything at `t`, the wall commanding `command` and the arm wanting `wanted`.
-    fn rate(
-        (plant, hand, scratch): (&Plant, &Hand, &mut Scratch),
-        t: f64,
-        x: &[f64],
-        (command, wanted): (&[f64], Wanted),
-        dx: &mut [f64],
-    ) {
-        let n_states = plant.system.n_states();
-        let (device, person) = x.split_at(n_states);
-        let (d_device, d_person) = dx.split_at_mut(n_states);
-        let [place, speed, shakes] = [person[0], person[1], person[2]];
-        let tightness = 1.0 + hand.tightening * (shakes / SHAKES).clamp(0.0, 1.0);
-        let slip = device[1] - speed;
-        let grip = tightness * (hand.grip_stiffness * (device[0] - place) + hand.grip_damping * slip);
-        plant.system.derivative_under(scratch, t, device, command, &[-grip], d_device);
-        let arm = hand.arm_stiffness * (wanted.position - place) + hand.arm_damping * (wanted.velocity - speed);
-        d_person[0] = speed;
-        d_person[1] = (arm + grip - wanted.hold) / hand.inertia;
-        d_person[2] = (slip.abs() - shakes) / GRIP_S;
+impl Held<1> for Joint {
+    fn handle(&mut self, x: &[f64]) -> [[f64; 1]; 2] {
+        [[x[0]], [x[1]]]
     }
 
-    /// One step of the classical Runge-Kutta scheme.
-    fn step(&mut self, t: f64, step: f64, command: &[f64], plan: &Plan, touched: Option<f64>) {
-        let Self { plant, hand, scratch, x, rooms: [stage, slope, sum] } = self;
-        let mut rate = |t: f64, x: &[f64], dx: &mut [f64]| {
-            Self::rate((plant, hand, scratch), t, x, (command, plan.at(t, touched)), dx);
-        };
-        simulate::runge_kutta(&mut rate, t, step, [x, stage, slope, sum]);
+    fn torques(&mut self, _: &[f64], force: [f64; 1], torques: &mut [f64]) {
+        torques.copy_from_slice(&force);
+    }
+
+    fn wanted(&self, t: f64, touched: Option<f64>) -> Wanted<1> {
+        self.plan.at(t, touched)
+    }
+
+    fn distance(&self, [position]: [f64; 1]) -> f64 {
+        position
     }
 }
 
@@ -167,19 +162,9 @@ pub(super) fn played(
     hand: &Hand,
     approach: &Approach,
 ) -> Result<Contact, WallError> {
-    let plan = Plan::new(setting, approach);
+    let plan = Plan::new(setting.start, &setting.reaching(), approach);
     let mut wall = wall.clone();
     let mut velocity = FilteredVelocity::new(setting.filter, setting.sample_s);
-    let mut x = plant.system.rest(&[setting.start]);
-    x.extend([setting.start, 0.0, 0.0]);
-    let rooms = [x.clone(), x.clone(), x.clone()];
-    let mut integrator = Integrator { plant, hand, scratch: plant.system.scratch(), x, rooms };
-    let mut command = vec![0.0; plant.system.n_joints()];
-    let mut underway = std::collections::VecDeque::from(vec![0.0; setting.delay_samples]);
-    let substeps = (setting.sample_s / setting.step_s - 1e-9).ceil().max(1.0) as usize;
-    // An arm that does not get to the wall in three times the planned time never does.
-    let patience = (3.0 * plan.duration_s() / setting.sample_s).ceil() as usize;
-    let after = (setting.after_s / setting.sample_s).round() as usize;
     let mut told = Contact {
         sample_s: setting.sample_s,
         position: Vec::new(),
@@ -187,40 +172,26 @@ pub(super) fn played(
         torque: Vec::new(),
         touched: None,
     };
-    let mut touched_s = None;
-    for tick in 0.. {
-        let t = tick as f64 * setting.sample_s;
-        let (position, speed) = (integrator.x[0], integrator.x[1]);
-        let bounds = simulate::Options::default();
-        simulate::check_state(&plant.system, t, &integrator.x[..plant.system.n_states()], &bounds).map_err(
-            |error| match error {
-                SimulationError::Diverged { time_s, joint } => WallError::Diverged { time_s, joint },
-                _ => WallError::Diverged { time_s: t, joint: setting.joint },
-            },
-        )?;
-        let mut shown = [0.0];
-        plant.system.measure(t, &integrator.x[..plant.system.n_states()], &mut shown);
-        let shown = round_to(shown[0], setting.position_quantum);
-        underway.push_back(wall.tick(shown, velocity.tick(shown)));
-        let torque = underway.pop_front().unwrap_or(0.0);
-        if told.touched.is_none() && position < 0.0 {
-            told.touched = Some(tick);
-        }
-        told.position.push(position);
-        told.velocity.push(speed);
-        told.torque.push(torque);
-        if tick >= told.touched.map_or(patience, |touched| touched + after) {
-            break;
-        }
-        command[setting.joint] = torque / plant.gain;
-        let step = setting.sample_s / substeps as f64;
-        for k in 0..substeps {
-            let now = t + k as f64 * step;
-            if touched_s.is_none() && integrator.x[0] < 0.0 {
-                touched_s = Some(now);
-            }
-            integrator.step(now, step, &command, &plan, touched_s);
-        }
-    }
+    // Commands, then the torque.
+    let n_joints = plant.system.n_joints();
+    let encounter = Encounter {
+        system: &plant.system,
+        sampling: setting.sampling(),
+        hand,
+        start: &[setting.start],
+        // An arm that does not get to the wall in three times the planned time never does.
+        patience_s: 3.0 * plan.duration_s(),
+        first: &vec![0.0; n_joints + 1],
+    };
+    let control = |shown: &[f64], answer: &mut [f64]| {
+        let torque = wall.tick(shown[0], velocity.tick(shown[0]));
+        answer[setting.joint] = torque / plant.gain;
+        answer[n_joints] = torque;
+    };
+    told.touched = encounter.play(&mut Joint { plan }, control, |tick| {
+        told.position.push(tick.device[0]);
+        told.velocity.push(tick.device[1]);
+        told.torque.push(tick.acting[n_joints]);
+    })?;
     Ok(told)
 }

@@ -81,8 +81,13 @@ impl WallFile {
     /// # Errors
     /// None that a file which was read and a setting which was read could have.
     pub fn wall(&self, setting: &Setting) -> Result<Wall, WallError> {
-        let wall = Wall::new(self.law.clone(), self.scale, setting.sample_s, setting.torque_limit)?;
-        Ok(if self.passive { wall.passive(setting.delay_samples) } else { wall })
+        self.at_work(setting.sample_s, setting.delay_samples, setting.torque_limit)
+    }
+
+    /// The wall asked every `sample_s`, answering so many ticks late, with torques up to `limit`.
+    pub(super) fn at_work(&self, sample_s: f64, delay_samples: usize, limit: f64) -> Result<Wall, WallError> {
+        let wall = Wall::new(self.law.clone(), self.scale, sample_s, limit)?;
+        Ok(if self.passive { wall.passive(delay_samples) } else { wall })
     }
 
     /// The file, every output of a rule as a number.

@@ -42,6 +42,19 @@ pub const SETTLED_S: f64 = 0.5;
 impl Measures {
     /// Of a contact with `wall`; `None` where the wall was never met.
     pub fn of(contact: &Contact, wall: &Wall) -> Option<Self> {
+        let Contact { position, torque, .. } = contact;
+        // The torque is held from tick to tick: what it gives out is exact.
+        let given = |tick: usize| torque[tick] * (position[tick + 1] - position[tick]);
+        Self::along(contact, |position| wall.static_torque(position), given)
+    }
+
+    /// Of a contact with a wall that holds `static_torque(position)` against a steady push, and gives out `given(tick)` from a
+    /// tick to the next.
+    pub(super) fn along(
+        contact: &Contact,
+        static_torque: impl Fn(f64) -> f64,
+        given: impl Fn(usize) -> f64,
+    ) -> Option<Self> {
         let touched = contact.touched?;
         let rate_hz = 1.0 / contact.sample_s;
         let position = &contact.position;
@@ -54,12 +67,11 @@ impl Measures {
         let last = (SETTLED_S * rate_hz).round() as usize;
         let end = &position[position.len().saturating_sub(last.max(1))..];
         let settled_position = end.iter().sum::<f64>() / end.len().max(1) as f64;
-        let stiffness =
-            if settled_position < 0.0 { wall.static_torque(settled_position) / -settled_position } else { 0.0 };
-        let (mut given, mut energy_out) = (0.0, 0.0_f64);
-        for (torque, pair) in contact.torque[touched..].iter().zip(position[touched..].windows(2)) {
-            given += torque * (pair[1] - pair[0]);
-            energy_out = energy_out.max(given);
+        let stiffness = if settled_position < 0.0 { static_torque(settled_position) / -settled_position } else { 0.0 };
+        let (mut out, mut energy_out) = (0.0, 0.0_f64);
+        for tick in touched..position.len().saturating_sub(1) {
+            out += given(tick);
+            energy_out = energy_out.max(out);
         }
         Some(Self {
             chatter_rms: root_mean_square(&fast),
@@ -93,10 +105,10 @@ fn root_mean_square(values: &[f64]) -> f64 {
 /// The chatter that is measured where there is none: the arm comes as it planned, and a wall stops it dead at its surface
 /// [rad or m]. What the high-pass leaves of such an approach is a floor under all that is measured.
 pub fn chatter_floor(setting: &Setting, approach: &Approach) -> f64 {
-    let plan = Plan::new(setting, approach);
+    let plan = Plan::new(setting.start, &setting.reaching(), approach);
     let sample_s = setting.sample_s;
     let ticks = ((plan.duration_s() + setting.after_s) / sample_s).ceil() as usize;
-    let planned = (0..=ticks).map(|tick| plan.at(tick as f64 * sample_s, None).position);
+    let planned = (0..=ticks).map(|tick| plan.at(tick as f64 * sample_s, None).position[0]);
     let touched = planned.clone().position(|position| position < 0.0).unwrap_or(0);
     let after = (setting.after_s / sample_s).round() as usize;
     let position: Vec<f64> = planned.map(|position| position.max(0.0)).take(touched + after + 1).collect();

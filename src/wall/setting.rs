@@ -104,22 +104,78 @@ impl Setting {
             let help = format!("its joints are 0 to {}", n_joints - 1);
             return Err(entry.error(format!("device `{}` has no joint {joint}", device.id)).help(help));
         }
-        let posture = match root.optional("posture") {
-            Some(entry) => {
-                let posture = entry.array()?.iter().map(Entry::finite).collect::<Result<Vec<f64>, _>>()?;
-                if posture.len() != n_joints {
-                    let message = format!("`posture` has {} positions, the device {n_joints} joints", posture.len());
-                    return Err(entry.error(message).help("give one position per joint"));
-                }
-                posture
-            }
-            None => vec![0.0; n_joints],
-        };
+        let posture = posture(&root, n_joints)?;
         let controller = root.table("controller", "how the controller is sampled")?;
         controller.only(&["sample_s", "delay_samples", "position_quantum", "torque_limit", "cutoff_hz"])?;
+        let Sampling { sample_s, delay_samples, position_quantum, filter, step_s, after_s } =
+            Sampling::read(&root, &controller)?;
+        let hand = root.table("hand", "who moves the handle")?;
+        hand.only(&[&["inertia"], &People::KEYS[..]].concat())?;
+        let People { typical, spread, count, seed } = People::read(&hand, "inertia")?;
+        let approach = root.table("approach", "how the wall is approached")?;
+        approach.only(&[&["start"], &Reaching::KEYS[..]].concat())?;
+        let Reaching { aim, hold, relax_s, approaches } = Reaching::read(&approach)?;
+        Ok(Self {
+            device,
+            joint,
+            posture,
+            sample_s,
+            delay_samples,
+            position_quantum,
+            torque_limit: positive(&controller, "torque_limit")?,
+            filter,
+            step_s,
+            after_s,
+            hand: typical,
+            spread,
+            hands: count,
+            seed,
+            start: positive(&approach, "start")?,
+            aim,
+            hold,
+            relax_s,
+            approaches,
+        })
+    }
+
+    /// The torque with which the arm holds against the wall after an approach [N*m or N].
+    pub fn hold_after(&self, approach: &Approach) -> f64 {
+        self.reaching().hold_after(approach)
+    }
+
+    pub(super) fn sampling(&self) -> Sampling {
+        let Self { sample_s, delay_samples, position_quantum, filter, step_s, after_s, .. } = *self;
+        Sampling { sample_s, delay_samples, position_quantum, filter, step_s, after_s }
+    }
+
+    pub(super) fn reaching(&self) -> Reaching {
+        let Self { aim, hold, relax_s, .. } = *self;
+        Reaching { aim, hold, relax_s, approaches: self.approaches.clone() }
+    }
+}
+
+/// How the controller is sampled, and the device simulated between its ticks.
+#[derive(Debug, Clone, Copy)]
+pub struct Sampling {
+    /// Time between two ticks of the controller (s).
+    pub sample_s: f64,
+    /// Ticks from a measurement to the torque that answers it.
+    pub delay_samples: usize,
+    /// Positions are rounded to multiples of it [rad or m]; 0 for exact ones.
+    pub position_quantum: f64,
+    /// What the controller makes of differences of positions (Eq. 4.7).
+    pub filter: Filter,
+    /// Longest integration step (s).
+    pub step_s: f64,
+    /// How long after the first contact a simulation goes on (s).
+    pub after_s: f64,
+}
+
+impl Sampling {
+    pub(super) fn read(root: &Table<'_>, controller: &Table<'_>) -> Result<Self, ModelError> {
         let simulation = root.table("simulation", "how the device is simulated")?;
         simulation.only(&["step_s", "after_s"])?;
-        let sample_s = within(&controller, "sample_s", (1e-5, 1.0))?;
+        let sample_s = within(controller, "sample_s", (1e-5, 1.0))?;
         let step_s = within(&simulation, "step_s", (1e-6, 1.0))?;
         if step_s > sample_s {
             let entry = simulation.required("step_s", "")?;
@@ -137,29 +193,93 @@ impl Setting {
                 format!("`sample_s` is {sample_s}: chatter above {SLOWEST_HZ} Hz does not show in its samples");
             return Err(controller.required("sample_s", "")?.error(message).help("sample faster"));
         }
-        let hand = root.table("hand", "who moves the handle")?;
-        let approach = root.table("approach", "how the wall is approached")?;
-        approach.only(&["start", "aim", "hold", "relax_s", "speeds"])?;
-        let hand_of = |key: &str| positive(&hand, key);
-        hand.only(&[
-            "inertia",
-            "grip_stiffness",
-            "grip_damping",
-            "arm_stiffness",
-            "arm_damping",
-            "tightening",
-            "spread",
-            "count",
-            "seed",
-        ])?;
-        let spread = positive(&hand, "spread")?;
+        Ok(Self {
+            sample_s,
+            delay_samples: up_to(controller, "delay_samples", (0, 1000))?,
+            position_quantum: not_negative(controller, "position_quantum")?,
+            filter: Filter::butterworth(positive(controller, "cutoff_hz")?, sample_s),
+            step_s,
+            after_s,
+        })
+    }
+}
+
+/// Who holds the handle.
+#[derive(Debug, Clone, Copy)]
+pub struct People {
+    /// The typical hand.
+    pub typical: Hand,
+    /// Every number of a hand lies within this factor of the typical one.
+    pub spread: f64,
+    /// How many hands there are.
+    pub count: usize,
+    /// What they are drawn from.
+    pub seed: u64,
+}
+
+impl People {
+    pub(super) const KEYS: [&'static str; 9] = [
+        "grip_stiffness",
+        "grip_damping",
+        "arm_stiffness",
+        "arm_damping",
+        "tightening",
+        "shakes",
+        "spread",
+        "count",
+        "seed",
+    ];
+
+    /// `inertia` is the key of the hand's.
+    pub(super) fn read(hand: &Table<'_>, inertia: &str) -> Result<Self, ModelError> {
+        let spread = positive(hand, "spread")?;
         if spread < 1.0 {
             return Err(hand
                 .required("spread", "")?
                 .error(format!("`spread` is {spread}"))
                 .help("give a factor from 1"));
         }
-        let aim = pair(&approach, "aim")?;
+        let shakes = if hand.optional("shakes").is_some() { positive(hand, "shakes")? } else { Hand::SHAKES };
+        Ok(Self {
+            typical: Hand {
+                inertia: positive(hand, inertia)?,
+                grip_stiffness: positive(hand, "grip_stiffness")?,
+                grip_damping: positive(hand, "grip_damping")?,
+                arm_stiffness: positive(hand, "arm_stiffness")?,
+                arm_damping: positive(hand, "arm_damping")?,
+                tightening: not_negative(hand, "tightening")?,
+                shakes,
+            },
+            spread,
+            count: up_to(hand, "count", (1, Setting::MOST_HANDS))?,
+            seed: hand.required("seed", "1")?.index()? as u64,
+        })
+    }
+
+    /// All of them.
+    pub fn all(&self) -> Vec<Hand> {
+        self.typical.population(self.spread, self.count, self.seed)
+    }
+}
+
+/// What the arm does.
+#[derive(Debug, Clone)]
+pub struct Reaching {
+    /// An approach with peak speed v aims at `-(aim[0] + aim[1] v)` [rad or m].
+    pub aim: [f64; 2],
+    /// After contact the arm holds with `hold[0] + hold[1] v` [N*m or N] against the wall.
+    pub hold: [f64; 2],
+    /// How fast, after contact, the arm gives up its aim and takes to holding (s).
+    pub relax_s: f64,
+    /// How fast one approaches.
+    pub approaches: Vec<Approach>,
+}
+
+impl Reaching {
+    pub(super) const KEYS: [&'static str; 4] = ["aim", "hold", "relax_s", "speeds"];
+
+    pub(super) fn read(approach: &Table<'_>) -> Result<Self, ModelError> {
+        let aim = pair(approach, "aim")?;
         if !(aim[0] > 0.0 && aim[1] >= 0.0) {
             let message = format!("`aim` is [{}, {}]: the arm would not aim into the wall", aim[0], aim[1]);
             return Err(approach
@@ -168,39 +288,28 @@ impl Setting {
                 .help("give a positive depth, and what speed adds to it"));
         }
         Ok(Self {
-            device,
-            joint,
-            posture,
-            sample_s,
-            delay_samples: up_to(&controller, "delay_samples", (0, 1000))?,
-            position_quantum: not_negative(&controller, "position_quantum")?,
-            torque_limit: positive(&controller, "torque_limit")?,
-            filter: Filter::butterworth(positive(&controller, "cutoff_hz")?, sample_s),
-            step_s,
-            after_s,
-            hand: Hand {
-                inertia: hand_of("inertia")?,
-                grip_stiffness: hand_of("grip_stiffness")?,
-                grip_damping: hand_of("grip_damping")?,
-                arm_stiffness: hand_of("arm_stiffness")?,
-                arm_damping: hand_of("arm_damping")?,
-                tightening: not_negative(&hand, "tightening")?,
-            },
-            spread,
-            hands: up_to(&hand, "count", (1, Self::MOST_HANDS))?,
-            seed: hand.required("seed", "1")?.index()? as u64,
-            start: positive(&approach, "start")?,
             aim,
-            hold: pair(&approach, "hold")?,
-            relax_s: positive(&approach, "relax_s")?,
-            approaches: approaches(&approach)?,
+            hold: pair(approach, "hold")?,
+            relax_s: positive(approach, "relax_s")?,
+            approaches: approaches(approach)?,
         })
     }
 
-    /// The torque with which the arm holds against the wall after an approach [N*m or N].
+    /// What the arm holds against the wall with after an approach [N*m or N].
     pub fn hold_after(&self, approach: &Approach) -> f64 {
         approach.hold.unwrap_or(self.hold[0] + self.hold[1] * approach.peak)
     }
+}
+
+/// `posture`: one position per joint, all 0 where it is not given.
+pub(super) fn posture(root: &Table<'_>, n_joints: usize) -> Result<Vec<f64>, ModelError> {
+    let Some(entry) = root.optional("posture") else { return Ok(vec![0.0; n_joints]) };
+    let posture = entry.array()?.iter().map(Entry::finite).collect::<Result<Vec<f64>, _>>()?;
+    if posture.len() != n_joints {
+        let message = format!("`posture` has {} positions, the device {n_joints} joints", posture.len());
+        return Err(entry.error(message).help("give one position per joint"));
+    }
+    Ok(posture)
 }
 
 fn approaches(table: &Table<'_>) -> Result<Vec<Approach>, ModelError> {

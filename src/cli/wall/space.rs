@@ -1,0 +1,159 @@
+//! `dynid wall space`: the whole device in a hand meets a plane.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use anyhow::bail;
+use dynid::control::Wall;
+use dynid::output::{Overwrite, check_output, write_new};
+use dynid::report::{Section, SpaceReport, number};
+use dynid::wall::space::{self, Carried, Case, Setting};
+use dynid::wall::{WallFile, median};
+use serde_json::json;
+
+use super::super::table::{Align, Table};
+use super::{Answer, Outcome, model_of, wall_of};
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The setting, with a [plane]; without it, a slanted plane before the thesis's device.
+    #[arg(long, value_name = "FILE")]
+    setting: Option<PathBuf>,
+    /// The model of the device; without it, the device's default.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Walls: names of those that the program carries, or files.
+    #[arg(long, value_delimiter = ',', value_name = "WALLS", default_value = "pd,pd_tuned,fuzzy_tuned")]
+    wall: Vec<String>,
+    /// The controller carries the device's weight by the model; without it, the hand does.
+    #[arg(long)]
+    compensate: bool,
+    /// As many hands, instead of the setting's number.
+    #[arg(long, value_name = "N")]
+    hands: Option<usize>,
+    /// What the hands are drawn from, instead of the setting's seed.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Where to write a page with pictures (HTML).
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Overwrite the page if it is there.
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    if let Some(out) = &arguments.out {
+        check_output(out, overwrite)?;
+    }
+    let mut setting = match &arguments.setting {
+        Some(path) => Setting::load(path)?,
+        None => Setting::shipped()?,
+    };
+    if let Some(hands) = arguments.hands {
+        super::check_hands(hands)?;
+        setting.people.count = hands;
+    }
+    setting.people.seed = arguments.seed.unwrap_or(setting.people.seed);
+    let model = model_of(arguments.model.as_deref(), setting.device)?;
+    let mut files: Vec<(String, WallFile)> = Vec::new();
+    let mut walls: Vec<(String, Wall)> = Vec::new();
+    for asked in &arguments.wall {
+        let (name, file) = wall_of(asked)?;
+        if walls.iter().any(|(other, _)| *other == name) {
+            bail!("--wall: two walls are named `{name}`; rename the file of one");
+        }
+        walls.push((name.clone(), setting.wall(&file)?));
+        files.push((name, file));
+    }
+    let carried = if arguments.compensate { Carried::Weight } else { Carried::Nothing };
+    let cases = space::compare(&model, &setting, &walls, carried)?;
+    let never = walls.len() * setting.reaching.approaches.len() * setting.people.count - cases.len();
+    if cases.is_empty() {
+        bail!("no hand ever comes to the wall: start nearer, or aim further");
+    }
+    if never > 0 {
+        eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
+    }
+    let mut text = told(&setting, &walls, &cases, carried);
+    if let Some(out) = &arguments.out {
+        let report = SpaceReport::new(&model, &setting, &walls, &cases, carried)?;
+        let sections = report.sections();
+        let shown: Vec<&dyn Section> = sections.iter().map(Box::as_ref).collect();
+        let title = format!("Touch a plane: {}", setting.device.title);
+        write_new(out, &dynid::report::page(&title, &shown), overwrite)?;
+        let _ = writeln!(text, "written: {}", out.display());
+    }
+    let json = json!({ "cases": cases, "weight": if arguments.compensate { "carried" } else { "in the hand" } });
+    Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// A row for each wall and approach, the median hand; then how the joints moved.
+fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Carried) -> String {
+    let mut text = format!(
+        "the end point of {} at a plane, {} hands, controller at {} Hz; the device's weight is {}\n",
+        setting.device.id,
+        setting.people.count,
+        number(1.0 / setting.sampling.sample_s),
+        if carried == Carried::Weight { "carried by the model" } else { "in the hand" }
+    );
+    let right = |heading: &'static str| (heading, Align::Right);
+    let mut table = Table::new(&[
+        ("wall", Align::Left),
+        ("approach", Align::Left),
+        right("chatter, mm rms"),
+        right("worst"),
+        right("Hz"),
+        right("settled, mm"),
+        right("N/m"),
+        right("energy out, mJ"),
+        right("outside"),
+        right("slip, mm"),
+        right("turned, mrad"),
+        right("limited"),
+    ]);
+    let names: Vec<String> = setting.free.iter().map(|joint| format!("q{joint}, mrad")).collect();
+    let mut heads = vec![("wall", Align::Left), ("approach", Align::Left)];
+    heads.extend(names.iter().map(|name| (name.as_str(), Align::Right)));
+    let mut joints = Table::new(&heads);
+    for (name, _) in walls {
+        for approach in &setting.reaching.approaches {
+            let of: Vec<&Case> =
+                cases.iter().filter(|case| case.controller == *name && case.speed == approach.name).collect();
+            if of.is_empty() {
+                continue;
+            }
+            let middle = |value: &dyn Fn(&Case) -> f64| median(of.iter().map(|case| value(case)).collect());
+            let most = |value: &dyn Fn(&Case) -> f64| of.iter().map(|case| value(case)).fold(0.0, f64::max);
+            table.row([
+                name.clone(),
+                approach.name.clone(),
+                format!("{:.3}", 1e3 * middle(&|case| case.measures.chatter_rms)),
+                format!("{:.3}", 1e3 * most(&|case| case.measures.chatter_rms)),
+                format!("{:.1}", middle(&|case| case.measures.frequency)),
+                format!("{:.1}", 1e3 * middle(&|case| case.measures.settled_position)),
+                format!("{:.1}", middle(&|case| case.measures.stiffness)),
+                format!("{:.2}", 1e3 * most(&|case| case.measures.energy_out)),
+                format!("{:.0} %", 100.0 * most(&|case| case.measures.outside)),
+                format!("{:.1}", 1e3 * middle(&|case| case.coupling.settled_slip)),
+                format!("{:.0}", 1e3 * middle(&|case| case.coupling.turned)),
+                format!("{:.0} %", 100.0 * middle(&|case| case.coupling.limited)),
+            ]);
+            let mut cells = vec![name.clone(), approach.name.clone()];
+            cells.extend(
+                (0..setting.free.len())
+                    .map(|slot| format!("{:.0}", (1e3 * middle(&|case| case.coupling.moved[slot])).round() + 0.0)),
+            );
+            joints.cells(cells);
+        }
+    }
+    text.push_str(&table.text());
+    text.push_str(
+        "medians over the hands; energy out and time outside are those of the worst hand; slip: along the wall, from where it was \
+         met; limited: time in which a joint's limit shortened the force\n",
+    );
+    text.push_str("joints, from the first contact to where they settle:\n");
+    text.push_str(&joints.text());
+    text
+}

@@ -1,0 +1,308 @@
+//! A wall that is a plane in space, felt at the end point of the whole device.
+//!
+//! The depth is `n . (x(q) - p)` and its rate `n . J dq`; a wall of one dimension ([`Wall`]) makes the force `F` of them, and
+//! the joints make it together: `tau = J^T n F`. Commands follow by the inverse of the model's drive path.
+//!
+//! Joints that cannot make their torques make less of all of them: a force that is cut at single joints would point
+//! elsewhere, and push along the wall.
+
+use super::Wall;
+use crate::{
+    kinematics::{Kinematics, dot, plus},
+    system::System,
+};
+
+/// A plane in the base frame; the wall is on the side that the normal points away from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// A point of it \[m\].
+    pub point: [f64; 3],
+    /// Unit vector out of the wall.
+    pub normal: [f64; 3],
+}
+
+impl Plane {
+    /// How far a point is outside \[m\]; negative inside of the wall.
+    pub fn distance(&self, point: [f64; 3]) -> f64 {
+        dot(self.normal, plus(point, -1.0, self.point))
+    }
+}
+
+/// A plane at work.
+#[derive(Debug, Clone)]
+pub struct PlaneWall {
+    plane: Plane,
+    wall: Wall,
+    lever: f64,
+    kinematics: Kinematics,
+    /// Slope and offset of each free joint's sensor.
+    sensors: Vec<(f64, f64)>,
+    /// Commands per torque, n_free x n_free.
+    inverse_drive: Vec<f64>,
+    free: Vec<usize>,
+    limits: Vec<f64>,
+    q: Vec<f64>,
+    dq: Vec<f64>,
+    torque: Vec<f64>,
+    command: Vec<f64>,
+    force: f64,
+    share: f64,
+}
+
+/// Why no plane can be felt.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlaneError {
+    /// A normal that is no unit vector.
+    #[error("the plane's normal has length {length}: give a unit vector (divide its components by that)")]
+    Normal {
+        /// Its length.
+        length: f64,
+    },
+    /// A number that must be positive.
+    #[error("the {what} is {value}: give a positive number")]
+    NotPositive {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A vector of the wrong length.
+    #[error("{found} torque limits given, the system has {expected} free joints; give one each")]
+    Limits {
+        /// How many came.
+        found: usize,
+        /// How many are needed.
+        expected: usize,
+    },
+    /// Commands that do not determine the torques.
+    #[error("the drive path of the model makes no torque at some free joint: is a gain 0, or do two couplings cancel?")]
+    NoDrive,
+    /// A sensor effect without an inverse.
+    #[error(
+        "the model's sensor at joint {joint} shows the same at every position; give its scale a value that is not 0"
+    )]
+    NoSensor {
+        /// The device's joint index.
+        joint: usize,
+    },
+}
+
+impl PlaneWall {
+    /// Feels `plane` through `wall`, at the end point that `kinematics` follow. `wall` is asked with depths over `lever`
+    /// \[m\], and what it answers is a torque at that lever: 1 m for a wall in m and N, the handle's lever for a wall that was
+    /// made for a joint. `limits` are the largest torques [N*m or N] of the free joints, `inf` where there are none.
+    ///
+    /// # Errors
+    /// A normal, lever or limit that is none; a drive path or sensor that cannot be inverted.
+    pub fn new(
+        system: &System,
+        kinematics: Kinematics,
+        plane: Plane,
+        (wall, lever): (Wall, f64),
+        limits: &[f64],
+    ) -> Result<Self, PlaneError> {
+        let length = dot(plane.normal, plane.normal).sqrt();
+        if length.is_nan() || (length - 1.0).abs() > 1e-6 {
+            return Err(PlaneError::Normal { length });
+        }
+        let n = system.n_free();
+        if limits.len() != n {
+            return Err(PlaneError::Limits { found: limits.len(), expected: n });
+        }
+        let positive = limits.iter().map(|limit| ("torque limit", *limit)).chain([("lever", lever)]);
+        for (what, value) in positive {
+            if value.is_nan() || value <= 0.0 {
+                return Err(PlaneError::NotPositive { what, value });
+            }
+        }
+        let inverse_drive = system.inverse_drive().ok_or(PlaneError::NoDrive)?;
+        let sensors = system.sensor_map();
+        if let Some(slot) = sensors.iter().position(|(slope, offset)| !(slope.is_finite() && offset.is_finite())) {
+            return Err(PlaneError::NoSensor { joint: system.kernel().free[slot] });
+        }
+        Ok(Self {
+            plane,
+            wall,
+            lever,
+            kinematics,
+            sensors,
+            inverse_drive,
+            free: system.kernel().free.to_vec(),
+            limits: limits.to_vec(),
+            q: vec![0.0; n],
+            dq: vec![0.0; n],
+            torque: vec![0.0; n],
+            command: vec![0.0; system.n_joints()],
+            force: 0.0,
+            share: 1.0,
+        })
+    }
+
+    /// The commands of all joints of the device (0 for those that are not free) until the next tick, at positions `q` and
+    /// speeds `dq` of the free joints as their sensors show them. What is no number is answered with nothing.
+    pub fn tick(&mut self, q: &[f64], dq: &[f64]) -> &[f64] {
+        self.command.fill(0.0);
+        self.torque.fill(0.0);
+        (self.force, self.share) = (0.0, 1.0);
+        let n = self.sensors.len();
+        let known = [q, dq].iter().all(|own| own.len() == n && own.iter().all(|value| value.is_finite()));
+        if known {
+            self.feel(q, dq);
+        }
+        &self.command
+    }
+
+    /// Force along the normal that the last tick asked for \[N\], as the joints' limits let it pass.
+    pub fn force(&self) -> f64 {
+        self.force
+    }
+
+    /// Torques at the free joints that the last tick asked for [N*m or N].
+    pub fn torques(&self) -> &[f64] {
+        &self.torque
+    }
+
+    /// The share of the wall's force that the limits of the joints let pass at the last tick: 1 where none was reached.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// The force of a wall at rest at this distance from the plane \[N\], before the joints' limits.
+    pub fn static_force(&self, distance: f64) -> f64 {
+        self.wall.static_torque(distance / self.lever) / self.lever
+    }
+
+    fn feel(&mut self, q: &[f64], dq: &[f64]) {
+        for (slot, &(slope, offset)) in self.sensors.iter().enumerate() {
+            self.q[slot] = slope * q[slot] + offset;
+            self.dq[slot] = slope * dq[slot];
+        }
+        self.kinematics.move_to(&self.q);
+        let normal = self.plane.normal;
+        let distance = self.plane.distance(self.kinematics.position());
+        let rate = dot(normal, self.kinematics.velocity(&self.dq)[0]);
+        let force = self.wall.tick(distance / self.lever, rate / self.lever) / self.lever;
+        self.kinematics.torques(normal.map(|component| component * force), [0.0; 3], &mut self.torque);
+        let asked = self.torque.iter().zip(&self.limits).map(|(torque, limit)| torque.abs() / limit);
+        let most = asked.fold(1.0, f64::max);
+        let n = self.torque.len();
+        self.torque.iter_mut().for_each(|torque| *torque /= most);
+        (self.force, self.share) = (force / most, 1.0 / most);
+        for (slot, &joint) in self.free.iter().enumerate() {
+            let row = &self.inverse_drive[slot * n..(slot + 1) * n];
+            self.command[joint] = row.iter().zip(&self.torque).map(|(per_torque, torque)| per_torque * torque).sum();
+        }
+        if !self.command.iter().all(|command| command.is_finite()) {
+            self.command.fill(0.0);
+            self.torque.fill(0.0);
+            self.force = 0.0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::{Law, LinearLaw};
+    use crate::model::{EffectInstance, Model};
+
+    const POSTURE: [f64; 6] = [0.2, -0.3, 0.4, 0.1, -0.5, 0.6];
+    const ALL: [usize; 6] = [0, 1, 2, 3, 4, 5];
+
+    fn normal() -> [f64; 3] {
+        [2.0 / 7.0, -3.0 / 7.0, 6.0 / 7.0]
+    }
+
+    fn at_work(model: &Model, lever: f64, limits: &[f64]) -> Result<PlaneWall, PlaneError> {
+        let system = System::of_model(model, &ALL, |_| 0.0).expect("a configuration");
+        let kinematics = Kinematics::of_model(model, &ALL, &POSTURE).expect("an end point");
+        // 1 mm inside
+        let plane = Plane { point: plus(kinematics.position(), 1e-3, normal()), normal: normal() };
+        let law = Law::Linear(LinearLaw { k1: 1000.0, k2: 10.0, offset: 0.0 });
+        let wall = Wall::new(law, 1.0, 1e-3, 1e9).expect("a wall");
+        PlaneWall::new(&system, kinematics, plane, (wall, lever), limits)
+    }
+
+    fn freedom() -> Model {
+        Model::of_device(dynid_model::device("freedom6s").expect("a shipped device"))
+    }
+
+    /// The force that torques at the joints make: `f` with `J^T f = tau`, from the three joints that move the point.
+    fn force_of(torques: &[f64]) -> [f64; 3] {
+        let arm = Kinematics::of_model(&freedom(), &ALL, &POSTURE).expect("an end point");
+        let transposed = nalgebra::Matrix3::from_fn(|slot, row| arm.jacobian(row, slot));
+        let solved = transposed.try_inverse().expect("no singular posture")
+            * nalgebra::Vector3::from_column_slice(&torques[..3]);
+        solved.into()
+    }
+
+    #[test]
+    fn the_force_is_along_the_normal_and_as_large_as_the_law_says() {
+        let mut wall = at_work(&freedom(), 1.0, &[f64::INFINITY; 6]).expect("a plane");
+        wall.tick(&POSTURE, &[0.0; 6]);
+        // 1000 N/m, 1 mm
+        assert!((wall.force() - 1.0).abs() < 1e-12 && wall.share() == 1.0, "{}", wall.force());
+        let force = force_of(wall.torques());
+        assert!((0..3).all(|k| (force[k] - normal()[k]).abs() < 1e-12), "{force:?}");
+        assert!(wall.torques()[3..].iter().all(|torque| torque.abs() < 1e-15), "the wrist turns about the point");
+        // the rate: 10 N s/m against the point's own velocity
+        let dq = [0.3, 0.2, -0.4, 1.0, 1.0, 1.0];
+        let arm = Kinematics::of_model(&freedom(), &ALL, &POSTURE).expect("an end point");
+        wall.tick(&POSTURE, &dq);
+        let expected = 1.0 - 10.0 * dot(normal(), arm.velocity(&dq)[0]);
+        assert!((wall.force() - expected).abs() < 1e-12, "{} for {expected}", wall.force());
+        // a wall of a joint with the handle at a lever: the same spring at that lever
+        let mut wall = at_work(&freedom(), 0.5, &[f64::INFINITY; 6]).expect("a plane");
+        wall.tick(&POSTURE, &[0.0; 6]);
+        assert!((wall.force() - 4.0).abs() < 1e-12 && (wall.static_force(-1e-3) - 4.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn limits_shorten_the_force_and_do_not_turn_it() {
+        let mut free = at_work(&freedom(), 1.0, &[f64::INFINITY; 6]).expect("a plane");
+        free.tick(&POSTURE, &[0.0; 6]);
+        let largest = free.torques().iter().fold(0.0_f64, |most, torque| most.max(torque.abs()));
+        let limits = [0.25 * largest; 6];
+        let mut held = at_work(&freedom(), 1.0, &limits).expect("a plane");
+        held.tick(&POSTURE, &[0.0; 6]);
+        assert!((held.share() - 0.25).abs() < 1e-12 && (held.force() - 0.25).abs() < 1e-12, "{}", held.share());
+        let force = force_of(held.torques());
+        assert!((0..3).all(|k| (force[k] - 0.25 * normal()[k]).abs() < 1e-12), "{force:?}");
+        assert!(held.torques().iter().all(|torque| torque.abs() <= limits[0] * (1.0 + 1e-15)));
+    }
+
+    /// What reaches the joints behind gains and couplings is what the wall asked for.
+    #[test]
+    fn commands_make_the_torques_through_the_drive_path() {
+        let mut model = freedom();
+        for (id, joint, from) in [("input_coupling", 4, Some(5)), ("input_coupling", 1, Some(2))] {
+            model.effects.push(EffectInstance::new(model.device, id, Some(joint), from).expect("an effect"));
+        }
+        let mut wall = at_work(&model, 1.0, &[f64::INFINITY; 6]).expect("a plane");
+        let command = wall.tick(&POSTURE, &[0.0; 6]).to_vec();
+        let system = System::of_model(&model, &ALL, |_| 0.0).expect("a configuration");
+        let (mut scratch, x) = (system.scratch(), system.rest(&POSTURE));
+        system.drive(&mut scratch, 0.0, &x, &command, &mut vec![0.0; x.len()]);
+        for (drive, torque) in scratch.drive.iter().zip(wall.torques()) {
+            assert!((drive - torque).abs() < 1e-14, "{drive} for {torque}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_plane_is_told() {
+        let system = System::of_model(&freedom(), &ALL, |_| 0.0).expect("a configuration");
+        let law = Law::Linear(LinearLaw { k1: 1.0, k2: 0.0, offset: 0.0 });
+        let wall = Wall::new(law, 1.0, 1e-3, 1.0).expect("a wall");
+        let try_with = |normal: [f64; 3], lever: f64, limits: &[f64]| {
+            let kinematics = Kinematics::of_model(&freedom(), &ALL, &POSTURE).expect("an end point");
+            PlaneWall::new(&system, kinematics, Plane { point: [0.0; 3], normal }, (wall.clone(), lever), limits)
+        };
+        let limits = [1.0; 6];
+        assert!(try_with([0.0, 0.0, 1.0], 1.0, &limits).is_ok());
+        assert!(matches!(try_with([0.0, 0.0, 2.0], 1.0, &limits), Err(PlaneError::Normal { .. })));
+        assert!(matches!(try_with([0.0, 0.0, f64::NAN], 1.0, &limits), Err(PlaneError::Normal { .. })));
+        assert!(matches!(try_with([0.0, 0.0, 1.0], 0.0, &limits), Err(PlaneError::NotPositive { .. })));
+        assert!(matches!(try_with([0.0, 0.0, 1.0], 1.0, &limits[1..]), Err(PlaneError::Limits { .. })));
+    }
+}

@@ -1,0 +1,164 @@
+//! Where the end point of a model is, how fast it moves, and which torques a force there asks of the joints.
+//!
+//! `v = J dq`, `w = J_w dq`, and by virtual work `tau = J^T f + J_w^T m`, all in base axes. The functions behind it are the
+//! device's kernels ([`dynid_generated::EndPoint`]); after it is made, nothing here allocates, fails or panics.
+
+use dynid_generated::EndPoint;
+
+use crate::model::Model;
+
+/// A vector in base axes.
+pub type Vector = [f64; 3];
+
+/// The end point at one posture, some joints of which are free.
+#[derive(Debug, Clone)]
+pub struct Kinematics {
+    end_point: &'static EndPoint,
+    lengths: Vec<f64>,
+    free: Vec<usize>,
+    /// Of all joints; those that are not free stay.
+    q: Vec<f64>,
+    position: Vector,
+    /// Row-major, from the point's frame to the base's.
+    rotation: [f64; 9],
+    /// 6 x n, row-major: velocity, angular velocity.
+    jacobian: Vec<f64>,
+}
+
+/// The device's file names no end point.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "device `{device}` has no end point; name the frame that the handle is fixed to in its file: [end_point] with frame = \"..\""
+)]
+pub struct NoEndPoint {
+    /// Its id.
+    pub device: String,
+}
+
+impl Kinematics {
+    /// Of a model at a posture of all its joints, of which the `free` ones will move.
+    ///
+    /// # Errors
+    /// A device without an end point.
+    ///
+    /// # Panics
+    /// A posture that is not one position per joint, or a free joint that the device does not have.
+    pub fn of_model(model: &Model, free: &[usize], posture: &[f64]) -> Result<Self, NoEndPoint> {
+        let device = model.device;
+        let end_point =
+            dynid_generated::end_point(&device.id).ok_or_else(|| NoEndPoint { device: device.id.clone() })?;
+        assert_eq!(posture.len(), end_point.n_joints, "a posture has one position per joint");
+        assert!(free.iter().all(|joint| *joint < posture.len()), "free joints are joints of the device");
+        let lengths = end_point.parameters.iter().map(|name| model.parameter(name).map_or(0.0, |own| own.value));
+        let mut kinematics = Self {
+            end_point,
+            lengths: lengths.collect(),
+            free: free.to_vec(),
+            q: posture.to_vec(),
+            position: [0.0; 3],
+            rotation: [0.0; 9],
+            jacobian: vec![0.0; 6 * posture.len()],
+        };
+        kinematics.refresh();
+        Ok(kinematics)
+    }
+
+    /// Moves the free joints to `q`.
+    pub fn move_to(&mut self, q: &[f64]) {
+        for (&joint, q) in self.free.iter().zip(q) {
+            self.q[joint] = *q;
+        }
+        self.refresh();
+    }
+
+    fn refresh(&mut self) {
+        let Self { end_point, lengths, q, position, rotation, jacobian, .. } = self;
+        (end_point.motion)(lengths, q, position, rotation, jacobian);
+    }
+
+    /// Number of free joints.
+    pub fn n_free(&self) -> usize {
+        self.free.len()
+    }
+
+    /// Where it is \[m\].
+    pub fn position(&self) -> Vector {
+        self.position
+    }
+
+    /// The axes of the point's frame, as columns: row-major rotation from it to the base's.
+    pub fn rotation(&self) -> [f64; 9] {
+        self.rotation
+    }
+
+    /// Row `row` of the 6 x n Jacobian (velocity, then angular velocity) at free joint `slot`.
+    pub fn jacobian(&self, row: usize, slot: usize) -> f64 {
+        self.jacobian[row * self.q.len() + self.free[slot]]
+    }
+
+    /// Velocity [m/s] and angular velocity [rad/s] at the speeds `dq` of the free joints.
+    pub fn velocity(&self, dq: &[f64]) -> [Vector; 2] {
+        let along = |row: usize| dq.iter().enumerate().map(|(slot, dq)| self.jacobian(row, slot) * dq).sum();
+        [[along(0), along(1), along(2)], [along(3), along(4), along(5)]]
+    }
+
+    /// Torques at the free joints that do the work of a force \[N\] at the point and a moment \[N*m\] on its frame.
+    pub fn torques(&self, force: Vector, moment: Vector, torques: &mut [f64]) {
+        for (slot, torque) in torques.iter_mut().enumerate() {
+            *torque = (0..3)
+                .map(|row| self.jacobian(row, slot) * force[row] + self.jacobian(row + 3, slot) * moment[row])
+                .sum();
+        }
+    }
+}
+
+/// `a . b`
+pub fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// `a + factor b`
+pub fn plus(a: Vector, factor: f64, b: Vector) -> Vector {
+    [a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arm(posture: &[f64]) -> Kinematics {
+        let model = Model::of_device(dynid_model::device("freedom6s").expect("a shipped device"));
+        Kinematics::of_model(&model, &[0, 1, 2, 3, 4, 5], posture).expect("an end point")
+    }
+
+    /// A force does the same work at the point as its torques do at the joints.
+    #[test]
+    fn torques_and_force_do_the_same_work() {
+        let arm = arm(&[0.3, -0.4, 0.5, 0.2, -1.0, 0.7]);
+        let dq = [0.3, -1.2, 0.8, 2.0, 0.1, -0.6];
+        let (force, moment) = ([1.0, -2.0, 0.5], [0.1, 0.7, -0.3]);
+        let mut torques = [0.0; 6];
+        arm.torques(force, moment, &mut torques);
+        let [velocity, angular] = arm.velocity(&dq);
+        let at_joints: f64 = torques.iter().zip(&dq).map(|(torque, dq)| torque * dq).sum();
+        assert!((at_joints - dot(force, velocity) - dot(moment, angular)).abs() < 1e-14);
+    }
+
+    #[test]
+    fn free_joints_move_and_the_others_stay() {
+        let posture = [0.3, -0.4, 0.5, 0.2, -1.0, 0.7];
+        let model = Model::of_device(dynid_model::device("freedom6s").expect("a shipped device"));
+        let mut one = Kinematics::of_model(&model, &[2], &posture).expect("an end point");
+        one.move_to(&[0.9]);
+        let other = arm(&[0.3, -0.4, 0.9, 0.2, -1.0, 0.7]);
+        assert_eq!((one.position(), one.rotation()), (other.position(), other.rotation()));
+        assert_eq!(one.velocity(&[1.0]), other.velocity(&[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn a_device_without_an_end_point_says_so() {
+        let model = Model::of_device(dynid_model::device("double_pendulum").expect("a shipped device"));
+        let error = Kinematics::of_model(&model, &[0, 1], &[0.0, 0.0]).expect_err("it has none");
+        assert!(error.to_string().contains("[end_point]"), "{error}");
+    }
+}

@@ -1,0 +1,319 @@
+//! A plane in space under the whole device: what must hold whatever the numbers are, and what a user meets.
+
+use std::path::Path;
+
+use assert_cmd::Command;
+use dynid::control::{Law, LinearLaw, Wall};
+use dynid::kinematics::Kinematics;
+use dynid::model::Model;
+use dynid::wall::space::{self, Carried, Contact, Setting, contact};
+use dynid::wall::{self, Approach, Measures};
+use dynid_plant::Mechanism;
+
+fn dynid() -> Command {
+    Command::cargo_bin("dynid").expect("the program")
+}
+
+fn parsed(text: &str) -> Setting {
+    Setting::parse(text, Path::new("space.toml")).unwrap_or_else(|error| panic!("{error:?}"))
+}
+
+/// The model of a device with nothing but gains: no friction, no springs.
+fn bare(device: &str) -> Model {
+    let mut model = Model::of_device(dynid_model::device(device).expect("a shipped device"));
+    model.effects.retain(|own| own.effect.id == "gain");
+    model
+}
+
+fn fast(setting: &Setting) -> Approach {
+    setting.reaching.approaches.last().expect("approaches").clone()
+}
+
+fn played(model: &Model, setting: &Setting, wall: &str, carried: Carried) -> (Wall, Contact) {
+    let wall = setting.wall(&wall::shipped(wall).expect("shipped")).expect("a wall");
+    let told = contact(model, setting, &wall, (&setting.people.typical, &fast(setting)), carried).expect("a contact");
+    (wall, told)
+}
+
+/// A device with one sliding joint: the plane across it is the wall at the joint.
+#[test]
+fn a_plane_across_one_joint_is_the_wall_at_the_joint() {
+    const COMMON: &str = "
+        [controller]
+        sample_s = 0.01
+        delay_samples = 1
+        position_quantum = 1e-4
+        cutoff_hz = 15.0
+        LIMIT
+        [hand]
+        INERTIA
+        grip_stiffness = 40.0
+        grip_damping = 0.1
+        arm_stiffness = 4.0
+        arm_damping = 0.8
+        tightening = 0.5
+        spread = 1.5
+        count = 4
+        seed = 1
+        [approach]
+        START
+        aim = [0.03, 0.03]
+        hold = [0.10, 0.08]
+        relax_s = 0.15
+        speeds = { slow = 0.7, fast = 2.6 }
+        [simulation]
+        step_s = 0.0005
+        after_s = 2.5";
+    let joint = COMMON
+        .replace("LIMIT", "torque_limit = 1.0")
+        .replace("INERTIA", "inertia = 0.03")
+        .replace("START", "start = 0.4");
+    let joint = wall::Setting::parse(&format!("device = \"oscillator\"\njoint = 0\n{joint}"), Path::new("j.toml"))
+        .expect("a setting");
+    let plane = COMMON
+        .replace("LIMIT", "force_limit = 1.0")
+        .replace("INERTIA", "mass = 0.03\nturning_stiffness = 1.0\nturning_damping = 0.0\nshakes = 0.5")
+        .replace("START", "");
+    let plane = "[plane]\npoint = [0.3, -0.2, 0.0]\nnormal = [0, 0, 1]\n".to_owned() + &plane;
+    let plane = parsed(&format!("device = \"oscillator\"\nposture = [0.4]\n{plane}"));
+    let mut model = bare("oscillator");
+    model.set_value("link.1.m", 0.045).expect("a parameter");
+    for wall in ["pd", "pd_tuned", "fuzzy"] {
+        for approach in &joint.approaches {
+            for hand in joint.hand.population(joint.spread, joint.hands, joint.seed) {
+                let file = wall::shipped(wall).expect("shipped");
+                let (at_joint, in_space) = (file.wall(&joint).expect("a wall"), plane.wall(&file).expect("a wall"));
+                let one = wall::contact(&model, &joint, &at_joint, &hand, approach).expect("a contact");
+                let other = contact(&model, &plane, &in_space, (&hand, approach), Carried::Nothing).expect("a contact");
+                assert!(one.touched.is_some() && one.touched == other.along.touched, "{wall}");
+                for (a, b) in one.position.iter().zip(&other.along.position) {
+                    assert!((a - b).abs() < 1e-9, "{wall}: {a} {b}");
+                }
+                for (a, b) in one.torque.iter().zip(&other.along.torque) {
+                    assert!((a - b).abs() < 1e-9, "{wall}: {a} {b}");
+                }
+                let measures = other.measures(&in_space, plane.lever).expect("a contact");
+                let of_joint = Measures::of(&one, &at_joint).expect("a contact");
+                assert!((measures.energy_out - of_joint.energy_out).abs() < 1e-9);
+                assert!((measures.stiffness - of_joint.stiffness).abs() < 1e-9);
+                let coupling = other.coupling(&plane).expect("a contact");
+                assert!(coupling.slip == 0.0 && coupling.turned == 0.0);
+            }
+        }
+    }
+}
+
+/// With the other joints locked, a plane across the handle's circle about joint 0 is the thesis's wall at joint 0, but for
+/// the curvature of the circle.
+#[test]
+fn with_the_others_locked_a_plane_is_nearly_the_wall_at_the_joint() {
+    let joint = wall::Setting::shipped().expect("shipped");
+    let text = space::SETTING
+        .replace("posture = [0.20, -0.41, 0.14, 0.0, 0.0, 0.0]", "free = [0]\nposture = [0.4, 0.0, 0.0, 0.0, 0.0, 0.0]")
+        .replace("normal = [0.6, -0.48, 0.64]", "normal = [0.7546, -0.6562, 0.0]")
+        .replace("torque_limits = [1.0, 1.0, 1.0, 0.3, 0.3, 0.3]", "torque_limits = [1.0]")
+        // nor does the hand mind that the handle turns with the joint, as it does on the joint's own wall
+        .replace("turning_stiffness = 2.0", "turning_stiffness = 1e-9")
+        .replace("turning_damping = 0.02", "turning_damping = 0.0");
+    let plane = parsed(&text);
+    // Friction would leave each where it happened to stop.
+    let model = bare("freedom6s");
+    let file = wall::shipped("pd_tuned").expect("shipped");
+    let (at_joint, in_space) = (file.wall(&joint).expect("a wall"), plane.wall(&file).expect("a wall"));
+    for (slow, own) in joint.approaches.iter().zip(&plane.reaching.approaches) {
+        let one = wall::contact(&model, &joint, &at_joint, &joint.hand, slow).expect("a contact");
+        let hand = &plane.people.typical;
+        let other = contact(&model, &plane, &in_space, (hand, own), Carried::Nothing).expect("a contact");
+        let one = Measures::of(&one, &at_joint).expect("it is met");
+        let other = other.measures(&in_space, plane.lever).expect("it is met");
+        let depth = other.settled_position / plane.lever;
+        assert!((depth - one.settled_position).abs() < 0.03 * depth.abs(), "{depth} {}", one.settled_position);
+        let stiffness = other.stiffness * plane.lever * plane.lever;
+        assert!((stiffness - one.stiffness).abs() < 0.01 * stiffness, "{stiffness} {}", one.stiffness);
+    }
+}
+
+/// What the hand and the wall put in is what the device then has: kinetic energy and height, by the plant.
+#[test]
+fn energy_is_accounted_for() {
+    let text = space::SETTING.replace("step_s = 0.0005", "step_s = 0.0001").replace("after_s = 3.0", "after_s = 2.2");
+    let setting = parsed(&text);
+    let model = bare("freedom6s");
+    let plant = Mechanism::new(model.device, &|name| model.parameter(name).map_or(0.0, |own| own.value));
+    let (_, told) = played(&model, &setting, "pd", Carried::Nothing);
+    let energy = |tick: usize| plant.energy(&told.q[tick], &told.dq[tick]).iter().sum::<f64>();
+    let (start, mut given, mut largest) = (energy(0), 0.0, 0.0_f64);
+    let mut wall_share = 0.0_f64;
+    for tick in 1..told.q.len() {
+        given += told.given(tick - 1);
+        wall_share = wall_share.max(given.abs());
+        let missing = energy(tick) - start - given - told.hand_work[tick];
+        largest = largest.max(missing.abs());
+    }
+    assert!(told.along.touched.is_some() && wall_share > 0.01, "{wall_share}");
+    assert!(largest < 1e-6, "{largest} J are lost, of {wall_share} J that the wall moved");
+}
+
+/// At rest the wall's torques are those of the hand: `J^T n F + J^T f + J_w^T m = 0`, the weight being carried. What the hand
+/// does at rest follows from its springs.
+#[test]
+fn what_settles_is_in_equilibrium() {
+    let text = space::SETTING.replace("position_quantum = 1e-4", "position_quantum = 0.0");
+    let setting = parsed(&text.replace("after_s = 3.0", "after_s = 25.0"));
+    let model = bare("freedom6s");
+    let (_, told) = played(&model, &setting, "pd_tuned", Carried::Weight);
+    let last = told.q.len() - 1;
+    let (hand, normal) = (&setting.people.typical, setting.plane.normal);
+    let mut arm = Kinematics::of_model(&model, &setting.free, &setting.posture).expect("an end point");
+    let (start, axes) = (arm.position(), arm.rotation());
+    let away = setting.plane.distance(start);
+    arm.move_to(&told.q[last]);
+    let (point, hold) = (arm.position(), setting.reaching.hold_after(&fast(&setting)));
+    // The arm's spring pulls to the foot of the way, the grip's spring is in series with it.
+    let force = [0, 1, 2].map(|k| {
+        let foot = start[k] - away * normal[k];
+        let (grip, pull) = (hand.grip_stiffness, hand.arm_stiffness);
+        let place = (pull * foot - hold * normal[k] + grip * point[k]) / (pull + grip);
+        grip * (place - point[k])
+    });
+    // Half the antisymmetric part of R R0^T is the sine of the turn about its axis.
+    let turned =
+        nalgebra::Matrix3::from_row_slice(&arm.rotation()) * nalgebra::Matrix3::from_row_slice(&axes).transpose();
+    let sine = [turned.m32 - turned.m23, turned.m13 - turned.m31, turned.m21 - turned.m12].map(|own| 0.5 * own);
+    let moment = sine.map(|own| -setting.turning[0] * own);
+    let mut torques = [0.0; 6];
+    arm.torques(force, moment, &mut torques);
+    for slot in 0..6 {
+        assert!(told.dq[last][slot].abs() < 1e-7, "it has settled: {:?}", told.dq[last]);
+        let sum = torques[slot] + told.torque[last][slot];
+        assert!(sum.abs() < 1e-6, "joint {slot}: {} and {}", torques[slot], told.torque[last][slot]);
+    }
+    assert!(told.torque[last].iter().any(|torque| torque.abs() > 0.05), "{:?}", told.torque[last]);
+    // and the wall's torques are those of a force along its normal
+    let mut by_normal = [0.0; 6];
+    arm.torques(normal.map(|own| own * told.along.torque[last]), [0.0; 3], &mut by_normal);
+    assert!((0..6).all(|slot| (by_normal[slot] - told.torque[last][slot]).abs() < 1e-6));
+}
+
+/// Gravity is along the first axis: turned about it, plane and arm together, nothing else changes.
+#[test]
+fn turning_plane_and_arm_together_turns_everything() {
+    let turn = 0.3_f64;
+    let text = space::SETTING.replace("position_quantum = 1e-4", "position_quantum = 0.0");
+    let setting = parsed(&text);
+    let mut turned = setting.clone();
+    let (sine, cosine) = turn.sin_cos();
+    let about_z = |[x, y, z]: [f64; 3]| [cosine * x - sine * y, sine * x + cosine * y, z];
+    turned.plane.normal = about_z(setting.plane.normal);
+    turned.plane.point = about_z(setting.plane.point);
+    turned.posture[0] += turn;
+    let mut model = Model::of_device(setting.device);
+    // a spring at the first joint knows where it is
+    model.effects.retain(|own| own.joint != Some(0) || own.effect.id == "gain");
+    for carried in [Carried::Nothing, Carried::Weight] {
+        let (_, one) = played(&model, &setting, "pd_tuned", carried);
+        let (_, other) = played(&model, &turned, "pd_tuned", carried);
+        assert!(one.along.touched.is_some() && one.along.touched == other.along.touched);
+        for tick in 0..one.q.len() {
+            let apart = (0..6).map(|slot| {
+                let shifted = if slot == 0 { turn } else { 0.0 };
+                (other.q[tick][slot] - one.q[tick][slot] - shifted).abs()
+            });
+            let apart = apart.fold((one.along.position[tick] - other.along.position[tick]).abs(), f64::max);
+            assert!(apart < 1e-9, "{apart} at tick {tick}");
+        }
+    }
+}
+
+/// The thesis's gains chatter in space as they do at the joint, tuned ones do not; a slanted plane moves several joints; and
+/// with the weight carried a hand slips less.
+#[test]
+fn tuned_gains_are_still_in_space_too() {
+    let cases = |more: &[&str]| {
+        let all = [&["wall", "space", "--json", "--hands", "6"], more].concat();
+        let output = dynid().args(all).assert().success().get_output().stdout.clone();
+        let told: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
+        told["cases"].as_array().expect("cases").clone()
+    };
+    let bare = cases(&[]);
+    assert_eq!(bare.len(), 3 * 3 * 6);
+    let of = |cases: &[serde_json::Value], wall: &str, value: &dyn Fn(&serde_json::Value) -> f64| {
+        let own = cases.iter().filter(|case| case["controller"] == wall && case["speed"] != "slow");
+        wall::median(own.map(value).collect())
+    };
+    let number = |key: &'static str| move |case: &serde_json::Value| case[key].as_f64().expect("a number");
+    let slip = |case: &serde_json::Value| case["coupling"]["settled_slip"].as_f64().expect("a number");
+    assert!((7.0..11.0).contains(&of(&bare, "pd", &number("frequency"))));
+    assert!(of(&bare, "pd", &number("chatter_rms")) > 1e-3);
+    for wall in ["pd_tuned", "fuzzy_tuned"] {
+        let ratio = of(&bare, "pd", &number("chatter_rms")) / of(&bare, wall, &number("chatter_rms"));
+        assert!(ratio > 20.0, "{wall}: {ratio}");
+        assert!(of(&bare, wall, &number("stiffness")) > 3.0 * of(&bare, "pd", &number("stiffness")));
+    }
+    let moved = |joint: usize| of(&bare, "pd_tuned", &|case| case["coupling"]["moved"][joint].as_f64().unwrap().abs());
+    assert!((0..4).all(|joint| moved(joint) > 0.005), "{:?}", [0, 1, 2, 3].map(moved));
+    let carried = cases(&["--compensate", "--wall", "pd_tuned"]);
+    assert!(of(&carried, "pd_tuned", &slip) < of(&bare, "pd_tuned", &slip));
+}
+
+/// A joint that reaches its limit shortens the force, and the measures say so.
+#[test]
+fn a_reached_limit_is_told_and_the_force_keeps_its_direction() {
+    let mut setting = Setting::shipped().expect("shipped");
+    setting.torque_limits = vec![0.02; 6];
+    let model = Model::of_device(setting.device);
+    let law = Law::Linear(LinearLaw { k1: 474.2, k2: 17.13, offset: 0.0 });
+    let wall = Wall::new(law, 0.03, setting.sampling.sample_s, 10.0).expect("a wall");
+    let hand = (&setting.people.typical, &fast(&setting));
+    let told = contact(&model, &setting, &wall, hand, Carried::Weight).expect("a contact");
+    let coupling = told.coupling(&setting).expect("it is met");
+    assert!(coupling.limited > 0.9, "{coupling:?}");
+    let largest = coupling.torque.iter().copied().fold(0.0, f64::max);
+    assert!((largest - 0.02).abs() < 1e-12 && coupling.torque.iter().all(|torque| *torque <= 0.02 + 1e-12));
+}
+
+fn wrong(folder: &Path, text: &str) -> String {
+    std::fs::write(folder.join("s.toml"), text).expect("written");
+    let asked = ["wall", "space", "--setting", "s.toml", "--out", "page.html"];
+    let output = dynid().current_dir(folder).args(asked).assert().code(2).get_output().clone();
+    assert!(output.stdout.is_empty() && !folder.join("page.html").exists());
+    String::from_utf8(output.stderr).expect("text")
+}
+
+#[test]
+fn bad_input_is_told_once_with_its_place_and_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = dynid().args(["wall", "show", "space"]).assert().success().get_output().stdout.clone();
+    let good = String::from_utf8(output).expect("text");
+    let posture = "posture = [0.20, -0.41, 0.14, 0.0, 0.0, 0.0]";
+    let cases = [
+        ("normal = [0.6, -0.48, 0.64]", "normal = [0.6, -0.48, 0.7]", "has length", "divided by its length"),
+        ("normal = [0.6, -0.48, 0.64]", "normal = [0.6, -0.48]", "three components", "base frame"),
+        (posture, "posture = [-0.3, 0.3, -0.1, 0, 0, 0]", "inside of the wall", "start outside"),
+        (posture, "posture = [0.20, -0.41, 0.14, 0.0, 0.0, \"pi/2\"]", "singular posture", "bend the arm"),
+        (posture, "posture = [0.2]", "6 joints", "one position per joint"),
+        (posture, "free = [0, 3]\nposture = [0.20, -0.41, 0.14, 0, 0, 0]", "no configuration", "[4, 5]"),
+        ("device = \"freedom6s\"\n", "device = \"double_pendulum\"\n", "one position per joint", "2 joints"),
+        ("mass = 0.32", "mass = 0", "`mass` is 0", "positive"),
+        ("torque_limits = [1.0, 1.0, ", "torque_limits = [1.0, ", "has 5 numbers", "per free joint"),
+    ];
+    for (from, to, what, remedy) in cases {
+        assert!(good.contains(from), "{from}");
+        let told = wrong(folder.path(), &good.replacen(from, to, 1));
+        assert!(told.contains("s.toml:") && told.contains(what) && told.contains(remedy), "{to}: {told}");
+    }
+    // a device without an end point, and a plane that it cannot move towards
+    let other = |device: &str, posture: &str| {
+        let text = good.replacen("freedom6s", device, 1).replacen(posture_line(&good), posture, 1);
+        text.lines().filter(|line| !line.starts_with("torque_limits")).collect::<Vec<_>>().join("\n")
+    };
+    let told = wrong(folder.path(), &other("double_pendulum", "posture = [0.3, 0.4]"));
+    assert!(told.contains("s.toml:") && told.contains("no end point") && told.contains("[end_point]"), "{told}");
+    let flat = other("planar2r", "posture = [0.3, 0.4]").replacen("[0.6, -0.48, 0.64]", "[0, 0, -1]", 1);
+    let told = wrong(folder.path(), &flat.replacen("point = [-0.2, -0.23, 0.0]", "point = [0, 0, 0.1]", 1));
+    assert!(told.contains("s.toml:") && told.contains("no joint moves the end point along"), "{told}");
+}
+
+fn posture_line(text: &str) -> &str {
+    text.lines().find(|line| line.starts_with("posture")).expect("a posture")
+}

@@ -58,7 +58,7 @@ pub enum WallError {
     },
     /// Nobody can hold the device.
     #[error(transparent)]
-    NoEndPoint(#[from] crate::kinematics::NoEndPoint),
+    Kinematics(#[from] crate::kinematics::KinematicsError),
     /// No contact can start there.
     #[error(transparent)]
     Start(#[from] super::space::StartError),

@@ -489,17 +489,13 @@ impl Work<'_> {
                 waiting.retain(|score| self.judge.added_unknowns(&score.estimate, base) <= plainest.unknowns);
             }
         }
-        self.again(
-            &screening,
-            base,
-            &shortlist,
-            &mut fitted,
-            &mut failed,
-            &format!("{depth}: again, {}", path.join(" > ")),
-        )?;
+        let again = format!("{depth}: again, {}", path.join(" > "));
+        self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
             let key = format!("{depth}: believed, {}", path.join(" > "));
             self.as_believed(&screening, (base, refit.status), &mut fitted, &mut failed, &key)?;
+            // A law that was found only from there may have rivals that are found only from there, too.
+            self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         }
         let torque = screening.torque();
         // What explains the logs to their noise is right wherever it helps.
@@ -553,12 +549,18 @@ impl Work<'_> {
         let rivals = shortlist.iter().map(|score| &score.suspect);
         let rivals =
             rivals.filter(|suspect| suspect.joint == winner.joint && **suspect != winner && fell_short(suspect));
-        let rivals: Vec<Suspect> = rivals.take(MOST).cloned().collect();
+        let mut rivals: Vec<Suspect> = rivals.cloned().collect();
         if rivals.is_empty() {
             return Ok(());
         }
+        // What the winner takes the place of is nearest to it.
+        let is_within = |suspect: &Suspect| {
+            winner.law().is_some_and(|law| law.replaces.iter().any(|smaller| smaller.id == suspect.effect))
+        };
+        rivals.sort_by_key(|suspect| !is_within(suspect));
+        rivals.truncate(MOST);
         let found = best.parsed()?;
-        let start = base.with_values(&|name| found.parameter(name).map(|parameter| parameter.value));
+        let start = base.with_values_of(&found);
         let mut asked = rivals;
         asked.push(winner);
         let mut scores = screening.scores(&start, &asked, &|| !(self.stop)());
@@ -569,8 +571,14 @@ impl Work<'_> {
         let nearly = asked.into_iter().zip(scores).filter(|(_, scored)| told(scored) < NEARLY * best);
         let (rivals, scores): (Vec<Suspect>, Vec<Scored>) = nearly.unzip();
         let estimate = |(torque, position): Scored| Some(position.or(torque)?.estimate);
-        let mut starts: Vec<Vec<Model>> =
-            scores.into_iter().map(|scored| estimate(scored).into_iter().collect()).collect();
+        // The winner's values suit what it takes the place of better than what the screening, which is linear, finds there.
+        let mut starts: Vec<Vec<Model>> = scores
+            .into_iter()
+            .map(|scored| {
+                estimate(scored)
+                    .map_or_else(Vec::new, |found_there| vec![found_there.with_values_of(&found), found_there])
+            })
+            .collect();
         if let Some(believed) = self.at_belief(base).filter(|_| !rivals.is_empty()) {
             let scores = screening.scores(&believed, &rivals, &|| !(self.stop)());
             self.asked_to_stop()?;

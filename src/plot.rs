@@ -314,11 +314,32 @@ fn curve(
     let mut path = String::new();
     // what is not a number leaves a gap
     for piece in points.split(|point| !point.1.is_finite()) {
-        for (index, (x, y)) in straightened(&thinned(piece)).iter().enumerate() {
-            let _ = write!(path, "{}{x:.1} {y:.1}", if index == 0 { 'M' } else { 'L' });
-        }
+        line_through(&mut path, &straightened(&thinned(piece)));
     }
-    let _ = writeln!(svg, "<path class=\"{class} curve\"{more} d=\"{path}\"/>");
+    let _ = writeln!(svg, "<path class=\"{class} curve\"{more} transform=\"scale({UNIT})\" d=\"{path}\"/>");
+}
+
+/// What curves are drawn in, in pixels.
+const UNIT: f64 = 0.1;
+
+/// A line through `points` in whole units, each from the last: half the text that places with a decimal point would take.
+fn line_through(path: &mut String, points: &[(f64, f64)]) {
+    let whole = |value: f64| (value / UNIT).round() as i64;
+    let mut places = points.iter().map(|&(x, y)| (whole(x), whole(y)));
+    let Some(mut last) = places.next() else { return };
+    let _ = write!(path, "M{} {}", last.0, last.1);
+    let mut command = "l";
+    for place in places {
+        let (x, y) = (place.0 - last.0, place.1 - last.1);
+        if (x, y) == (0, 0) {
+            continue;
+        }
+        // A sign separates as well as a space.
+        let space = |value: i64| if value < 0 { "" } else { " " };
+        let before = if command.is_empty() { space(x) } else { command };
+        let _ = write!(path, "{before}{x}{}{y}", space(y));
+        (command, last) = ("", place);
+    }
 }
 
 /// At most four points per half pixel: first, lowest, highest, last. The drawn line is the same, the file small.
@@ -478,6 +499,16 @@ mod tests {
         }
         let steps = [(0.0, 0.0), (1.0, 0.0), (1.0, 5.0), (1.0, 2.0), (2.0, 2.0), (3.0, 2.0)];
         assert_eq!(straightened(&steps), [(0.0, 0.0), (1.0, 0.0), (1.0, 5.0), (1.0, 2.0), (3.0, 2.0)]);
+    }
+
+    #[test]
+    fn a_line_is_written_in_tenths_of_pixels_from_place_to_place() {
+        let mut path = String::new();
+        line_through(&mut path, &[(0.0, 1.04), (0.5, 0.46), (0.5, 0.5), (1.2, 0.5), (1.0, 2.0)]);
+        assert_eq!(path, "M0 10l5-5 7 0-2 15");
+        path.clear();
+        line_through(&mut path, &[(3.0, 4.0)]);
+        assert_eq!(path, "M30 40");
     }
 
     #[test]

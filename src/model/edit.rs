@@ -108,6 +108,28 @@ impl Model {
         })
     }
 
+    /// The model with the values of another of the same device, parameter by parameter; an effect in whose place the other
+    /// has a larger one gets back what that carries over from it.
+    #[must_use]
+    pub fn with_values_of(&self, other: &Self) -> Self {
+        let mut model = self.with_values(&|name| other.parameter(name).map(|parameter| parameter.value));
+        for larger in &other.effects {
+            for smaller in &larger.effect.replaces {
+                let own = model.effects.iter_mut().find(|own| own.is(&smaller.id, larger.joint, larger.from));
+                let Some(own) = own else { continue };
+                for (theirs, symbol) in &smaller.carry {
+                    let place = own.effect.parameters.iter().position(|parameter| parameter.symbol == *symbol);
+                    let Some((place, value)) = place.zip(larger.value(theirs)) else { continue };
+                    let Parameter { lower, upper, fixed, .. } = own.parameters[place];
+                    if !fixed {
+                        own.parameters[place].value = value.clamp(lower, upper);
+                    }
+                }
+            }
+        }
+        model
+    }
+
     /// Takes an effect out.
     ///
     /// # Errors

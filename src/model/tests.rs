@@ -243,3 +243,32 @@ fn names_find_their_parameters() {
     assert_eq!(oscillator.unit("joint.0.viscous.Fv").as_deref(), Some("N*s/m"));
     assert_eq!(oscillator.unit("joint.0.gain.Kp").as_deref(), Some("1"));
 }
+
+/// What `turner` took over from `coulomb` and `viscous` is theirs again in a model that has those.
+#[test]
+fn a_smaller_law_gets_back_what_a_larger_one_took_over() {
+    let before = parse(
+        r#"device = "freedom6s"
+
+[[effect]]
+id = "coulomb"
+joint = 4
+Fc = 0.01
+
+[[effect]]
+id = "viscous"
+joint = 4
+Fv = 0.02
+"#,
+    );
+    let mut larger = before.clone();
+    larger.add_effect("turner", Some(4), None).unwrap();
+    larger.set_value("joint.4.turner.Fk", 0.03).unwrap();
+    larger.set_value("joint.4.turner.s2", 0.04).unwrap();
+    larger.set_value("link.6.Izz", 1.25 * before.parameter("link.6.Izz").unwrap().value).unwrap();
+    let after = before.with_values_of(&larger);
+    assert_eq!(after.parameter("joint.4.coulomb.Fc").unwrap().value, 0.03);
+    assert_eq!(after.parameter("joint.4.viscous.Fv").unwrap().value, 0.04);
+    assert_eq!(after.parameter("link.6.Izz"), larger.parameter("link.6.Izz"));
+    assert_eq!(after.effects.len(), before.effects.len());
+}

@@ -1,5 +1,14 @@
 // Zoom and pan of the pictures on a page. Without it, and in print, they show everything.
 "use strict";
+// Places of a line: the first as it is written, each further one from the last.
+const places = (line, unit) => {
+  const numbers = line.match(/-?\d+/g).map(Number);
+  let [x, y] = [0, 0];
+  return Array.from({ length: numbers.length / 2 }, (_, k) => [
+    unit * (x += numbers[2 * k]),
+    unit * (y += numbers[2 * k + 1]),
+  ]);
+};
 for (const picture of document.querySelectorAll("svg.dynid-plot[data-from]")) {
   const whole = [Number(picture.dataset.from), Number(picture.dataset.to)];
   const views = [...picture.querySelectorAll("svg.view")].map((view) => ({
@@ -14,7 +23,7 @@ for (const picture of document.querySelectorAll("svg.dynid-plot[data-from]")) {
     grid: picture.querySelector(`g.grid-of[data-view="${view.dataset.view}"]`),
     lines: [...view.querySelectorAll("path.curve")].flatMap((path) =>
       path.getAttribute("d").split("M").slice(1).map((line) =>
-        line.split("L").map((pair) => pair.split(" ").map(Number)))),
+        places(line, path.transform.baseVal[0].matrix.a))),
   }));
   const foot = picture.querySelector("g.foot");
   const foot_y = Number(foot.dataset.y);

@@ -256,6 +256,22 @@ fn tuned_gains_are_still_in_space_too() {
     assert!(of(&carried, "pd_tuned", &slip) < of(&bare, "pd_tuned", &slip));
 }
 
+/// What couples the joints while they move is their inertia: where a share of it is carried, the hand slips less. It takes a
+/// fast controller.
+#[test]
+fn a_share_of_the_inertia_carried_lessens_the_slip() {
+    let text = space::SETTING.replace("sample_s = 0.01 ", "sample_s = 0.001 ");
+    let setting = parsed(&text);
+    assert_eq!(setting.sampling.sample_s, 0.001);
+    let model = Model::of_device(setting.device);
+    let slip = |shares: Shares| {
+        let (_, told) = played(&model, &setting, "pd_tuned", Some(shares));
+        told.coupling(&setting).expect("it is met").settled_slip
+    };
+    let (none, fifth) = (slip(Shares::WEIGHT), slip(Shares { inertia: 0.2, friction: 0.0 }));
+    assert!(fifth < 0.9 * none, "{fifth} of {none}");
+}
+
 /// A joint that reaches its limit shortens the force, and the measures say so.
 #[test]
 fn a_reached_limit_is_told_and_the_force_keeps_its_direction() {

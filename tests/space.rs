@@ -333,3 +333,29 @@ fn bad_input_is_told_once_with_its_place_and_remedy() {
 fn posture_line(text: &str) -> &str {
     text.lines().find(|line| line.starts_with("posture")).expect("a posture")
 }
+
+/// The page stands alone, says what it was made from, and is not overwritten; any number of threads makes the same.
+#[test]
+fn the_page_holds_the_pictures_and_is_the_same_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |threads: &str, out: &str| {
+        let asked = ["wall", "space", "--hands", "2", "--wall", "pd", "--compensate", "--json", "--out", out];
+        dynid().current_dir(folder.path()).env("RAYON_NUM_THREADS", threads).args(asked).assert()
+    };
+    let one = run("1", "a.html").success().get_output().stdout.clone();
+    let two = run("2", "b.html").success().get_output().stdout.clone();
+    assert_eq!(one, two);
+    let page = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect("written");
+    assert_eq!(page("a.html"), page("b.html").replace("b.html", "a.html"));
+    let html = page("a.html");
+    for heading in ["What a hand feels", "The way of the end point", "Depth", "Torques of the joints", "came from"] {
+        assert!(html.contains(heading), "{heading}");
+    }
+    assert_eq!(html.matches("<svg class=\"dynid-plot\"").count(), 3 + 3 + 1);
+    for outside in ["http", "src=", "href=", "@import", "url("] {
+        assert!(!html.contains(outside), "{outside} in the page");
+    }
+    let told = run("1", "a.html").code(2).get_output().stderr.clone();
+    assert!(String::from_utf8(told).expect("text").contains("--force"));
+    assert_eq!(page("a.html"), html);
+}

@@ -338,19 +338,6 @@ impl System {
         self.motion(scratch, t, x, dx);
     }
 
-    /// What reaches a free joint behind its drive path for each unit commanded there, between commands of `size` both ways.
-    pub fn drive_gain(&self, slot: usize, size: f64) -> f64 {
-        let x = self.rest(&vec![0.0; self.n_free()]);
-        let (mut scratch, mut dx) = (self.scratch(), vec![0.0; x.len()]);
-        let mut command = vec![0.0; self.n_joints];
-        let mut reached = |size: f64| {
-            command[self.kernel.free[slot]] = size;
-            self.drive(&mut scratch, 0.0, &x, &command, &mut dx);
-            scratch.drive[slot]
-        };
-        (reached(size) - reached(-size)) / (2.0 * size)
-    }
-
     /// True where [`System::drive`] depends on the commands alone.
     pub(crate) fn steady_drive(&self) -> bool {
         self.steady_drive

@@ -58,6 +58,9 @@ fn the_page_holds_everything_and_reaches_nothing() {
     // two walls, three speeds, three hands
     assert_eq!(page.matches("<path class=\"mark hue").count(), 2 * 3 * 3 + 3, "a dot for each case, and the legend's");
     assert_eq!(page.matches(" class=\"core\"").count(), 7 * 9, "the thesis's range of interest");
+    // Figure 5.6: seven rules in each of the columns N6 to N3 and Z0, three in N2, six in N1
+    assert_eq!(page.matches("\u{2022}</b></td>").count(), 5 * 7 + 3 + 6, "modified rules are marked");
+    assert!(page.contains("the device damps with 0.00351 N*m*s/rad of its own (joint.0.lugre.sigma2)"));
     assert!(!page.contains("NaN") && !page.contains(">inf"), "every number is one");
     for part in ["fuzzy less pd", "@media print", "dynid wall report --hands 3 --wall pd,fuzzy --out page.html"] {
         assert!(page.contains(part), "{part}");
@@ -97,6 +100,21 @@ fn a_page_without_rules_has_no_sections_about_them() {
     is_well_formed(&page);
     assert_eq!(json["sentences"].as_array().unwrap().len(), 2, "nothing to compare with: {json}");
     assert!(!page.contains("<h2>Rules</h2>") && !page.contains("NaN"));
+}
+
+/// Without a choice all walls that the program carries stand on the page, and each says what it is.
+#[test]
+fn laws_of_other_kinds_stand_beside() {
+    let folder = tempfile::tempdir().unwrap();
+    let json = told(folder.path(), &["report", "--hands", "1", "--out", "page.html"]);
+    let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
+    is_well_formed(&page);
+    opens_with_no_network(&page);
+    assert_eq!(json["cases"].as_array().unwrap().len(), 8 * 3, "eight walls, three speeds");
+    for part in ["watched by a passivity controller", "pushed in it holds like", "a tool of inertia"] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(!page.contains("NaN"));
 }
 
 #[test]

@@ -6,6 +6,7 @@ use anyhow::bail;
 use dynid::experiment::{Experiment, Run};
 use dynid::fit::position::made_physical;
 use dynid::model::Model;
+use dynid_model::Device;
 
 /// An experiment with all its logs.
 pub fn experiment(path: &Path) -> anyhow::Result<Experiment> {
@@ -40,19 +41,24 @@ pub fn start(path: Option<&Path>, experiment: &Experiment, outside: Outside) -> 
         Outside::Refuse => Model::load(path)?,
         Outside::Clip => made_physical(Model::load_clipped(path)?),
     };
-    if model.device.id != experiment.device.id {
+    of_device(&model, path, experiment.device, &format!("the experiment {}", experiment.path.display()))?;
+    Ok(model)
+}
+
+/// Sees to it that the model in `path` is of the device of something else, and tells what its reader noted.
+pub fn of_device(model: &Model, path: &Path, device: &Device, other: &str) -> anyhow::Result<()> {
+    if model.device.id != device.id {
         bail!(
-            "{}: the model is of device `{}`, the experiment {} of `{}`; use a model and an experiment of one device",
+            "{}: the model is of device `{}`, {other} of `{}`; use files of one device",
             path.display(),
             model.device.id,
-            experiment.path.display(),
-            experiment.device.id
+            device.id
         );
     }
     for note in &model.notes {
         eprintln!("note: {}: {note}", path.display());
     }
-    Ok(model)
+    Ok(())
 }
 
 /// The runs in which exactly these joints are free; all runs without a choice.

@@ -19,13 +19,18 @@ impl Model {
         let Some(fit) = &self.fit else { return self.clone() };
         let errors = &fit.std_error;
         let relative = |name: &str| Some(errors.get(name)? / self.parameter(name)?.value.abs());
-        let gains = self.effects.iter().filter(|instance| instance.effect.stage == Some(Stage::Gain));
-        let common = gains
+        let gains: Vec<String> = self
+            .effects
+            .iter()
+            .filter(|instance| instance.effect.stage == Some(Stage::Gain))
             .flat_map(|gain| (0..gain.parameters.len()).map(|index| gain.parameter_name(index)))
-            .map(|name| relative(&name).unwrap_or(0.0))
-            .reduce(f64::min)
-            .unwrap_or(0.0);
-        let scales = |name: &str| self.unit(name).is_some_and(|unit| unit.starts_with('N') || unit.starts_with("kg"));
+            .collect();
+        let common = gains.iter().map(|name| relative(name).unwrap_or(0.0)).reduce(f64::min).unwrap_or(0.0);
+        // A gain has the scale also where commands are told as torques, and its unit is none.
+        let scales = |name: &String| {
+            let has_unit = |unit: String| unit.starts_with('N') || unit.starts_with("kg");
+            gains.contains(name) || self.unit(name).is_some_and(has_unit)
+        };
         // In the order of the map, so that a seed stands for one draw.
         let values: BTreeMap<&str, f64> = errors
             .iter()

@@ -65,6 +65,14 @@ impl Model {
         model.fit = root.optional("fit").map(|entry| FitRecord::read(&entry.table("[fit]")?)).transpose()?;
         model.believed = numbers(&root, "believed", "[believed]")?;
         let names = model.names();
+        let unknown = model.believed.keys().filter(|name| !names.contains(name));
+        let notes: Vec<String> = unknown
+            .map(|name| {
+                let help = did_you_mean(name, names.iter().map(String::as_str));
+                format!("[believed]: the model has no parameter `{name}`, and the entry is not used ({help})")
+            })
+            .collect();
+        model.notes.extend(notes);
         model.believed.retain(|name, _| names.contains(name));
         model.origin = Some(text.to_owned());
         Ok(model)

@@ -1,8 +1,10 @@
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use dynid_model::{Parameter, device, devices};
 
 use crate::fit::budget::{Share, Source};
+use crate::random::Random;
 
 use super::{FitRecord, Model};
 
@@ -109,6 +111,51 @@ fn writing_keeps_comments_order_and_digits() {
     assert_eq!(again.fit.as_ref().unwrap().not_identifiable.len(), 2);
     assert_eq!(again.fit.as_ref().unwrap().std_error.len(), 1, "an infinite standard error is left out");
     assert_eq!(again.to_toml(), text);
+}
+
+/// What a record says of no parameter of the model is noted, with the nearest name, and left out.
+#[test]
+fn an_unknown_name_that_was_believed_is_noted() {
+    let mut text = Model::of_device(device("freedom6s").expect("in the library")).to_toml();
+    text.push_str("\n[believed]\n\"link.2.m\" = 0.5\n\"link.2.mm\" = 0.5\n");
+    let model = parse(&text);
+    assert_eq!(model.believed.keys().collect::<Vec<_>>(), ["link.2.m"]);
+    let told = model.notes.iter().find(|note| note.contains("[believed]")).expect("a note");
+    assert!(told.contains("`link.2.mm`") && told.contains("`link.2.m`"), "{told}");
+}
+
+/// Over many draws each parameter scatters by its standard error; what all gains have in common is the torques' scale, and
+/// is drawn for nothing that has it.
+#[test]
+fn drawn_models_scatter_as_the_standard_errors_say() {
+    let mut model = Model::of_device(device("freedom6s").expect("in the library"));
+    let gains: Vec<String> = model.names().into_iter().filter(|name| name.ends_with(".gain.Kp")).collect();
+    let mut errors: BTreeMap<String, f64> =
+        gains.iter().map(|name| (name.clone(), 0.05 * model.parameter(name).expect("its own").value)).collect();
+    errors.insert("joint.0.lugre.vs".to_owned(), 0.002);
+    let spring = model.parameter("joint.0.spring.Ks").expect("its own").value;
+    errors.insert("joint.0.spring.Ks".to_owned(), 0.13 * spring);
+    let mut random = Random::new(5);
+    assert_eq!(model.off_by_errors(&mut random).digest(), model.digest(), "without a fit there are no errors");
+    model.fit = Some(FitRecord { std_error: errors, ..FitRecord::default() });
+    let n = 2000;
+    let drawn: Vec<Model> = (0..n).map(|_| model.off_by_errors(&mut random)).collect();
+    let scatter = |name: &str| {
+        let at = |model: &Model| model.parameter(name).expect("its own").value;
+        let square: f64 = drawn.iter().map(|drawn| (at(drawn) - at(&model)).powi(2)).sum();
+        (square / f64::from(n)).sqrt()
+    };
+    // standard errors of a scatter: 1.6 %; here within five of them
+    for (name, expected) in [("joint.0.lugre.vs", 0.002), ("joint.0.spring.Ks", 0.12 * spring)] {
+        assert!((scatter(name) / expected - 1.0).abs() < 0.08, "{name}: {} for {expected}", scatter(name));
+    }
+    // Gains, all 5 % off together, leave rounding.
+    assert_eq!(gains.len(), 6);
+    for name in &gains {
+        let value = model.parameter(name).expect("its own").value;
+        assert!(scatter(name) < 1e-6 * value, "{name}: {} of {value}", scatter(name));
+    }
+    assert_eq!(scatter("link.2.m"), 0.0);
 }
 
 #[test]

@@ -35,8 +35,8 @@ pub enum WallError {
     System(#[from] SystemError),
     /// The closed loop leaves all bounds.
     #[error(
-        "the closed loop diverges at {time_s:.3} s at joint {joint}: the wall's gains are too high for this sample time (lower \
-         them, or sample faster), or the simulation's steps too long (`step_s` of the setting)"
+        "the closed loop diverges at {time_s:.3} s at joint {joint}: the wall's gains, or what is carried of the device, are too \
+         high for this sample time (lower them, or sample faster), or the simulation's steps too long (`step_s` of the setting)"
     )]
     Diverged {
         /// When (s).
@@ -58,7 +58,7 @@ pub enum WallError {
     },
     /// Nobody can hold the device.
     #[error(transparent)]
-    NoEndPoint(#[from] crate::kinematics::NoEndPoint),
+    Kinematics(#[from] crate::kinematics::KinematicsError),
     /// No contact can start there.
     #[error(transparent)]
     Start(#[from] super::space::StartError),
@@ -68,10 +68,19 @@ pub enum WallError {
     /// A model that cannot be carried.
     #[error(transparent)]
     Compensation(#[from] crate::control::CompensationError),
-    /// Nothing that is commanded reaches the joint.
+    /// The device's own input is late, beside the controller's delay.
     #[error(
-        "the model's drive lets no torque pass to joint {joint} at once; take what holds it back (a lag, a delay) out"
+        "joint {joint}: the model's command arrives {span_s} s late (input_delay), which a wall is not simulated with; take the \
+         effect out, and add as many samples to `delay_samples` of the setting"
     )]
+    Late {
+        /// The device's joint index.
+        joint: usize,
+        /// By how much (s).
+        span_s: f64,
+    },
+    /// Nothing that is commanded reaches the joint.
+    #[error("the model's drive lets no torque pass to joint {joint}: give its gain a value other than 0")]
     NoDrive {
         /// The device's joint index.
         joint: usize,
@@ -92,18 +101,15 @@ impl WallError {
 /// The device of a setting, ready to meet walls.
 pub(super) struct Plant {
     pub(super) system: System,
-    /// Torque at the joint for one unit commanded.
+    /// Torque at the joint for one unit that the controller commands; it knows gains, and nothing else of the drive.
     gain: f64,
 }
 
 impl Plant {
     pub(super) fn new(model: &Model, setting: &Setting) -> Result<Self, WallError> {
         let system = System::of_model(model, &[setting.joint], |joint| setting.posture[joint])?;
-        let gain = system.drive_gain(0, setting.torque_limit);
-        if !(gain.abs() > f64::MIN_POSITIVE && gain.is_finite()) {
-            return Err(WallError::NoDrive { joint: setting.joint });
-        }
-        Ok(Self { system, gain })
+        let inverse = system.inverse_drive().ok_or(WallError::NoDrive { joint: setting.joint })?;
+        Ok(Self { system, gain: 1.0 / inverse[0] })
     }
 
     /// With a drive that delivers so many times what the controller takes it for.

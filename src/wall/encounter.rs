@@ -57,6 +57,9 @@ impl Encounter<'_> {
         mut tell: impl FnMut(&Tick<'_>),
     ) -> Result<Option<usize>, WallError> {
         let Self { system, sampling, hand, .. } = *self;
+        if let Some(delay) = system.delays().iter().find(|delay| delay.span_s > 0.0) {
+            return Err(WallError::Late { joint: delay.joint, span_s: delay.span_s });
+        }
         let (n_states, n_joints) = (system.n_states(), system.n_joints());
         let mut x = system.rest(self.start);
         let place = held.handle(&x)[0];

@@ -12,6 +12,7 @@ use dynid::plot::steps::{Steps, standalone};
 use dynid::wall::{Hand, Setting};
 use serde_json::{Value, json};
 
+use super::super::inputs::of_device;
 use super::super::table::{Align, Table};
 use super::{Answer, Outcome};
 
@@ -76,16 +77,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         None => Model::of_device(setting.device),
     };
     let plant = match &arguments.plant {
-        Some(path) => Model::load(path)?,
+        Some(path) => {
+            let model = Model::load(path)?;
+            of_device(&model, path, believed.device, "the model that the controller believes")?;
+            model
+        }
         None => believed.clone(),
     };
-    if plant.device.id != believed.device.id {
-        bail!(
-            "the device that is felt is `{}`, the believed model is of `{}`; use two models of one device",
-            plant.device.id,
-            believed.device.id
-        );
-    }
     let device = believed.device;
     let largest = device.configurations.iter().map(|configuration| &configuration.free).max_by_key(|free| free.len());
     let mut free = match (&arguments.free, largest) {

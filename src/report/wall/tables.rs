@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{Shown, WallReport, densest, median, milli, number, plain, short, told_damping};
 use crate::{
-    control::{Law, LinearLaw, RuleTable},
+    control::{Law, LinearLaw, RuleTable, VirtualTool},
     plot::escaped,
     wall::{self, Measures},
 };
@@ -111,9 +111,30 @@ impl WallReport<'_> {
                 let kind = if table.is_monotone() { "monotone" } else { "not monotone" };
                 format!("{} x {} rules, {kind}", table.velocity().len(), table.position().len())
             }
-            Law::Coupled(_) => "a virtual tool on a spring and a damper".to_owned(),
+            Law::Coupled(tool) => {
+                let VirtualTool { inertia, stiffness, damping, wall_stiffness, wall_damping } = *tool;
+                let [inertia, coupling, coupling_damping, wall, wall_damping] =
+                    [inertia, stiffness, damping, wall_stiffness, wall_damping].map(|value| short(scale * value));
+                format!(
+                    "a tool of inertia {inertia} behind {coupling} {0}, damping {coupling_damping} {1}, meets a wall of {wall} {0}, \
+                     damping {wall_damping} {1}",
+                    self.unit.stiffness, self.unit.damping
+                )
+            }
         };
-        let leaky = if matches!(own.wall.law(), Law::Leaky { .. }) { "; with a leaky spring" } else { "" };
+        let leaky = match own.wall.law() {
+            // At rest the element has slid as far as it goes, or it is still stuck.
+            Law::Leaky { linear, stiffness, share } => {
+                let held = stiffness.min(*share);
+                format!(
+                    "; pushed in it holds like {} {stiffness_unit}, let out as little as like {} {stiffness_unit}",
+                    short(scale * linear.k1 * (1.0 + held)),
+                    short(scale * linear.k1 * (1.0 - share).max(0.0)),
+                    stiffness_unit = self.unit.stiffness
+                )
+            }
+            _ => String::new(),
+        };
         let watched = if own.passive { "; watched by a passivity controller" } else { "" };
         format!("{}: {law}{leaky}{watched}", own.title)
     }

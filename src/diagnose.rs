@@ -494,7 +494,8 @@ impl Work<'_> {
         if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
             let key = format!("{depth}: believed, {}", path.join(" > "));
             self.as_believed(&screening, (base, refit.status), &mut fitted, &mut failed, &key)?;
-            // A law that was found only from there may have rivals that are found only from there, too.
+            // A law that was found only from there may have rivals that are found only from there, too. (Until a law explains
+            // the logs the first call has done nothing, so that the key is free.)
             self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         }
         let torque = screening.torque();

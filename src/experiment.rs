@@ -53,6 +53,14 @@ impl Run {
         self.settings.began_s.or_else(|| self.log.t.first().copied()).unwrap_or(0.0)
     }
 
+    /// Its file, and where a part of the log is a run of its own, which part.
+    pub fn label(&self) -> String {
+        match self.log.t.first().map(|first| first - self.began_s()) {
+            Some(from) if from > 0.0 => format!("{} from {from:.1} s on", self.file),
+            _ => self.file.clone(),
+        }
+    }
+
     /// Times of the samples, counted from the beginning of the run (s): the effects' time, whatever clock the log has.
     pub fn elapsed_s(&self) -> Vec<f64> {
         let began_s = self.began_s();

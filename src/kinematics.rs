@@ -25,30 +25,55 @@ pub struct Kinematics {
     jacobian: Vec<f64>,
 }
 
-/// The device's file names no end point.
+/// Why a model has no kinematics.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "device `{device}` has no end point; name the frame that the handle is fixed to in its file: [end_point] with frame = \"..\""
-)]
-pub struct NoEndPoint {
-    /// Its id.
-    pub device: String,
+#[non_exhaustive]
+pub enum KinematicsError {
+    /// The device's file names no end point.
+    #[error(
+        "device `{device}` has no end point; name the frame that the handle is fixed to in its file: [end_point] with frame = \
+         \"..\""
+    )]
+    NoEndPoint {
+        /// Its id.
+        device: String,
+    },
+    /// A posture that is not one of the device.
+    #[error("the posture has {found} positions, device `{device}` {expected} joints; give one position per joint")]
+    Posture {
+        /// The device's id.
+        device: String,
+        /// How many positions came.
+        found: usize,
+        /// How many are needed.
+        expected: usize,
+    },
+    /// A free joint that does not exist.
+    #[error("device `{device}` has no joint {joint}; joints count from 0")]
+    Joint {
+        /// The device's id.
+        device: String,
+        /// As given.
+        joint: usize,
+    },
 }
 
 impl Kinematics {
     /// Of a model at a posture of all its joints, of which the `free` ones will move.
     ///
     /// # Errors
-    /// A device without an end point.
-    ///
-    /// # Panics
-    /// A posture that is not one position per joint, or a free joint that the device does not have.
-    pub fn of_model(model: &Model, free: &[usize], posture: &[f64]) -> Result<Self, NoEndPoint> {
-        let device = model.device;
-        let end_point =
-            dynid_generated::end_point(&device.id).ok_or_else(|| NoEndPoint { device: device.id.clone() })?;
-        assert_eq!(posture.len(), end_point.n_joints, "a posture has one position per joint");
-        assert!(free.iter().all(|joint| *joint < posture.len()), "free joints are joints of the device");
+    /// A device without an end point; a posture that is not one position per joint; a joint that the device does not have.
+    pub fn of_model(model: &Model, free: &[usize], posture: &[f64]) -> Result<Self, KinematicsError> {
+        let device = || model.device.id.clone();
+        let end_point = dynid_generated::end_point(&model.device.id)
+            .ok_or_else(|| KinematicsError::NoEndPoint { device: device() })?;
+        if posture.len() != end_point.n_joints {
+            let (found, expected) = (posture.len(), end_point.n_joints);
+            return Err(KinematicsError::Posture { device: device(), found, expected });
+        }
+        if let Some(&joint) = free.iter().find(|joint| **joint >= posture.len()) {
+            return Err(KinematicsError::Joint { device: device(), joint });
+        }
         let lengths = end_point.parameters.iter().map(|name| model.parameter(name).map_or(0.0, |own| own.value));
         let mut kinematics = Self {
             end_point,
@@ -74,6 +99,16 @@ impl Kinematics {
     fn refresh(&mut self) {
         let Self { end_point, lengths, q, position, rotation, jacobian, .. } = self;
         (end_point.motion)(lengths, q, position, rotation, jacobian);
+    }
+
+    /// Its free joints.
+    pub fn free(&self) -> &[usize] {
+        &self.free
+    }
+
+    /// The device's id.
+    pub fn device(&self) -> &'static str {
+        self.end_point.device
     }
 
     /// Number of free joints.
@@ -156,9 +191,13 @@ mod tests {
     }
 
     #[test]
-    fn a_device_without_an_end_point_says_so() {
+    fn what_has_no_kinematics_says_so() {
         let model = Model::of_device(dynid_model::device("double_pendulum").expect("a shipped device"));
         let error = Kinematics::of_model(&model, &[0, 1], &[0.0, 0.0]).expect_err("it has none");
         assert!(error.to_string().contains("[end_point]"), "{error}");
+        let model = Model::of_device(dynid_model::device("planar2r").expect("a shipped device"));
+        let wrong = |free: &[usize], posture: &[f64]| Kinematics::of_model(&model, free, posture).expect_err("no arm");
+        assert!(matches!(wrong(&[0], &[0.0]), KinematicsError::Posture { found: 1, expected: 2, .. }));
+        assert!(matches!(wrong(&[0, 2], &[0.0, 0.0]), KinematicsError::Joint { joint: 2, .. }));
     }
 }

@@ -316,30 +316,37 @@ fn curve(
     for piece in points.split(|point| !point.1.is_finite()) {
         line_through(&mut path, &straightened(&thinned(piece)));
     }
-    let _ = writeln!(svg, "<path class=\"{class} curve\"{more} transform=\"scale({UNIT})\" d=\"{path}\"/>");
+    let _ = writeln!(svg, "<path class=\"{class} curve\"{more} d=\"{path}\"/>");
 }
 
-/// What curves are drawn in, in pixels.
-const UNIT: f64 = 0.1;
-
-/// A line through `points` in whole units, each from the last: half the text that places with a decimal point would take.
+/// A line through `points` in tenths of pixels, each from the last: half the text that every place in full would take.
 fn line_through(path: &mut String, points: &[(f64, f64)]) {
-    let whole = |value: f64| (value / UNIT).round() as i64;
-    let mut places = points.iter().map(|&(x, y)| (whole(x), whole(y)));
+    let tenths = |value: f64| (10.0 * value).round() as i64;
+    let mut places = points.iter().map(|&(x, y)| (tenths(x), tenths(y)));
     let Some(mut last) = places.next() else { return };
-    let _ = write!(path, "M{} {}", last.0, last.1);
-    let mut command = "l";
+    path.push('M');
+    tell_tenths(path, last.0, "");
+    tell_tenths(path, last.1, " ");
+    let mut separator = "l";
     for place in places {
-        let (x, y) = (place.0 - last.0, place.1 - last.1);
-        if (x, y) == (0, 0) {
+        if place == last {
             continue;
         }
-        // A sign separates as well as a space.
-        let space = |value: i64| if value < 0 { "" } else { " " };
-        let before = if command.is_empty() { space(x) } else { command };
-        let _ = write!(path, "{before}{x}{}{y}", space(y));
-        (command, last) = ("", place);
+        tell_tenths(path, place.0 - last.0, separator);
+        tell_tenths(path, place.1 - last.1, " ");
+        (separator, last) = (" ", place);
     }
+}
+
+/// So many tenths, as short as can be, behind what separates them from the number before: a sign does so as well as a space.
+fn tell_tenths(path: &mut String, tenths: i64, separator: &str) {
+    let sign = if tenths < 0 { "-" } else { "" };
+    path.push_str(if separator == " " && tenths < 0 { "" } else { separator });
+    let _ = match (tenths.unsigned_abs() / 10, tenths.unsigned_abs() % 10) {
+        (whole, 0) => write!(path, "{sign}{whole}"),
+        (0, rest) => write!(path, "{sign}.{rest}"),
+        (whole, rest) => write!(path, "{sign}{whole}.{rest}"),
+    };
 }
 
 /// At most four points per half pixel: first, lowest, highest, last. The drawn line is the same, the file small.
@@ -504,11 +511,11 @@ mod tests {
     #[test]
     fn a_line_is_written_in_tenths_of_pixels_from_place_to_place() {
         let mut path = String::new();
-        line_through(&mut path, &[(0.0, 1.04), (0.5, 0.46), (0.5, 0.5), (1.2, 0.5), (1.0, 2.0)]);
-        assert_eq!(path, "M0 10l5-5 7 0-2 15");
+        line_through(&mut path, &[(0.0, 1.04), (0.5, 0.46), (0.5, 0.5), (1.2, 0.5), (1.0, 12.0)]);
+        assert_eq!(path, "M0 1l.5-.5 .7 0-.2 11.5");
         path.clear();
-        line_through(&mut path, &[(3.0, 4.0)]);
-        assert_eq!(path, "M30 40");
+        line_through(&mut path, &[(3.0, 4.04), (3.0, 4.0)]);
+        assert_eq!(path, "M3 4", "a line without length");
     }
 
     #[test]

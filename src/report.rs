@@ -18,7 +18,7 @@ pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
 pub use sheet::{DataQuality, Sheet};
-pub use space::SpaceReport;
+pub use space::{SpaceReport, told_carried};
 pub use wall::{WallReport, WallReportError, told_damping};
 
 use crate::plot;

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use assert_cmd::Command;
-use dynid::control::{Law, LinearLaw, Wall};
+use dynid::control::{Law, LinearLaw, Shares, Wall};
 use dynid::kinematics::Kinematics;
 use dynid::model::Model;
-use dynid::wall::space::{self, Carried, Contact, Setting, contact};
+use dynid::wall::space::{self, Contact, Setting, contact};
 use dynid::wall::{self, Approach, Measures};
 use dynid_plant::Mechanism;
 
@@ -29,7 +29,7 @@ fn fast(setting: &Setting) -> Approach {
     setting.reaching.approaches.last().expect("approaches").clone()
 }
 
-fn played(model: &Model, setting: &Setting, wall: &str, carried: Carried) -> (Wall, Contact) {
+fn played(model: &Model, setting: &Setting, wall: &str, carried: Option<Shares>) -> (Wall, Contact) {
     let wall = setting.wall(&wall::shipped(wall).expect("shipped")).expect("a wall");
     let told = contact(model, setting, &wall, (&setting.people.typical, &fast(setting)), carried).expect("a contact");
     (wall, told)
@@ -84,7 +84,7 @@ fn a_plane_across_one_joint_is_the_wall_at_the_joint() {
                 let file = wall::shipped(wall).expect("shipped");
                 let (at_joint, in_space) = (file.wall(&joint).expect("a wall"), plane.wall(&file).expect("a wall"));
                 let one = wall::contact(&model, &joint, &at_joint, &hand, approach).expect("a contact");
-                let other = contact(&model, &plane, &in_space, (&hand, approach), Carried::Nothing).expect("a contact");
+                let other = contact(&model, &plane, &in_space, (&hand, approach), None).expect("a contact");
                 assert!(one.touched.is_some() && one.touched == other.along.touched, "{wall}");
                 for (a, b) in one.position.iter().zip(&other.along.position) {
                     assert!((a - b).abs() < 1e-9, "{wall}: {a} {b}");
@@ -123,7 +123,7 @@ fn with_the_others_locked_a_plane_is_nearly_the_wall_at_the_joint() {
     for (slow, own) in joint.approaches.iter().zip(&plane.reaching.approaches) {
         let one = wall::contact(&model, &joint, &at_joint, &joint.hand, slow).expect("a contact");
         let hand = &plane.people.typical;
-        let other = contact(&model, &plane, &in_space, (hand, own), Carried::Nothing).expect("a contact");
+        let other = contact(&model, &plane, &in_space, (hand, own), None).expect("a contact");
         let one = Measures::of(&one, &at_joint).expect("it is met");
         let other = other.measures(&in_space, plane.lever).expect("it is met");
         let depth = other.settled_position / plane.lever;
@@ -140,7 +140,7 @@ fn energy_is_accounted_for() {
     let setting = parsed(&text);
     let model = bare("freedom6s");
     let plant = Mechanism::new(model.device, &|name| model.parameter(name).map_or(0.0, |own| own.value));
-    let (_, told) = played(&model, &setting, "pd", Carried::Nothing);
+    let (_, told) = played(&model, &setting, "pd", None);
     let energy = |tick: usize| plant.energy(&told.q[tick], &told.dq[tick]).iter().sum::<f64>();
     let (start, mut given, mut largest) = (energy(0), 0.0, 0.0_f64);
     let mut wall_share = 0.0_f64;
@@ -161,7 +161,7 @@ fn what_settles_is_in_equilibrium() {
     let text = space::SETTING.replace("position_quantum = 1e-4", "position_quantum = 0.0");
     let setting = parsed(&text.replace("after_s = 3.0", "after_s = 25.0"));
     let model = bare("freedom6s");
-    let (_, told) = played(&model, &setting, "pd_tuned", Carried::Weight);
+    let (_, told) = played(&model, &setting, "pd_tuned", Some(Shares::WEIGHT));
     let last = told.q.len() - 1;
     let (hand, normal) = (&setting.people.typical, setting.plane.normal);
     let mut arm = Kinematics::of_model(&model, &setting.free, &setting.posture).expect("an end point");
@@ -210,7 +210,7 @@ fn turning_plane_and_arm_together_turns_everything() {
     let mut model = Model::of_device(setting.device);
     // a spring at the first joint knows where it is
     model.effects.retain(|own| own.joint != Some(0) || own.effect.id == "gain");
-    for carried in [Carried::Nothing, Carried::Weight] {
+    for carried in [None, Some(Shares::WEIGHT)] {
         let (_, one) = played(&model, &setting, "pd_tuned", carried);
         let (_, other) = played(&model, &turned, "pd_tuned", carried);
         assert!(one.along.touched.is_some() && one.along.touched == other.along.touched);
@@ -256,6 +256,22 @@ fn tuned_gains_are_still_in_space_too() {
     assert!(of(&carried, "pd_tuned", &slip) < of(&bare, "pd_tuned", &slip));
 }
 
+/// What couples the joints while they move is their inertia: where a share of it is carried, the hand slips less. It takes a
+/// fast controller.
+#[test]
+fn a_share_of_the_inertia_carried_lessens_the_slip() {
+    let text = space::SETTING.replace("sample_s = 0.01 ", "sample_s = 0.001 ");
+    let setting = parsed(&text);
+    assert_eq!(setting.sampling.sample_s, 0.001);
+    let model = Model::of_device(setting.device);
+    let slip = |shares: Shares| {
+        let (_, told) = played(&model, &setting, "pd_tuned", Some(shares));
+        told.coupling(&setting).expect("it is met").settled_slip
+    };
+    let (none, fifth) = (slip(Shares::WEIGHT), slip(Shares { inertia: 0.2, friction: 0.0 }));
+    assert!(fifth < 0.9 * none, "{fifth} of {none}");
+}
+
 /// A joint that reaches its limit shortens the force, and the measures say so.
 #[test]
 fn a_reached_limit_is_told_and_the_force_keeps_its_direction() {
@@ -265,7 +281,7 @@ fn a_reached_limit_is_told_and_the_force_keeps_its_direction() {
     let law = Law::Linear(LinearLaw { k1: 474.2, k2: 17.13, offset: 0.0 });
     let wall = Wall::new(law, 0.03, setting.sampling.sample_s, 10.0).expect("a wall");
     let hand = (&setting.people.typical, &fast(&setting));
-    let told = contact(&model, &setting, &wall, hand, Carried::Weight).expect("a contact");
+    let told = contact(&model, &setting, &wall, hand, Some(Shares::WEIGHT)).expect("a contact");
     let coupling = told.coupling(&setting).expect("it is met");
     assert!(coupling.limited > 0.9, "{coupling:?}");
     let largest = coupling.torque.iter().copied().fold(0.0, f64::max);
@@ -316,4 +332,30 @@ fn bad_input_is_told_once_with_its_place_and_remedy() {
 
 fn posture_line(text: &str) -> &str {
     text.lines().find(|line| line.starts_with("posture")).expect("a posture")
+}
+
+/// The page stands alone, says what it was made from, and is not overwritten; any number of threads makes the same.
+#[test]
+fn the_page_holds_the_pictures_and_is_the_same_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |threads: &str, out: &str| {
+        let asked = ["wall", "space", "--hands", "2", "--wall", "pd", "--compensate", "--json", "--out", out];
+        dynid().current_dir(folder.path()).env("RAYON_NUM_THREADS", threads).args(asked).assert()
+    };
+    let one = run("1", "a.html").success().get_output().stdout.clone();
+    let two = run("2", "b.html").success().get_output().stdout.clone();
+    assert_eq!(one, two);
+    let page = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect("written");
+    assert_eq!(page("a.html"), page("b.html").replace("b.html", "a.html"));
+    let html = page("a.html");
+    for heading in ["What a hand feels", "The way of the end point", "Depth", "Torques of the joints", "came from"] {
+        assert!(html.contains(heading), "{heading}");
+    }
+    assert_eq!(html.matches("<svg class=\"dynid-plot\"").count(), 3 + 3 + 1);
+    for outside in ["http", "src=", "href=", "@import", "url("] {
+        assert!(!html.contains(outside), "{outside} in the page");
+    }
+    let told = run("1", "a.html").code(2).get_output().stderr.clone();
+    assert!(String::from_utf8(told).expect("text").contains("--force"));
+    assert_eq!(page("a.html"), html);
 }

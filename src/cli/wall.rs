@@ -63,7 +63,7 @@ enum Verb {
 /// Where, and who.
 #[derive(clap::Args)]
 struct Where {
-    /// The setting; without it, the thesis's.
+    /// The setting; without it, the program's own (`dynid wall show setting` or `space` prints it).
     #[arg(long, value_name = "FILE")]
     setting: Option<PathBuf>,
     /// The model of the device; without it, the device's default.
@@ -558,7 +558,12 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
     let walls = asked.iter().map(|asked| wall_of(asked)).collect::<anyhow::Result<Vec<(String, WallFile)>>>()?;
     let report = WallReport::new(&model, &setting, &walls)?;
     let mut sections = report.sections();
-    sections.push(Box::new(came_from(arguments, &model, &asked)?));
+    let mut command = format!("dynid wall report{}", arguments.place.told());
+    if arguments.wall.is_some() {
+        let _ = write!(command, " --wall {}", asked.join(","));
+    }
+    let _ = write!(command, " --out {}", arguments.out.display());
+    sections.push(Box::new(came_from(command, &arguments.place, wall::SETTING, &model, &asked)?));
     let shown: Vec<&dyn Section> = sections.iter().map(Box::as_ref).collect();
     let title = format!("Touch a wall: joint {} of {}", setting.joint, setting.device.title);
     write_new(&arguments.out, &dynid::report::page(&title, &shown), overwrite)?;
@@ -574,17 +579,22 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
-/// What the page was made of, to the byte, and how.
-fn came_from(arguments: &ReportArguments, model: &Model, asked: &[String]) -> anyhow::Result<Provenance> {
+/// What a page was made of, to the byte, and by which command; `shipped` is the setting where none is named.
+fn came_from(
+    command: String,
+    place: &Where,
+    shipped: &str,
+    model: &Model,
+    asked: &[String],
+) -> anyhow::Result<Provenance> {
     let text_of =
         |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
     let digest = |text: &str| format!("sha256 {}", dynid_model::sha256_hex(text.as_bytes()));
-    let Where { setting, model: model_path, .. } = &arguments.place;
-    let mut command = format!("dynid wall report{}", arguments.place.told());
+    let Where { setting, model: model_path, .. } = place;
     let shown = |path: &Option<PathBuf>, without: &str| {
         path.as_ref().map_or_else(|| without.to_owned(), |path| path.display().to_string())
     };
-    let setting_text = setting.as_ref().map_or_else(|| Ok(wall::SETTING.to_owned()), |path| text_of(path))?;
+    let setting_text = setting.as_ref().map_or_else(|| Ok(shipped.to_owned()), |path| text_of(path))?;
     let mut entries = vec![
         ("setting".to_owned(), format!("{}, {}", shown(setting, "the program's"), digest(&setting_text))),
         ("model".to_owned(), format!("{}, sha256 {}", shown(model_path, "the device's"), model.digest())),
@@ -595,10 +605,6 @@ fn came_from(arguments: &ReportArguments, model: &Model, asked: &[String]) -> an
         entries.push((format!("wall {asked}"), digest(&text)));
     }
     entries.push(("program".to_owned(), format!("dynid {}", env!("CARGO_PKG_VERSION"))));
-    if arguments.wall.is_some() {
-        let _ = write!(command, " --wall {}", asked.join(","));
-    }
-    let _ = write!(command, " --out {}", arguments.out.display());
     Ok(Provenance { entries, commands: vec![command] })
 }
 

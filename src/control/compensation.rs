@@ -49,6 +49,11 @@ pub struct Shares {
     pub friction: f64,
 }
 
+impl Shares {
+    /// Gravity and springs alone.
+    pub const WEIGHT: Self = Self { inertia: 0.0, friction: 0.0 };
+}
+
 impl Default for Shares {
     /// Leaves the hand less than half of the inertia and a fifth of the friction.
     fn default() -> Self {
@@ -166,6 +171,11 @@ impl Compensation {
     /// The system that is carried.
     pub fn system(&self) -> &System {
         &self.system
+    }
+
+    /// How much of the device is carried.
+    pub fn shares(&self) -> Shares {
+        self.shares
     }
 
     /// Forgets all memory of the effects, as before the first tick.

@@ -75,6 +75,18 @@ pub enum PlaneError {
         /// How many are needed.
         expected: usize,
     },
+    /// Kinematics of something else.
+    #[error(
+        "the kinematics are of the joints {found:?} of `{device}`, the system is of {expected:?}; make both of one model and one set of free joints"
+    )]
+    OtherJoints {
+        /// The kinematics' device.
+        device: &'static str,
+        /// Their free joints.
+        found: Vec<usize>,
+        /// The system's.
+        expected: Vec<usize>,
+    },
     /// Commands that do not determine the torques.
     #[error("the drive path of the model makes no torque at some free joint: is a gain 0, or do two couplings cancel?")]
     NoDrive,
@@ -106,7 +118,11 @@ impl PlaneWall {
         if length.is_nan() || (length - 1.0).abs() > 1e-6 {
             return Err(PlaneError::Normal { length });
         }
-        let n = system.n_free();
+        let (n, expected) = (system.n_free(), system.kernel().free);
+        if kinematics.device() != system.kernel().device || kinematics.free() != expected {
+            let (device, found) = (kinematics.device(), kinematics.free().to_vec());
+            return Err(PlaneError::OtherJoints { device, found, expected: expected.to_vec() });
+        }
         if limits.len() != n {
             return Err(PlaneError::Limits { found: limits.len(), expected: n });
         }
@@ -304,5 +320,9 @@ mod tests {
         assert!(matches!(try_with([0.0, 0.0, f64::NAN], 1.0, &limits), Err(PlaneError::Normal { .. })));
         assert!(matches!(try_with([0.0, 0.0, 1.0], 0.0, &limits), Err(PlaneError::NotPositive { .. })));
         assert!(matches!(try_with([0.0, 0.0, 1.0], 1.0, &limits[1..]), Err(PlaneError::Limits { .. })));
+        let kinematics = Kinematics::of_model(&freedom(), &ALL[1..], &POSTURE).expect("an end point");
+        let plane = Plane { point: [0.0; 3], normal: [0.0, 0.0, 1.0] };
+        let other = PlaneWall::new(&system, kinematics, plane, (wall.clone(), 1.0), &limits);
+        assert!(matches!(other, Err(PlaneError::OtherJoints { .. })));
     }
 }

@@ -174,6 +174,7 @@ mod tests {
                         assert_eq!(part.log.tau[0], run.log.tau[0][rows.clone()]);
                         assert_eq!(part.log.mask.as_deref(), run.log.mask.as_ref().map(|mask| &mask[rows.clone()]));
                         assert_eq!(part.began_s(), run.log.t[0], "effects keep the run's time");
+                        assert_eq!(part.label() == run.file, part.log.t[0] == run.log.t[0], "{}", part.label());
                         let is_first = seen == 0;
                         assert_eq!((part.settings.moving, part.settings.from_s.is_some()), (!is_first, is_first));
                         if part.role == Role::Validate {

@@ -150,6 +150,11 @@ pub enum TorqueFitError {
         /// Number of the link.
         link: usize,
     },
+    /// Bounds that leave nothing between them, or nothing that keeps an effect's inequalities.
+    #[error(
+        "the bounds of the model's parameters leave no values that keep the inequalities of its effects (e.g. `v4 > v1`); widen the bounds"
+    )]
+    NoRoom,
     /// The parameter list lacks a name that the equations need.
     #[error("the equations need `{name}`, which the model does not give; add it to the model's values")]
     MissingParameter {
@@ -542,7 +547,7 @@ impl Layout {
         let link = self.links.iter().find(|link| {
             link.has_unknown_inertia() && physical::body_barrier_value(&Self::inertial(link, x)).is_none()
         });
-        Err(TorqueFitError::NoBody { link: link.map_or(0, |link| link.number) })
+        Err(link.map_or(TorqueFitError::NoRoom, |link| TorqueFitError::NoBody { link: link.number }))
     }
 }
 

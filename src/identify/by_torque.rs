@@ -28,7 +28,7 @@ pub(super) fn by_torque(
         .filter(|run| run.role == Role::Fit)
         .map(|run| {
             Ok(TorqueRun {
-                name: run.file.clone(),
+                name: run.label(),
                 role: run.role,
                 system: System::of_model(model, &run.free, |joint| run.log.mean_position(joint))?,
                 motion: Motion::of(run)?,

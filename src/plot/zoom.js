@@ -1,13 +1,10 @@
 // Zoom and pan of the pictures on a page. Without it, and in print, they show everything.
 "use strict";
 // Places of a line: the first as it is written, each further one from the last.
-const places = (line, unit) => {
-  const numbers = line.match(/-?\d+/g).map(Number);
+const places = (line) => {
+  const numbers = line.match(/-?\d*\.?\d+/g).map(Number);
   let [x, y] = [0, 0];
-  return Array.from({ length: numbers.length / 2 }, (_, k) => [
-    unit * (x += numbers[2 * k]),
-    unit * (y += numbers[2 * k + 1]),
-  ]);
+  return Array.from({ length: numbers.length / 2 }, (_, k) => [(x += numbers[2 * k]), (y += numbers[2 * k + 1])]);
 };
 for (const picture of document.querySelectorAll("svg.dynid-plot[data-from]")) {
   const whole = [Number(picture.dataset.from), Number(picture.dataset.to)];
@@ -22,8 +19,7 @@ for (const picture of document.querySelectorAll("svg.dynid-plot[data-from]")) {
     margin: Number(view.dataset.margin),
     grid: picture.querySelector(`g.grid-of[data-view="${view.dataset.view}"]`),
     lines: [...view.querySelectorAll("path.curve")].flatMap((path) =>
-      path.getAttribute("d").split("M").slice(1).map((line) =>
-        places(line, path.transform.baseVal[0].matrix.a))),
+      path.getAttribute("d").split("M").slice(1).map(places)),
   }));
   const foot = picture.querySelector("g.foot");
   const foot_y = Number(foot.dataset.y);

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{Section, number};
 use crate::{
-    control::Wall,
+    control::{Shares, Wall},
     kinematics::{Vector, dot, plus},
     model::Model,
     plot::{
@@ -13,7 +13,7 @@ use crate::{
     },
     wall::{
         WallError, median,
-        space::{Carried, Case, Contact, Setting, contact},
+        space::{Case, Contact, Setting, contact},
     },
 };
 
@@ -26,7 +26,7 @@ const AFTER_S: f64 = 2.4;
 pub struct SpaceReport<'a> {
     setting: &'a Setting,
     cases: &'a [Case],
-    carried: Carried,
+    carried: Option<Shares>,
     /// Name, and a contact for each approach.
     shown: Vec<(String, Vec<Contact>)>,
     /// The direction along the wall in which the end points slip most.
@@ -58,7 +58,7 @@ impl<'a> SpaceReport<'a> {
         setting: &'a Setting,
         walls: &[(String, Wall)],
         cases: &'a [Case],
-        carried: Carried,
+        carried: Option<Shares>,
     ) -> Result<Self, WallError> {
         let hand = &setting.people.typical;
         let mut shown = Vec::with_capacity(walls.len());
@@ -92,13 +92,12 @@ impl<'a> SpaceReport<'a> {
     fn sentences(&self) -> String {
         let Setting { plane, people, sampling, device, .. } = self.setting;
         let mut html = format!(
-            "<p>The end point of {} meets a plane with the normal ({}) in {} hands; the controller runs at {} Hz, and the device's \
-             weight is {}.</p>\n",
+            "<p>The end point of {} meets a plane with the normal ({}) in {} hands; the controller runs at {} Hz; {}.</p>\n",
             escaped(&device.title),
             plane.normal.map(number).join(", "),
             people.count,
             number(1.0 / sampling.sample_s),
-            if self.carried == Carried::Weight { "carried by the model" } else { "in the hand" },
+            told_carried(self.carried),
         );
         for (name, _) in &self.shown {
             let _ = writeln!(
@@ -234,6 +233,19 @@ impl<'a> SpaceReport<'a> {
             }
         });
         figures(pictures, "What the wall asks of each joint: its force, by the transpose of the Jacobian.")
+    }
+}
+
+/// What the controller carries, in words.
+pub fn told_carried(carried: Option<Shares>) -> String {
+    match carried {
+        None => "the device's weight is in the hand".to_owned(),
+        Some(Shares::WEIGHT) => "the device's weight is carried by the model".to_owned(),
+        Some(Shares { inertia, friction }) => format!(
+            "carried by the model: the device's weight, {} % of its inertia, {} % of its friction",
+            number(100.0 * inertia),
+            number(100.0 * friction)
+        ),
     }
 }
 

@@ -35,8 +35,8 @@ pub enum WallError {
     System(#[from] SystemError),
     /// The closed loop leaves all bounds.
     #[error(
-        "the closed loop diverges at {time_s:.3} s at joint {joint}: the wall's gains are too high for this sample time (lower \
-         them, or sample faster), or the simulation's steps too long (`step_s` of the setting)"
+        "the closed loop diverges at {time_s:.3} s at joint {joint}: the wall's gains, or what is carried of the device, are too \
+         high for this sample time (lower them, or sample faster), or the simulation's steps too long (`step_s` of the setting)"
     )]
     Diverged {
         /// When (s).
@@ -58,7 +58,7 @@ pub enum WallError {
     },
     /// Nobody can hold the device.
     #[error(transparent)]
-    NoEndPoint(#[from] crate::kinematics::NoEndPoint),
+    Kinematics(#[from] crate::kinematics::KinematicsError),
     /// No contact can start there.
     #[error(transparent)]
     Start(#[from] super::space::StartError),

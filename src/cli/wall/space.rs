@@ -4,36 +4,32 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use dynid::control::Wall;
+use dynid::control::{Shares, Wall};
 use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::{Section, SpaceReport, number};
-use dynid::wall::space::{self, Carried, Case, Setting};
+use dynid::report::{Section, SpaceReport, number, told_carried};
+use dynid::wall::space::{self, Case, Setting};
 use dynid::wall::{WallFile, median};
 use serde_json::json;
 
 use super::super::table::{Align, Table};
-use super::{Answer, Outcome, model_of, wall_of};
+use super::{Answer, Outcome, Where, came_from, model_of, wall_of};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The setting, with a [plane]; without it, a slanted plane before the thesis's device.
-    #[arg(long, value_name = "FILE")]
-    setting: Option<PathBuf>,
-    /// The model of the device; without it, the device's default.
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    place: Where,
     /// Walls: names of those that the program carries, or files.
     #[arg(long, value_delimiter = ',', value_name = "WALLS", default_value = "pd,pd_tuned,fuzzy_tuned")]
     wall: Vec<String>,
     /// The controller carries the device's weight by the model; without it, the hand does.
     #[arg(long)]
     compensate: bool,
-    /// As many hands, instead of the setting's number.
-    #[arg(long, value_name = "N")]
-    hands: Option<usize>,
-    /// What the hands are drawn from, instead of the setting's seed.
-    #[arg(long, value_name = "N")]
-    seed: Option<u64>,
+    /// Share of the device's inertia that is carried too, 0 to 1; not every hand bears much.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, requires = "compensate")]
+    inertia: f64,
+    /// Share of the device's friction that is carried too, 0 to 1.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, requires = "compensate")]
+    friction: f64,
     /// Where to write a page with pictures (HTML).
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -47,16 +43,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(out) = &arguments.out {
         check_output(out, overwrite)?;
     }
-    let mut setting = match &arguments.setting {
+    let place = &arguments.place;
+    let mut setting = match &place.setting {
         Some(path) => Setting::load(path)?,
         None => Setting::shipped()?,
     };
-    if let Some(hands) = arguments.hands {
+    if let Some(hands) = place.hands {
         super::check_hands(hands)?;
         setting.people.count = hands;
     }
-    setting.people.seed = arguments.seed.unwrap_or(setting.people.seed);
-    let model = model_of(arguments.model.as_deref(), setting.device)?;
+    setting.people.seed = place.seed.unwrap_or(setting.people.seed);
+    let model = model_of(place.model.as_deref(), setting.device)?;
     let mut files: Vec<(String, WallFile)> = Vec::new();
     let mut walls: Vec<(String, Wall)> = Vec::new();
     for asked in &arguments.wall {
@@ -67,7 +64,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         walls.push((name.clone(), setting.wall(&file)?));
         files.push((name, file));
     }
-    let carried = if arguments.compensate { Carried::Weight } else { Carried::Nothing };
+    let shares = Shares { inertia: arguments.inertia, friction: arguments.friction };
+    let carried = arguments.compensate.then_some(shares);
     let cases = space::compare(&model, &setting, &walls, carried)?;
     let never = walls.len() * setting.reaching.approaches.len() * setting.people.count - cases.len();
     if cases.is_empty() {
@@ -79,24 +77,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut text = told(&setting, &walls, &cases, carried);
     if let Some(out) = &arguments.out {
         let report = SpaceReport::new(&model, &setting, &walls, &cases, carried)?;
-        let sections = report.sections();
+        let mut sections = report.sections();
+        let mut command = format!("dynid wall space{}", place.told());
+        if let Some(Shares { inertia, friction }) = carried {
+            let _ = write!(command, " --compensate --inertia {inertia} --friction {friction}");
+        }
+        let _ = write!(command, " --wall {} --out {}", arguments.wall.join(","), out.display());
+        sections.push(Box::new(came_from(command, place, space::SETTING, &model, &arguments.wall)?));
         let shown: Vec<&dyn Section> = sections.iter().map(Box::as_ref).collect();
         let title = format!("Touch a plane: {}", setting.device.title);
         write_new(out, &dynid::report::page(&title, &shown), overwrite)?;
         let _ = writeln!(text, "written: {}", out.display());
     }
-    let json = json!({ "cases": cases, "weight": if arguments.compensate { "carried" } else { "in the hand" } });
+    let json = json!({ "cases": cases, "carried": carried.map(|own| json!({ "inertia": own.inertia, "friction": own.friction })) });
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
 /// A row for each wall and approach, the median hand; then how the joints moved.
-fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Carried) -> String {
+fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Option<Shares>) -> String {
     let mut text = format!(
-        "the end point of {} at a plane, {} hands, controller at {} Hz; the device's weight is {}\n",
+        "the end point of {} at a plane, {} hands, controller at {} Hz; {}\n",
         setting.device.id,
         setting.people.count,
         number(1.0 / setting.sampling.sample_s),
-        if carried == Carried::Weight { "carried by the model" } else { "in the hand" }
+        told_carried(carried)
     );
     let right = |heading: &'static str| (heading, Align::Right);
     let mut table = Table::new(&[

@@ -4,11 +4,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    Carried, Coupling, Setting,
+    Coupling, Setting,
     contact::{Plant, played},
 };
 use crate::{
-    control::Wall,
+    control::{Shares, Wall},
     model::Model,
     wall::{Approach, Hand, Measures, WallError},
 };
@@ -38,7 +38,7 @@ pub fn compare(
     model: &Model,
     setting: &Setting,
     walls: &[(String, Wall)],
-    carried: Carried,
+    carried: Option<Shares>,
 ) -> Result<Vec<Case>, WallError> {
     let plant = Plant::new(model, setting, carried)?;
     let hands = setting.people.all();

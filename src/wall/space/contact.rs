@@ -4,7 +4,7 @@ use nalgebra::DVector;
 
 use super::{Setting, setting::scaled_transpose};
 use crate::{
-    control::{Compensation, FilteredVelocity, PlaneWall, Shares, Wall},
+    control::{Compensation, Estimator, FilteredVelocity, PlaneWall, Shares, Wall},
     kinematics::{Kinematics, Vector, dot, plus},
     model::Model,
     system::System,
@@ -12,17 +12,12 @@ use crate::{
         self, Approach, Hand, WallError,
         encounter::{Encounter, Held},
         hand::{Plan, Wanted},
+        setting::Sampling,
     },
 };
 
-/// What the controller carries of the device beside the wall.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Carried {
-    /// Nothing: the hand bears the weight.
-    Nothing,
-    /// Gravity and springs, by the identified model.
-    Weight,
-}
+/// Poles of the acceleration that the inertia is carried by (Hz).
+const BANDWIDTH_HZ: f64 = 20.0;
 
 /// What happened, tick by tick. Vectors stand in base axes.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,25 +56,26 @@ pub(super) struct Plant {
     first: Vec<f64>,
     /// Force and moment of the hand that hold the device at rest there.
     holding: [Vector; 2],
-    compensation: Option<Compensation>,
+    carrying: Option<(Compensation, Estimator)>,
 }
 
 impl Plant {
-    pub(super) fn new(model: &Model, setting: &Setting, carried: Carried) -> Result<Self, WallError> {
+    pub(super) fn new(model: &Model, setting: &Setting, carried: Option<Shares>) -> Result<Self, WallError> {
         let system = System::of_model(model, &setting.free, |joint| setting.posture[joint])?;
         let kinematics = setting.start(model)?;
         let start: Vec<f64> = setting.free.iter().map(|joint| setting.posture[*joint]).collect();
         let rest = vec![0.0; start.len()];
         let mut first = vec![0.0; system.n_joints()];
-        let mut compensation = None;
-        if carried == Carried::Weight {
-            let weight = Shares { inertia: 0.0, friction: 0.0 };
-            let mut own = Compensation::new(system.clone(), weight, setting.sampling.sample_s)?;
+        let mut carrying = None;
+        if let Some(shares) = carried {
+            let Sampling { sample_s, position_quantum, delay_samples, .. } = setting.sampling;
+            let mut own = Compensation::new(system.clone(), shares, sample_s)?;
             let mut shown = rest.clone();
             system.measure(0.0, &system.rest(&start), &mut shown);
             first.copy_from_slice(own.tick(&shown, &rest, &rest));
             own.restart();
-            compensation = Some(own);
+            let estimator = Estimator::new(start.len(), sample_s, BANDWIDTH_HZ, position_quantum, delay_samples);
+            carrying = Some((own, estimator));
         }
         // What is missing for the device to rest, as force and moment at the handle: the least of those that do it.
         let (mut scratch, x) = (system.scratch(), system.rest(&start));
@@ -91,7 +87,7 @@ impl Plant {
         let wrench = wrench.map_or([0.0; 6], |wrench| std::array::from_fn(|row| wrench[row]));
         let [x, y, z, about_x, about_y, about_z] = wrench;
         let holding = [[x, y, z], [about_x, about_y, about_z].map(|moment| moment * setting.lever)];
-        Ok(Self { system, kinematics, first, holding, compensation })
+        Ok(Self { system, kinematics, first, holding, carrying })
     }
 }
 
@@ -153,7 +149,7 @@ pub(super) fn turned_by(from: &[f64; 9], to: &[f64; 9]) -> Vector {
     sum
 }
 
-/// Plays one approach of `hand` against `wall`.
+/// Plays one approach of `hand` against `wall`, the controller carrying the device by its model where shares are given.
 ///
 /// # Errors
 /// [`WallError::Diverged`]; what [`WallError`] says of the model and the start.
@@ -162,7 +158,7 @@ pub fn contact(
     setting: &Setting,
     wall: &Wall,
     (hand, approach): (&Hand, &Approach),
-    carried: Carried,
+    carried: Option<Shares>,
 ) -> Result<Contact, WallError> {
     played(&Plant::new(model, setting, carried)?, setting, wall, hand, approach)
 }
@@ -174,13 +170,14 @@ pub(super) fn played(
     hand: &Hand,
     approach: &Approach,
 ) -> Result<Contact, WallError> {
-    let Plant { system, kinematics, first, holding, compensation } = plant;
+    let Plant { system, kinematics, first, holding, carrying } = plant;
     let (n_free, n_joints, plane) = (system.n_free(), system.n_joints(), setting.plane);
     let felt = (wall.clone(), setting.lever);
     let mut felt = PlaneWall::new(system, kinematics.clone(), plane, felt, &setting.torque_limits)?;
-    let mut compensation = compensation.clone();
+    let mut carrying = carrying.clone();
     let mut speeds = vec![FilteredVelocity::new(setting.sampling.filter, setting.sampling.sample_s); n_free];
-    let (mut dq, still) = (vec![0.0; n_free], vec![0.0; n_free]);
+    let still = vec![0.0; n_free];
+    let [mut dq, mut own_q, mut own_dq, mut own_ddq] = [(); 4].map(|()| still.clone());
     let distance = plane.distance(kinematics.position());
     let plan = Plan::new(distance, &setting.reaching, approach);
     let firmer = hand.grip_stiffness / setting.people.typical.grip_stiffness;
@@ -217,8 +214,14 @@ pub(super) fn played(
         answer[n_joints..n_joints + n_free].copy_from_slice(felt.torques());
         answer[n_joints + n_free] = felt.force();
         answer[n_joints + n_free + 1] = felt.share();
-        if let Some(compensation) = &mut compensation {
-            let carried = compensation.tick(shown, &still, &still);
+        if let Some((compensation, estimator)) = &mut carrying {
+            // The weight alone needs no motion.
+            let carried = if compensation.shares() == Shares::WEIGHT {
+                compensation.tick(shown, &still, &still)
+            } else {
+                estimator.tick(shown, &mut own_q, &mut own_dq, &mut own_ddq);
+                compensation.tick(&own_q, &own_dq, &own_ddq)
+            };
             answer.iter_mut().zip(carried).for_each(|(answer, carried)| *answer += carried);
         }
     };

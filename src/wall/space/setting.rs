@@ -241,7 +241,7 @@ fn torque_limits(controller: &Table<'_>, device: &Device, free: &[usize]) -> Res
         let message = format!("`torque_limits` has {} numbers, {} joints are free", limits.len(), free.len());
         return Err(entry.error(message).help("give one number per free joint, `inf` where there is no limit"));
     }
-    if let Some(limit) = limits.iter().find(|limit| !(**limit > 0.0)) {
+    if let Some(limit) = limits.iter().find(|limit| limit.is_nan() || **limit <= 0.0) {
         return Err(entry.error(format!("`torque_limits` holds {limit}")).help("give positive numbers"));
     }
     Ok(limits)

@@ -355,6 +355,18 @@ mod tests {
         }
     }
 
+    /// A leak that is larger than a search makes any is a start like others, and its share grows no further.
+    #[test]
+    fn a_leaky_start_is_what_it_was() {
+        let linear = LinearLaw { k1: 220.0, k2: 8.0, offset: 0.0 };
+        for (share, most) in [(0.3, MOST_SHARE), (0.8, 0.8)] {
+            let family = Family::Leaky { linear, stiffness: 1.5, share };
+            assert_eq!(family.law(&[0.0; 4]), Law::Leaky { linear, stiffness: 1.5, share });
+            let Law::Leaky { share: grown, .. } = family.law(&[0.0, 0.0, 0.0, 2.0]) else { panic!("a leaky wall") };
+            assert_eq!(grown, most);
+        }
+    }
+
     /// An error of the drive's gain reaches the wall: the controller does not know it.
     #[test]
     fn a_plant_whose_gain_is_off_delivers_another_torque_than_was_asked_for() {

@@ -21,7 +21,9 @@ pub use contact::{Contact, WallError, contact};
 pub use damping::{OwnDamping, own_damping};
 pub use hand::Hand;
 pub use law_file::WallFile;
-pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, stability_bound};
+pub use measure::{
+    FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, passive_above, stability_bound,
+};
 pub use setting::{Approach, People, Reaching, Sampling, Setting};
 pub use tune::{Family, Goal, Told, Tuned, tune};
 
@@ -43,24 +45,24 @@ pub const BESIDE: [(&str, &str); 3] = [
     ("leaky", include_str!("wall/shipped/leaky.toml")),
 ];
 
-/// Names and files of all walls that the program carries.
-pub fn carried() -> impl Iterator<Item = (&'static str, &'static str)> {
+/// Names and files of all walls that the program carries: [`SHIPPED`], then [`BESIDE`].
+pub fn library() -> impl Iterator<Item = (&'static str, &'static str)> {
     SHIPPED.into_iter().chain(BESIDE)
 }
 
 /// The setting that the program carries: the thesis's.
 pub const SETTING: &str = include_str!("wall/shipped/setting.toml");
 
-/// A wall that the program carries.
+/// A wall that the program carries, of [`SHIPPED`] or [`BESIDE`].
 ///
 /// # Errors
 /// No wall of that name.
 pub fn shipped(name: &str) -> Result<WallFile, Error> {
-    let Some((_, text)) = carried().find(|(known, _)| *known == name) else {
+    let Some((_, text)) = library().find(|(known, _)| *known == name) else {
         return Err(Error::UnknownName {
             kind: "wall",
             name: name.to_owned(),
-            help: dynid_model::did_you_mean(name, carried().map(|(name, _)| name)),
+            help: dynid_model::did_you_mean(name, library().map(|(name, _)| name)),
         });
     };
     Ok(WallFile::parse(text, std::path::Path::new(&format!("{name}.toml")))?)

@@ -186,9 +186,20 @@ fn plan_counts_as_the_thesis_does() {
 }
 
 #[test]
+fn a_device_is_described_with_its_end_point() {
+    let folder = TempDir::new().unwrap();
+    let described = json(folder.path(), &["devices", "planar2r"]);
+    assert_eq!(described["devices"][0]["end_point"], serde_json::json!({ "frame": "f2", "point": [0.0, 0.0, 0.0] }));
+    dynid(folder.path(), &["devices", "planar2r"]).stdout(predicates::str::contains("end point: 0 0 0 m in frame f2"));
+}
+
+#[test]
 fn every_verb_teaches_by_example() {
     let folder = TempDir::new().unwrap();
-    let verbs = ["devices", "plan", "excite", "simulate", "fit", "compare", "tour"];
+    let verbs = [
+        "devices", "plan", "excite", "simulate", "fit", "compare", "diagnose", "add", "ladder", "report", "wall",
+        "tour",
+    ];
     let help: BTreeMap<&str, String> = verbs
         .into_iter()
         .map(|verb| {

@@ -98,8 +98,9 @@ fn walls_of_other_kinds_stand_beside_when_asked() {
     assert!(median(all("passive", "energy_out")) > 5e-3);
 }
 
-/// At 1 kHz, where a tick is short beside the hand's motion, the same controller keeps a spring without a damper passive.
-/// What its observer books is the energy of the simulation, of torques that act a tick late.
+/// What the observer of a passivity controller books is the energy of the simulation, of torques that act late. At 1 kHz, where
+/// a tick is short beside the hand's motion, a spring without a damper gives out less than a fifth with it of what it gives
+/// without.
 #[test]
 fn a_passivity_observer_books_the_energy_of_the_simulation() {
     let mut setting = Setting::shipped().expect("shipped");
@@ -260,7 +261,7 @@ fn a_tuning_is_never_worse_than_its_start() {
             (told, std::fs::read_to_string(folder.path().join("new.toml")).expect("written"))
         };
         let (told, file) = run();
-        assert!(told["cost"].as_f64() <= told["cost_at_start"].as_f64().map(|cost| cost + 0.02), "{told}");
+        assert!(told["cost"].as_f64() <= told["cost_at_start"].as_f64(), "{told}");
         let command = format!(
             "`dynid wall tune --law {law} --hands 2 --start pd_tuned --stiffness 7 --evaluations 3 --out new.toml`"
         );
@@ -276,19 +277,73 @@ fn a_lag_of_the_drive_is_played_and_a_delay_is_refused() {
     let wall = wall::shipped("pd_tuned").expect("shipped").wall(&setting).expect("a wall");
     let played = |model: &Model| contact(model, &setting, &wall, &setting.hand, &setting.approaches[0]);
     let plain = Model::of_device(setting.device);
-    let energy = |model: &Model| {
+    let chatter = |model: &Model| {
         let contact = played(model).expect("a contact");
         Measures::of(&contact, &wall).expect("it is met").chatter_rms
     };
     let mut lagging = plain.clone();
     lagging.add_effect("input_lag", Some(0), None).expect("added");
     lagging.set_value("joint.0.input_lag.T", 0.03).expect("its own");
-    assert!(energy(&lagging) > 2.0 * energy(&plain), "{} {}", energy(&lagging), energy(&plain));
+    assert!(chatter(&lagging) > 2.0 * chatter(&plain), "{} {}", chatter(&lagging), chatter(&plain));
     let mut late = plain.clone();
     late.add_effect("input_delay", Some(0), None).expect("added");
     late.set_value("joint.0.input_delay.delay", 0.02).expect("its own");
     let told = played(&late).expect_err("late").to_string();
     assert!(told.contains("joint 0") && told.contains("0.02 s late") && told.contains("delay_samples"), "{told}");
+    // Nor is a wall tuned on it: no trial of it could tell one wall from another.
+    let folder = tempfile::tempdir().expect("a folder");
+    let tune = ["tune", "--model", "late.toml", "--hands", "1", "--evaluations", "2", "--out", "new.toml"];
+    let told = wrong(folder.path(), "late.toml", &late.to_toml(), &tune);
+    assert!(told.contains("0.02 s late") && !folder.path().join("new.toml").exists(), "{told}");
+}
+
+/// Hands that never come to the wall leave no numbers, and none is made up.
+#[test]
+fn walls_that_no_hand_meets_are_told_with_dashes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let setting = String::from_utf8(dynid().args(["wall", "show", "setting"]).assert().get_output().stdout.clone());
+    let setting = setting.expect("text");
+    // An arm without strength gets nowhere in the time that a fast approach takes.
+    let weak = setting.replacen("arm_stiffness = 4.0", "arm_stiffness = 1e-4", 1);
+    let weak =
+        weak.replacen("arm_damping = 0.8", "arm_damping = 1e-4", 1).replacen("slow = 0.7, medium = 1.5, ", "", 1);
+    std::fs::write(folder.path().join("s.toml"), weak).expect("written");
+    let arguments = ["wall", "compare", "--setting", "s.toml", "--hands", "1", "--wall", "pd,fuzzy"];
+    let output = dynid().current_dir(folder.path()).args(arguments).assert().success().get_output().clone();
+    let told = String::from_utf8(output.stdout).expect("text");
+    assert!(!told.contains("NaN") && !told.contains("inf"), "{told}");
+    assert!(told.contains('\u{2014}') && told.contains("fuzzy: no hand met both it and pd"), "{told}");
+    let note = String::from_utf8(output.stderr).expect("text");
+    assert!(note.contains("2 approaches never came to the wall"), "{note}");
+}
+
+/// A tuning starts from what its help names, and says so of the rest.
+#[test]
+fn a_tuning_starts_from_gains_or_from_its_own_kind() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let tune = |law: &str, start: &str| {
+        let arguments = ["wall", "tune", "--law", law, "--start", start, "--hands", "1", "--evaluations", "1"];
+        dynid().current_dir(folder.path()).args(arguments).args(["--force", "--out", "new.toml"]).assert()
+    };
+    for law in ["leaky", "coupled"] {
+        tune(law, law).success();
+    }
+    // A start whose share is beyond what a search tries is still the start.
+    let leaky = wall::library().find(|(name, _)| *name == "leaky").expect("carried").1;
+    std::fs::write(folder.path().join("l.toml"), leaky.replacen("share = 0.5", "share = 0.8", 1)).expect("written");
+    tune("leaky", "l.toml").success();
+    let refused = |law: &str, start: &str| -> String {
+        String::from_utf8(tune(law, start).code(2).get_output().stderr.clone()).expect("text")
+    };
+    for (law, start) in [("rules", "fuzzy"), ("linear", "leaky"), ("leaky", "coupled"), ("coupled", "fuzzy")] {
+        let told = refused(law, start);
+        assert!(told.contains(&format!("--start {start}")) && told.contains("a wall of gains"), "{told}");
+    }
+    let told = refused("linear", "passive");
+    assert!(told.contains("--start passive") && told.contains("`passive = true`"), "{told}");
+    std::fs::write(folder.path().join("l.toml"), leaky.replacen("share = 0.5", "share = 0.0", 1)).expect("written");
+    let told = refused("leaky", "l.toml");
+    assert!(told.contains("share is 0") && told.contains("positive"), "{told}");
 }
 
 fn wrong(folder: &Path, name: &str, text: &str, arguments: &[&str]) -> String {

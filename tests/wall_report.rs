@@ -115,6 +115,13 @@ fn laws_of_other_kinds_stand_beside() {
         assert!(page.contains(part), "{part}");
     }
     assert!(!page.contains("NaN"));
+    assert!(page.contains(" kg*m^2 behind "), "an inertia has its unit");
+    // Colgate & Schenkel's bound is that of a spring and damper, and the device's damping stands beside it only.
+    assert_eq!(page.matches("Colgate &amp; Schenkel").count(), 2, "pd and pd_tuned");
+    assert!(page.contains("of its own (joint.0.lugre.sigma2)"));
+    told(folder.path(), &["report", "--wall", "leaky,fuzzy", "--hands", "1", "--out", "other.html"]);
+    let page = fs::read_to_string(folder.path().join("other.html")).unwrap();
+    assert!(!page.contains("Colgate") && !page.contains("of its own (joint.0.lugre.sigma2)"));
 }
 
 #[test]

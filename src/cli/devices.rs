@@ -120,6 +120,9 @@ fn detail(device: &Device) -> String {
         ]);
     }
     let _ = write!(text, "\n{}\n", links.text());
+    if let Some((frame, [x, y, z])) = end_point(device) {
+        let _ = writeln!(text, "  end point: {x} {y} {z} m in frame {frame}");
+    }
     for (number, configuration) in (1..).zip(&device.configurations) {
         let _ = writeln!(text, "  configuration {number}: free {:?}", configuration.free);
     }
@@ -127,6 +130,12 @@ fn detail(device: &Device) -> String {
         let _ = writeln!(text, "  method {}: configurations {:?}", method.name, method.sequence);
     }
     text
+}
+
+/// The end point's frame and its place in that.
+fn end_point(device: &Device) -> Option<(&str, [f64; 3])> {
+    let end_point = device.end_point.as_ref()?;
+    Some((device.frames.get(end_point.frame)?.name.as_str(), end_point.point))
 }
 
 fn described(device: &Device) -> Value {
@@ -163,6 +172,7 @@ fn described(device: &Device) -> Value {
         "source": device.source,
         "joints": joints,
         "n_links": device.links.len(),
+        "end_point": end_point(device).map(|(frame, point)| json!({ "frame": frame, "point": point })),
         "configurations": configurations,
         "methods": methods,
         "effects": effects,

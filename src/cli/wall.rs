@@ -132,11 +132,11 @@ struct TuneArguments {
     /// Static stiffness that the wall should have [N*m/rad or N/m].
     #[arg(long, value_name = "K", default_value_t = 6.6)]
     stiffness: f64,
-    /// A wall of gains (or of the law that is tuned) to start from: the name of one that the program carries, or a file; without
-    /// it, gains that suit the stiffness.
+    /// A wall to start from: the name of one that the program carries, or a file. Every law starts from a wall of gains, a
+    /// coupling or a leaky spring also from one of its kind; rules start from no rules. Without it, gains that suit the stiffness.
     #[arg(long, value_name = "WALL")]
     start: Option<String>,
-    /// As many walls are tried at most.
+    /// About as many walls are tried: the search ends with a whole generation.
     #[arg(long, value_name = "N", default_value_t = 400)]
     evaluations: usize,
     /// Where to write the wall.
@@ -254,7 +254,7 @@ fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     let setting = arguments.place.setting()?;
     let model = arguments.place.model(&setting)?;
     let asked = match &arguments.wall {
-        None if arguments.all => or(None, wall::carried()),
+        None if arguments.all => or(None, wall::library()),
         asked => or(asked.as_deref(), wall::SHIPPED.into_iter()),
     };
     let mut walls: Vec<(String, Wall)> = Vec::new();
@@ -304,18 +304,20 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDa
                 .collect();
             let median =
                 |value: &dyn Fn(&Measures) -> f64| wall::median(of.iter().map(|measures| value(measures)).collect());
-            let worst = of.iter().map(|measures| measures.chatter_rms).fold(0.0, f64::max);
+            let most = |value: &dyn Fn(&Measures) -> f64| {
+                of.iter().map(|measures| value(measures)).reduce(f64::max).unwrap_or(f64::NAN)
+            };
             table.row([
                 name.clone(),
                 approach.name.clone(),
-                format!("{:.3}", 1e3 * median(&|m| m.chatter_rms)),
-                format!("{:.3}", 1e3 * worst),
-                format!("{:.2}", 1e3 * median(&|m| m.peak_to_peak)),
-                format!("{:.1}", median(&|m| m.frequency)),
-                format!("{:.1}", 1e3 * median(&|m| m.settled_position)),
-                format!("{:.2}", median(&|m| m.stiffness)),
-                format!("{:.2}", 1e3 * of.iter().map(|m| m.energy_out).fold(0.0, f64::max)),
-                format!("{:.0} %", 100.0 * of.iter().map(|m| m.outside).fold(0.0, f64::max)),
+                fixed(1e3 * median(&|m| m.chatter_rms), 3, ""),
+                fixed(1e3 * most(&|m| m.chatter_rms), 3, ""),
+                fixed(1e3 * median(&|m| m.peak_to_peak), 2, ""),
+                fixed(median(&|m| m.frequency), 1, ""),
+                fixed(1e3 * median(&|m| m.settled_position), 1, ""),
+                fixed(median(&|m| m.stiffness), 2, ""),
+                fixed(1e3 * most(&|m| m.energy_out), 2, ""),
+                fixed(100.0 * most(&|m| m.outside), 0, " %"),
             ]);
         }
     }
@@ -323,7 +325,10 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDa
     text.push_str("medians over the hands; energy out and time outside are those of the worst hand\n");
     for (name, _) in &walls[1..] {
         let ratios = wall::chatter_ratios(cases, name, &walls[0].0);
-        let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+        let Some(least) = ratios.iter().copied().reduce(f64::min) else {
+            let _ = writeln!(text, "{name}: no hand met both it and {}", walls[0].0);
+            continue;
+        };
         let _ = writeln!(
             text,
             "{name}: {:.1} times less chatter than {} in the median, {least:.1} at worst",
@@ -331,22 +336,25 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDa
             walls[0].0
         );
     }
-    for (name, wall) in walls {
-        if let Law::Linear(law) = wall.law() {
-            let (stiffness, damping) = (wall.scale() * law.k1, wall.scale() * law.k2);
-            let bound = wall::stability_bound(stiffness, damping, setting.sample_s);
-            let _ = writeln!(
-                text,
-                "{name}: passive whoever touches it only if the device itself damps with more than {} (K T / 2 + B, Colgate & \
-                 Schenkel 1997; filter and delay ask for more)",
-                number(bound)
-            );
-        }
+    let bounds: Vec<(&String, f64)> =
+        walls.iter().filter_map(|(name, wall)| Some((name, wall::passive_above(wall, setting.sample_s)?))).collect();
+    for (name, bound) in &bounds {
+        let _ = writeln!(
+            text,
+            "{name}: passive whoever touches it only if the device itself damps with more than {} (K T / 2 + B, Colgate & \
+             Schenkel 1997; filter and delay ask for more)",
+            number(*bound)
+        );
     }
-    if walls.iter().any(|(_, wall)| matches!(wall.law(), Law::Linear(_))) {
+    if !bounds.is_empty() {
         let _ = writeln!(text, "{}", told_damping(own, setting));
     }
     text
+}
+
+/// A number and its unit; a dash where there is none.
+fn fixed(value: f64, decimals: usize, unit: &str) -> String {
+    if value.is_finite() { format!("{value:.decimals$}{unit}") } else { number(value) }
 }
 
 fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
@@ -476,26 +484,45 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
 /// What is varied, and where it starts: at a wall that was named, or at gains that suit the stiffness.
 fn start(arguments: &TuneArguments) -> anyhow::Result<(wall::Family, f64)> {
     let own = arguments.start.as_ref().map(|asked| Ok::<_, anyhow::Error>((asked, wall_of(asked)?.1))).transpose()?;
+    // A tuning multiplies.
+    let positive = |asked: &str, numbers: &[(&str, f64)]| match numbers.iter().find(|(_, value)| *value <= 0.0) {
+        Some((number, value)) => {
+            bail!(
+                "--start {asked}: {number} is {value}; a tuning multiplies numbers, so give a wall whose {number} is positive"
+            )
+        }
+        None => Ok(()),
+    };
     let (linear, scale) = match (&own, arguments.law) {
+        (Some((asked, WallFile { passive: true, .. })), _) => {
+            bail!(
+                "--start {asked}: a passivity controller watches this wall, and a tuning plays none; give a wall without \
+                 `passive = true`, and add it to what comes out"
+            )
+        }
         (None, _) => {
             let scale = wall::shipped("pd")?.scale;
             (wall::Family::linear_start(arguments.stiffness / scale), scale)
         }
         (Some((asked, WallFile { scale, law: Law::Linear(law), .. })), _) => {
-            for (gain, value) in [("k1", law.k1), ("k2", law.k2)] {
-                if value.is_nan() || value <= 0.0 {
-                    bail!(
-                        "--start {asked}: {gain} is {value}; a tuning multiplies gains, so give a wall whose {gain} is positive"
-                    );
-                }
-            }
+            positive(asked, &[("k1", law.k1), ("k2", law.k2)])?;
             (*law, *scale)
         }
         (Some((_, WallFile { scale, law: Law::Coupled(tool), .. })), Kind::Coupled) => {
             return Ok((wall::Family::Coupled(*tool), *scale));
         }
+        (Some((asked, WallFile { scale, law: Law::Leaky { linear, stiffness, share }, .. })), Kind::Leaky) => {
+            positive(
+                asked,
+                &[("k1", linear.k1), ("k2", linear.k2), ("the leak's stiffness", *stiffness), ("share", *share)],
+            )?;
+            return Ok((wall::Family::Leaky { linear: *linear, stiffness: *stiffness, share: *share }, *scale));
+        }
         (Some((asked, _)), _) => {
-            bail!("--start {asked}: a tuning starts from a wall of gains, [linear] without [rules] or [leak]")
+            bail!(
+                "--start {asked}: a tuning starts from a wall of gains, [linear] without [rules] or [leak]; that of a coupling or \
+                 a leaky spring also from one of its kind"
+            )
         }
     };
     let family = match arguments.law {
@@ -527,7 +554,7 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
     check_output(&arguments.out, overwrite)?;
     let setting = arguments.place.setting()?;
     let model = arguments.place.model(&setting)?;
-    let asked = or(arguments.wall.as_deref(), wall::carried());
+    let asked = or(arguments.wall.as_deref(), wall::library());
     let walls = asked.iter().map(|asked| wall_of(asked)).collect::<anyhow::Result<Vec<(String, WallFile)>>>()?;
     let report = WallReport::new(&model, &setting, &walls)?;
     let mut sections = report.sections();
@@ -573,7 +600,7 @@ fn came_from(
         ("model".to_owned(), format!("{}, sha256 {}", shown(model_path, "the device's"), model.digest())),
     ];
     for asked in asked {
-        let carried = wall::carried().find(|(known, _)| known == asked);
+        let carried = wall::library().find(|(known, _)| known == asked);
         let text = carried.map_or_else(|| text_of(Path::new(asked)), |(_, text)| Ok(text.to_owned()))?;
         entries.push((format!("wall {asked}"), digest(&text)));
     }
@@ -589,7 +616,7 @@ fn show(arguments: &ShowArguments) -> anyhow::Result<Outcome> {
         wall::space::SETTING
     } else {
         wall::shipped(name)?;
-        wall::carried().find(|(known, _)| *known == name).map_or("", |(_, text)| text)
+        wall::library().find(|(known, _)| *known == name).map_or("", |(_, text)| text)
     };
     Ok(Outcome { text: text.to_owned(), json: json!({ "name": name, "text": text }), answer: Answer::Yes })
 }

@@ -75,6 +75,12 @@ pub enum WallError {
         /// Its value.
         value: f64,
     },
+    /// A leak that would take away more than the spring gives.
+    #[error("the leak's share is {value}: give a number up to 1, for with more the wall pulls inwards on the way out")]
+    Share {
+        /// The share.
+        value: f64,
+    },
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -93,7 +99,8 @@ struct Watch {
     /// Torques that were answered and have not been booked: the first acted over the interval that ends now, the others act
     /// one after the other from now on.
     underway: VecDeque<f64>,
-    last_position: f64,
+    /// Where the joint was at the last tick; `None` where its sensors showed no number, or there was none.
+    last_position: Option<f64>,
     /// What the wall has taken up, less what it gave out (J).
     energy: f64,
 }
@@ -101,7 +108,7 @@ struct Watch {
 impl Watch {
     /// Before the first tick, of a wall whose torques act `delay_samples` ticks after the position that they answer.
     fn new(delay_samples: usize) -> Self {
-        Self { underway: VecDeque::from(vec![0.0; delay_samples + 1]), last_position: 0.0, energy: 0.0 }
+        Self { underway: VecDeque::from(vec![0.0; delay_samples + 1]), last_position: None, energy: 0.0 }
     }
 
     /// Books `-torque dq` of the interval that ends with this tick, and gives the torque that acts next: that of the law, and a
@@ -112,9 +119,10 @@ impl Watch {
     /// contact has to be passive by itself.
     fn tick(&mut self, position: f64, limit: f64, torque: f64) -> f64 {
         let acted = self.underway.pop_front().unwrap_or(0.0);
-        let moved = position - self.last_position;
+        // Where the interval began is not known after a tick that was missed: what acted in it is not booked.
+        let moved = self.last_position.map_or(0.0, |last| position - last);
         self.energy -= acted * moved;
-        self.last_position = position;
+        self.last_position = Some(position);
         if position >= 0.0 && self.underway.iter().all(|torque| *torque == 0.0) {
             self.energy = self.energy.min(0.0);
         }
@@ -128,8 +136,10 @@ impl Watch {
         answered
     }
 
-    /// A tick whose sensors show no number, and that is answered with nothing. What acted meanwhile is not booked.
+    /// A tick whose sensors show no number, and that is answered with nothing. What acts before it and after it, to the next tick
+    /// with a number, is not booked.
     fn missed(&mut self) {
+        self.last_position = None;
         let _ = self.underway.pop_front();
         self.underway.push_back(0.0);
     }
@@ -140,7 +150,7 @@ impl Wall {
     /// up to `limit`.
     ///
     /// # Errors
-    /// A sample time, scale or limit that is not positive.
+    /// A sample time, scale or limit that is not positive; a number of the law that is negative; a leak's share above 1.
     pub fn new(law: Law, scale: f64, sample_s: f64, limit: f64) -> Result<Self, WallError> {
         for (what, value) in [("scale", scale), ("sample time", sample_s), ("limit", limit)] {
             if value.is_nan() || value <= 0.0 {
@@ -160,6 +170,10 @@ impl Wall {
         };
         if let Some(&(what, value)) = own.iter().find(|(_, value)| !(*value >= 0.0 && value.is_finite())) {
             return Err(WallError::Negative { what, value });
+        }
+        match law {
+            Law::Leaky { share, .. } if share > 1.0 => return Err(WallError::Share { value: share }),
+            _ => {}
         }
         Ok(Self { law, scale, sample_s, limit, watch: None, state: State::default() })
     }
@@ -366,7 +380,35 @@ mod tests {
         let spring = LinearLaw { k1: 100.0, k2: 1.0, offset: 0.0 };
         let mut wall = Wall::new(Law::Linear(spring), 0.5, 0.001, 100.0).expect("a wall");
         assert_eq!((wall.tick(f64::NAN, 0.0), wall.tick(-0.01, f64::INFINITY)), (0.0, 0.0));
-        assert!(Wall::new(Law::Leaky { linear: spring, stiffness: 1.0, share: -0.1 }, 0.5, 0.001, 1.0).is_err());
+        for (share, is_fine) in [(-0.1, false), (0.0, true), (1.0, true), (1.001, false), (f64::NAN, false)] {
+            let wall = Wall::new(Law::Leaky { linear: spring, stiffness: 1.0, share }, 0.5, 0.001, 1.0);
+            assert_eq!(wall.is_ok(), is_fine, "{share}");
+        }
+    }
+
+    /// Of two intervals nobody knows how far the joint moved in each; all others are booked as without them.
+    #[test]
+    fn a_tick_without_a_number_is_a_gap_in_the_books() {
+        const MISSED: i32 = 400;
+        let law = LinearLaw { k1: 100.0, k2: 0.3, offset: 0.0 };
+        for delay in [0, 1, 4] {
+            let mut wall = Wall::new(Law::Linear(law), 0.5, 0.001, 100.0).expect("a wall").passive(delay);
+            let place = |k: i32| 0.01 * (f64::from(k) * 0.003).cos();
+            let mut torques = VecDeque::from(vec![0.0; delay]);
+            let mut taken = 0.0;
+            for k in 1..700 {
+                let shown = if k == MISSED { f64::NAN } else { place(k) };
+                torques.push_back(wall.tick(shown, (place(k) - place(k - 1)) / 0.001));
+                let observed = wall.observed_energy().expect("it is watched");
+                // What no tick has booked yet of the interval that was missed is no fault.
+                assert!(k == MISSED || (observed - taken).abs() < 1e-15, "{delay} late, {k}: {observed} for {taken}");
+                let acts = torques.pop_front().expect("pushed");
+                if ![MISSED - 1, MISSED].contains(&k) {
+                    taken -= acts * (place(k + 1) - place(k));
+                }
+            }
+            assert!(taken > 1e-4, "{taken}");
+        }
     }
 
     #[test]

@@ -49,6 +49,7 @@ struct Unit {
     torque: &'static str,
     stiffness: &'static str,
     damping: &'static str,
+    inertia: &'static str,
 }
 
 impl Unit {
@@ -62,10 +63,17 @@ impl Unit {
                 torque: "N*m",
                 stiffness: "N*m/rad",
                 damping: "N*m*s/rad",
+                inertia: "kg*m^2",
             },
-            JointKind::Prismatic => {
-                Self { position: "m", small: "mm", velocity: "m/s", torque: "N", stiffness: "N/m", damping: "N*s/m" }
-            }
+            JointKind::Prismatic => Self {
+                position: "m",
+                small: "mm",
+                velocity: "m/s",
+                torque: "N",
+                stiffness: "N/m",
+                damping: "N*s/m",
+                inertia: "kg",
+            },
         }
     }
 }
@@ -73,7 +81,7 @@ impl Unit {
 /// A sentence on the damping that a device has of its own, to stand beside what Colgate & Schenkel's bound asks for.
 pub fn told_damping(own: &OwnDamping, setting: &Setting) -> String {
     if own.from.is_empty() {
-        return "By the model the device has no viscous friction at this joint, and dry friction does not count: the bound asks for \
+        return "By the model friction at this joint does not grow with speed, and dry friction does not count: the bound asks for \
                 more than there is."
             .to_owned();
     }

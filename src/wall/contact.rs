@@ -2,7 +2,7 @@
 
 use super::{
     Approach, Hand, Setting,
-    encounter::{Encounter, Held},
+    encounter::{Encounter, Held, refuse_delays},
     hand::{Plan, Wanted},
 };
 use crate::{
@@ -101,14 +101,29 @@ impl WallError {
 /// The device of a setting, ready to meet walls.
 pub(super) struct Plant {
     pub(super) system: System,
-    /// Torque at the joint for one unit that the controller commands; it knows gains, and nothing else of the drive.
-    gain: f64,
+    /// Torque at the joint for one unit that the controller commands, by the model that the controller has; it knows gains, and
+    /// nothing else of the drive.
+    pub(super) gain: f64,
 }
 
 impl Plant {
+    /// As the controller takes it to be.
+    ///
+    /// # Errors
+    /// The model makes no equations, its command arrives late, or its drive lets nothing pass.
     pub(super) fn new(model: &Model, setting: &Setting) -> Result<Self, WallError> {
-        let system = System::of_model(model, &[setting.joint], |joint| setting.posture[joint])?;
-        let inverse = system.inverse_drive().ok_or(WallError::NoDrive { joint: setting.joint })?;
+        Self::taken_for(model, model, setting)
+    }
+
+    /// A device that is as `model` says, in the hands of a controller that takes it to be as `believed` says.
+    ///
+    /// # Errors
+    /// As [`Plant::new`].
+    pub(super) fn taken_for(believed: &Model, model: &Model, setting: &Setting) -> Result<Self, WallError> {
+        let of = |model: &Model| System::of_model(model, &[setting.joint], |joint| setting.posture[joint]);
+        let system = of(model)?;
+        refuse_delays(&system)?;
+        let inverse = of(believed)?.inverse_drive().ok_or(WallError::NoDrive { joint: setting.joint })?;
         Ok(Self { system, gain: 1.0 / inverse[0] })
     }
 

@@ -6,7 +6,8 @@ use crate::{model::Model, system::System};
 /// The viscous part of a joint's friction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OwnDamping {
-    /// By how much steady friction grows with speed [N*m*s/rad or N*s/m]. Dry friction, which does not, is not in it.
+    /// By how much steady friction grows with speed [N*m*s/rad or N*s/m]; 0 where it does not. Dry friction, which does not, is
+    /// not in it.
     pub value: f64,
     /// Names of the parameters that it comes from.
     pub from: Vec<String>,
@@ -25,13 +26,18 @@ pub fn own_damping(model: &Model, setting: &Setting) -> Result<OwnDamping, WallE
     let mut system = System::of_model(model, &[setting.joint], |joint| setting.posture[joint])?;
     let speed = setting.approaches.iter().map(|approach| approach.peak).fold(f64::INFINITY, f64::min);
     let value = slope(&system, speed);
+    // Slopes are differences of torques: what is rounding is so beside these.
+    let size = value.abs() + steady(&system, speed).abs().max(steady(&system, -speed).abs()) / speed;
+    if value <= CHANGED * size {
+        return Ok(OwnDamping { value: 0.0, from: Vec::new() });
+    }
     let (links, effects) = (system.link_parameters().to_vec(), system.effect_parameters().to_vec());
     let mut from = Vec::new();
     for (index, name) in system.effect_names().to_vec().into_iter().enumerate() {
         let mut changed = effects.clone();
         changed[index] *= 1.0 + CHANGE;
         system.set_parameters(&links, &changed);
-        if (slope(&system, speed) - value).abs() > CHANGED * value {
+        if (slope(&system, speed) - value).abs() > CHANGED * size {
             from.push(name);
         }
     }
@@ -94,5 +100,24 @@ mod tests {
         model.set_value("joint.0.viscous.Fv", 0.3).expect("its own");
         let told = own_damping(&model, &setting).expect("equations");
         assert!((told.value - 0.3).abs() < 1e-9 && told.from == ["joint.0.viscous.Fv"], "{told:?}");
+    }
+
+    /// Friction that falls with speed damps nothing, and no damping is not a negative one.
+    #[test]
+    fn friction_that_falls_with_speed_damps_nothing() {
+        let setting = Setting::shipped().expect("shipped");
+        let mut model = Model::of_device(setting.device);
+        model.remove_effect("lugre", Some(0), None).expect("it is there");
+        model.add_effect("stribeck", Some(0), None).expect("added");
+        for (name, value) in [("Fc", 0.05), ("Fs", 0.4), ("vs", 2.0)] {
+            model.set_value(&format!("joint.0.stribeck.{name}"), value).expect("its own");
+        }
+        let told = own_damping(&model, &setting).expect("equations");
+        assert_eq!((told.value, told.from.len()), (0.0, 0), "{told:?}");
+        // A damper that is stronger than the fall is told with it.
+        model.add_effect("viscous", Some(0), None).expect("added");
+        model.set_value("joint.0.viscous.Fv", 2.0).expect("its own");
+        let told = own_damping(&model, &setting).expect("equations");
+        assert!(told.value > 0.0 && told.value < 2.0 && told.from.len() == 4, "{told:?}");
     }
 }

@@ -31,6 +31,17 @@ pub(super) struct Tick<'a> {
     pub(super) hand_work: f64,
 }
 
+/// That no command arrives late: what a controller says is played when it says it.
+///
+/// # Errors
+/// [`WallError::Late`].
+pub(super) fn refuse_delays(system: &System) -> Result<(), WallError> {
+    match system.delays().iter().find(|delay| delay.span_s > 0.0) {
+        Some(delay) => Err(WallError::Late { joint: delay.joint, span_s: delay.span_s }),
+        None => Ok(()),
+    }
+}
+
 /// A device and a hand, about to meet a wall.
 pub(super) struct Encounter<'a> {
     pub(super) system: &'a System,
@@ -49,7 +60,7 @@ impl Encounter<'_> {
     /// `tell` hears of every tick. Answers the tick of the first contact.
     ///
     /// # Errors
-    /// [`WallError::Diverged`].
+    /// [`WallError::Diverged`]; [`WallError::Late`].
     pub(super) fn play<const D: usize>(
         &self,
         held: &mut impl Held<D>,
@@ -57,9 +68,7 @@ impl Encounter<'_> {
         mut tell: impl FnMut(&Tick<'_>),
     ) -> Result<Option<usize>, WallError> {
         let Self { system, sampling, hand, .. } = *self;
-        if let Some(delay) = system.delays().iter().find(|delay| delay.span_s > 0.0) {
-            return Err(WallError::Late { joint: delay.joint, span_s: delay.span_s });
-        }
+        refuse_delays(system)?;
         let (n_states, n_joints) = (system.n_states(), system.n_joints());
         let mut x = system.rest(self.start);
         let place = held.handle(&x)[0];

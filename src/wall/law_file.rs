@@ -174,8 +174,16 @@ fn law(root: &Table<'_>) -> Result<(Law, Option<LinearLaw>), ModelError> {
     let Some(entry) = root.optional("leak") else { return Ok((Law::Linear(linear), None)) };
     let table = entry.table("[leak]")?;
     table.only(&["stiffness", "share"])?;
-    let share = |key: &str| not_negative(&table, key);
-    Ok((Law::Leaky { linear, stiffness: share("stiffness")?, share: share("share")? }, None))
+    let (stiffness, share) = (not_negative(&table, "stiffness")?, not_negative(&table, "share")?);
+    if share > 1.0 {
+        let entry = table.required("share", "a number from 0 to 1")?;
+        return Err(entry
+            .error(format!(
+                "`share` is {share}: the element would take away more than the spring gives, and the wall pull inwards"
+            ))
+            .help("give a number from 0 to 1"));
+    }
+    Ok((Law::Leaky { linear, stiffness, share }, None))
 }
 
 /// Fuzzy sets and rules.
@@ -297,7 +305,7 @@ impl Reader<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wall::{SHIPPED, shipped};
+    use crate::wall::{library, shipped};
 
     fn table(name: &str) -> (RuleTable, LinearLaw) {
         let Law::Rules(table) = shipped(name).expect("shipped").law else { panic!("{name} has rules") };
@@ -375,7 +383,7 @@ mod tests {
 
     #[test]
     fn what_is_shipped_is_read_and_written_again() {
-        for (name, _) in SHIPPED {
+        for (name, _) in library() {
             let file = shipped(name).expect("shipped");
             let again = WallFile::parse(&file.to_toml("once more"), Path::new("again.toml")).expect("written");
             assert_eq!(again, file, "{name}");
@@ -405,5 +413,17 @@ mod tests {
         assert!(unknown.contains("unknown output `N7`"), "{unknown}");
         let no_law = WallFile::parse("title = \"x\"\ntorque_per_unit = 1", Path::new("w.toml")).expect_err("none");
         assert!(no_law.to_string().contains("no law"));
+        let leaky = |share: &str| {
+            let text = include_str!("shipped/leaky.toml").replacen("share = 0.5", share, 1);
+            WallFile::parse(&text, Path::new("w.toml")).map_err(|error| error.to_string())
+        };
+        assert!(leaky("share = 1.0").is_ok());
+        for (share, told) in [("share = 1.01", "`share` is 1.01"), ("share = -0.1", "`share` is -0.1")] {
+            let error = leaky(share).expect_err("out of range");
+            assert!(
+                error.contains("w.toml:") && error.contains(told) && error.contains("give a number from 0"),
+                "{error}"
+            );
+        }
     }
 }

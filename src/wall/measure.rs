@@ -3,7 +3,10 @@
 use serde::Serialize;
 
 use super::{Approach, Contact, Setting, hand::Plan};
-use crate::{control::Wall, signal::Lowpass};
+use crate::{
+    control::{Law, Wall},
+    signal::Lowpass,
+};
 
 /// How still and how solid a wall felt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -20,7 +23,8 @@ pub struct Measures {
     pub frequency: f64,
     /// Mean position of the last [`SETTLED_S`] [rad or m].
     pub settled_position: f64,
-    /// What the wall holds against a steady push there, over how deep it is [N*m/rad or N/m]; 0 outside.
+    /// What the wall holds against a steady push there, over how deep it is [N*m/rad or N/m]; 0 outside. A leaky
+    /// wall holds more pushed in than let out: of it this is the mean torque of the last [`SETTLED_S`], over that depth.
     pub stiffness: f64,
     /// The most that the wall has given out, net of what it took, at any time since the contact (J; the passivity observer of
     /// Hannaford & Ryu 2002). Torques are held from tick to tick, so that it is exact where the drive delivers them: a drive
@@ -45,7 +49,11 @@ impl Measures {
         let Contact { position, torque, .. } = contact;
         // The torque is held from tick to tick: what it gives out is exact.
         let given = |tick: usize| torque[tick] * (position[tick + 1] - position[tick]);
-        Self::along(contact, |position| wall.static_torque(position), given)
+        let held = match wall.law() {
+            Law::Leaky { .. } => Some(mean(settled(torque, contact.sample_s))),
+            Law::Linear(_) | Law::Rules(_) | Law::Coupled(_) => None,
+        };
+        Self::along(contact, |position| held.unwrap_or_else(|| wall.static_torque(position)), given)
     }
 
     /// Of a contact with a wall that holds `static_torque(position)` against a steady push, and gives out `given(tick)` from a
@@ -56,7 +64,6 @@ impl Measures {
         given: impl Fn(usize) -> f64,
     ) -> Option<Self> {
         let touched = contact.touched?;
-        let rate_hz = 1.0 / contact.sample_s;
         let position = &contact.position;
         let (from, to) = counted(contact, touched);
         let fast = fast(contact, touched)?;
@@ -64,9 +71,7 @@ impl Measures {
         let largest = fast.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let smallest = fast.iter().copied().fold(f64::INFINITY, f64::min);
         let turns = fast.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count() as f64;
-        let last = (SETTLED_S * rate_hz).round() as usize;
-        let end = &position[position.len().saturating_sub(last.max(1))..];
-        let settled_position = end.iter().sum::<f64>() / end.len().max(1) as f64;
+        let settled_position = mean(settled(position, contact.sample_s));
         let stiffness = if settled_position < 0.0 { static_torque(settled_position) / -settled_position } else { 0.0 };
         let (mut out, mut energy_out) = (0.0, 0.0_f64);
         for tick in touched..position.len().saturating_sub(1) {
@@ -83,6 +88,16 @@ impl Measures {
             outside: position[from..to].iter().filter(|position| **position >= 0.0).count() as f64 / count,
         })
     }
+}
+
+/// What there is of the last [`SETTLED_S`].
+fn settled(values: &[f64], sample_s: f64) -> &[f64] {
+    let last = (SETTLED_S / sample_s).round() as usize;
+    &values[values.len().saturating_sub(last.max(1))..]
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
 /// The ticks from [`FROM_S`] to [`TO_S`] after the contact.
@@ -122,6 +137,17 @@ pub fn stability_bound(stiffness: f64, damping: f64, sample_s: f64) -> f64 {
     0.5 * stiffness * sample_s + damping.abs()
 }
 
+/// The same of a wall that is such a spring and damper, at work as it is; `None` where it is another law or is watched, which
+/// the bound says nothing of.
+pub fn passive_above(wall: &Wall, sample_s: f64) -> Option<f64> {
+    match wall.law() {
+        Law::Linear(law) if wall.observed_energy().is_none() => {
+            Some(stability_bound(wall.scale() * law.k1, wall.scale() * law.k2, sample_s))
+        }
+        _ => None,
+    }
+}
+
 /// The middle of some values; not a number where there are none.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
@@ -134,7 +160,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::control::{Law, LinearLaw};
+    use crate::control::LinearLaw;
 
     fn wall() -> Wall {
         let law = LinearLaw { k1: 100.0, k2: 0.0, offset: 0.0 };
@@ -154,6 +180,27 @@ mod tests {
         assert!((told.frequency - 8.0).abs() < 0.5, "{}", told.frequency);
         assert!((told.settled_position + 0.03).abs() < 1e-4 && told.outside == 0.0);
         assert!((told.stiffness - 3.0).abs() < 1e-12, "{}", told.stiffness);
+    }
+
+    /// Pushed in to a depth it holds more than let out to the same, and the measure tells either.
+    #[test]
+    fn a_leaky_wall_is_as_stiff_as_what_it_held() {
+        let linear = LinearLaw { k1: 100.0, k2: 0.0, offset: 0.0 };
+        let stiffness = |deepest: f64| {
+            let mut wall =
+                Wall::new(Law::Leaky { linear, stiffness: 2.0, share: 0.3 }, 0.03, 0.01, 10.0).expect("a wall");
+            let asked = wall.clone();
+            // In within a second, and back to 0.02 within another, where it stays.
+            let position: Vec<f64> = (0..400)
+                .map(|k| 0.01 * f64::from(k))
+                .map(|t| if t < 1.0 { -deepest * t } else { (-deepest + (t - 1.0)).min(-0.02) })
+                .collect();
+            let torque = position.iter().map(|position| wall.tick(*position, 0.0)).collect();
+            let contact = Contact { sample_s: 0.01, velocity: vec![0.0; 400], torque, touched: Some(0), position };
+            Measures::of(&contact, &asked).expect("a contact").stiffness
+        };
+        let (pushed, let_out) = (stiffness(0.02), stiffness(0.1));
+        assert!((pushed - 3.0 * 1.3).abs() < 1e-9 && (let_out - 3.0 * 0.7).abs() < 1e-9, "{pushed} {let_out}");
     }
 
     #[test]
@@ -183,5 +230,18 @@ mod tests {
     fn the_bound_is_half_a_sample_of_stiffness_and_the_damping() {
         assert_eq!(stability_bound(1000.0, 0.0, 0.001), 0.5);
         assert_eq!(stability_bound(3.0, 3.0, 0.01), 3.015);
+    }
+
+    #[test]
+    fn the_bound_is_told_of_plain_springs_and_dampers_only() {
+        let setting = Setting::shipped().expect("shipped");
+        let bounded: Vec<&str> = crate::wall::library()
+            .map(|(name, _)| name)
+            .filter(|name| {
+                let wall = crate::wall::shipped(name).expect("shipped").wall(&setting).expect("a wall");
+                passive_above(&wall, setting.sample_s).is_some()
+            })
+            .collect();
+        assert_eq!(bounded, ["pd", "pd_tuned"]);
     }
 }

@@ -26,7 +26,7 @@ pub struct Goal {
     pub outside: f64,
     /// Energy that a wall may give out (J).
     pub energy_out: f64,
-    /// As many walls are tried at most.
+    /// About as many walls are tried: the search ends with a whole generation.
     pub evaluations: usize,
     /// What trials, hands and plants are drawn from.
     pub seed: u64,
@@ -73,7 +73,7 @@ pub enum Family {
     },
     /// A wall behind a virtual coupling: tool, wall and coupling.
     Coupled(VirtualTool),
-    /// A leaky spring with its damper. The element's share is at most a half.
+    /// A leaky spring with its damper. The element's share is at most a half, or that of the start where that is more.
     Leaky {
         /// Spring and damper.
         linear: LinearLaw,
@@ -139,7 +139,7 @@ impl Family {
             Self::Leaky { linear, stiffness, share } => Law::Leaky {
                 linear: times(linear),
                 stiffness: stiffness * x[2].exp(),
-                share: (share * x[3].exp()).min(MOST_SHARE),
+                share: (share * x[3].exp()).min(MOST_SHARE.max(*share)),
             },
         }
     }
@@ -196,10 +196,10 @@ fn monotone(position: &Partition, velocity: &Partition, law: &LinearLaw, x: &[f6
 const FAR: f64 = 3.0;
 
 /// Tunes a wall whose law has `scale` units of torque for one of its output. The start is tried first, and what comes out is
-/// never worse than it.
+/// never worse than it, as its file has it.
 ///
 /// # Errors
-/// The model makes no equations.
+/// What [`WallError`] says of the model, before a wall is tried. A wall with which the loop diverges is only a bad one.
 pub fn tune(
     model: &Model,
     setting: &Setting,
@@ -214,39 +214,49 @@ pub fn tune(
     let plants = hands.iter().map(|_| other_plant(model, setting, goal, &mut random)).collect::<Result<Vec<_>, _>>()?;
     let asked: Vec<(usize, usize)> =
         (0..hands.len()).flat_map(|hand| (0..setting.approaches.len()).map(move |approach| (hand, approach))).collect();
-    let cost_of = |law: Law| -> f64 {
-        let Ok(wall) = Wall::new(law, scale, setting.sample_s, setting.torque_limit) else { return f64::MAX };
-        let costs: Vec<f64> = asked
+    let cost_of = |law: &Law| -> Result<f64, WallError> {
+        let Ok(wall) = Wall::new(law.clone(), scale, setting.sample_s, setting.torque_limit) else {
+            return Ok(f64::MAX);
+        };
+        let costs: Vec<Result<f64, WallError>> = asked
             .par_iter()
             .map(|&(hand, approach)| {
-                let contact = played(&plants[hand], setting, &wall, &hands[hand], &setting.approaches[approach]);
-                let measures = contact.ok().and_then(|contact| Measures::of(&contact, &wall));
-                measures.map_or(UNUSABLE, |measures| price(&measures, goal))
+                match played(&plants[hand], setting, &wall, &hands[hand], &setting.approaches[approach]) {
+                    Ok(contact) => {
+                        Ok(Measures::of(&contact, &wall).map_or(UNUSABLE, |measures| price(&measures, goal)))
+                    }
+                    Err(WallError::Diverged { .. }) => Ok(UNUSABLE),
+                    Err(error) => Err(error),
+                }
             })
             .collect();
+        let costs = costs.into_iter().collect::<Result<Vec<f64>, WallError>>()?;
         let largest = costs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        costs.iter().sum::<f64>() / costs.len() as f64 + 0.5 * largest
+        Ok(costs.iter().sum::<f64>() / costs.len() as f64 + 0.5 * largest)
     };
-    let cost = |x: &[f64]| -> f64 {
+    let cost = |x: &[f64]| -> Result<f64, WallError> {
         let away: f64 = x.iter().map(|x| (x.abs() - FAR).max(0.0)).sum();
         let near: Vec<f64> = x.iter().map(|x| x.clamp(-FAR, FAR)).collect();
-        cost_of(family.law(&near)) + away * away
+        Ok(cost_of(&family.law(&near))? + away * away)
     };
     let done = std::sync::atomic::AtomicUsize::new(0);
     let stopped = std::sync::atomic::AtomicBool::new(false);
-    let objective = |x: &cmaes::DVector<f64>| -> f64 {
+    let heard = |cost: f64| -> f64 {
         use std::sync::atomic::Ordering::Relaxed;
-        if stopped.load(Relaxed) {
-            return f64::MAX;
-        }
-        let cost = cost(x.as_slice());
         if told(Told { evaluations: done.fetch_add(1, Relaxed) + 1, cost }) {
             stopped.store(true, Relaxed);
         }
         cost
     };
     let start = vec![0.0; family.n_numbers()];
-    let at_start = objective(&cmaes::DVector::from_vec(start.clone()));
+    // What is wrong with more than a wall is so with the first one.
+    let at_start = heard(cost(&start)?);
+    let objective = |x: &cmaes::DVector<f64>| -> f64 {
+        if stopped.load(std::sync::atomic::Ordering::Relaxed) {
+            return f64::MAX;
+        }
+        heard(cost(x.as_slice()).unwrap_or(f64::MAX))
+    };
     let build = cmaes::CMAESOptions::new(start.clone(), 0.5)
         .seed(goal.seed)
         .max_function_evals(goal.evaluations.saturating_sub(1).max(1))
@@ -254,10 +264,18 @@ pub fn tune(
         .tol_x(1e-3)
         .build(objective);
     let best = build.ok().and_then(|mut search| search.run().overall_best).filter(|best| best.value < at_start);
-    let x: Vec<f64> = best.map_or(start, |best| best.point.iter().map(|x| x.clamp(-FAR, FAR)).collect());
     let evaluations = done.load(std::sync::atomic::Ordering::Relaxed);
-    let law = rounded(family.law(&x));
-    let cost = cost_of(law.clone());
+    let found =
+        best.map(|best| rounded(family.law(&best.point.iter().map(|x| x.clamp(-FAR, FAR)).collect::<Vec<f64>>())));
+    // Rounding may cost more than little was gained.
+    let (mut law, mut cost) = (family.law(&start), at_start);
+    for rounded in found.into_iter().chain([rounded(law.clone())]) {
+        let its_cost = cost_of(&rounded)?;
+        if its_cost <= at_start {
+            (law, cost) = (rounded, its_cost);
+            break;
+        }
+    }
     let wall = WallFile { title: family.title().to_owned(), scale, law, passive: false, base: None };
     Ok(Tuned { cost, cost_at_start: at_start, wall, evaluations })
 }
@@ -280,11 +298,11 @@ fn price(measures: &Measures, goal: &Goal) -> f64 {
     (measures.chatter_rms.max(NONE) / UNIT).ln() + PRICE * (softer + outside) + ENERGY_PRICE * energy
 }
 
-/// The plant as the model's standard errors allow it, with a drive that delivers somewhat more.
+/// The plant as the model's standard errors allow it, with a drive that delivers somewhat more. The controller has the model.
 fn other_plant(model: &Model, setting: &Setting, goal: &Goal, random: &mut Random) -> Result<Plant, WallError> {
     let drawn = model.off_by_errors(random);
     let delivered = random.between(1.0, goal.drive.max(1.0));
-    Ok(Plant::new(&drawn, setting)?.delivering(delivered))
+    Ok(Plant::taken_for(model, &drawn, setting)?.delivering(delivered))
 }
 
 /// Numbers of a file that people read: four digits.
@@ -322,7 +340,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::wall::shipped;
+    use crate::{model::FitRecord, wall::shipped};
 
     proptest! {
         /// Whatever the search tries, the table never pushes less for being deeper or approached faster.
@@ -336,6 +354,46 @@ mod tests {
             prop_assert!(told.is_monotone());
         }
     }
+
+    /// An error of the drive's gain reaches the wall: the controller does not know it.
+    #[test]
+    fn a_plant_whose_gain_is_off_delivers_another_torque_than_was_asked_for() {
+        let setting = Setting::shipped().expect("shipped");
+        let mut model = Model::of_device(setting.device);
+        let gain = "joint.0.gain.Kp";
+        let error = 0.2 * model.parameter(gain).expect("its own").value;
+        model.fit = Some(FitRecord { std_error: [(gain.to_owned(), error)].into(), ..FitRecord::default() });
+        let goal = Goal { stiffness: 6.6, outside: 0.03, energy_out: 4e-3, evaluations: 1, seed: 1, drive: 1.0 };
+        let mut random = Random::new(1);
+        let delivered: Vec<f64> = (0..50)
+            .map(|_| {
+                let plant = other_plant(&model, &setting, &goal, &mut random).expect("a plant");
+                1.0 / (plant.system.inverse_drive().expect("a drive")[0] * plant.gain)
+            })
+            .collect();
+        let square: f64 = delivered.iter().map(|delivered| (delivered - 1.0).powi(2)).sum();
+        let scatter = (square / 50.0).sqrt();
+        assert!((0.1..0.3).contains(&scatter), "{scatter} for 0.2");
+    }
+
+    /// A start that is only as good as its unrounded numbers is given back as it is.
+    #[test]
+    fn rounding_makes_no_start_worse() {
+        let setting = Setting { hands: 1, ..Setting::shipped().expect("shipped") };
+        let model = Model::of_device(setting.device);
+        let mut as_they_were = 0;
+        for k1 in [333.349, 417.149, 460.749] {
+            // Softer by the rounding, the wall would be softer than asked.
+            let goal =
+                Goal { stiffness: 0.03 * k1, outside: 0.03, energy_out: 4e-3, evaluations: 2, seed: 3, drive: 1.3 };
+            let start = LinearLaw { k1, k2: 15.92, offset: 0.0 };
+            let tuned = tune(&model, &setting, &Family::Linear(start), 0.03, &goal, &|_| true).expect("a wall");
+            assert!(tuned.cost <= tuned.cost_at_start, "{k1}: {} of {}", tuned.cost, tuned.cost_at_start);
+            as_they_were += usize::from(tuned.wall.law == Law::Linear(start));
+        }
+        assert!(as_they_were > 0, "of no start did the rounding cost anything");
+    }
+
     /// The law that a tuning starts from is among the tables that it tries, inside the wall.
     #[test]
     fn the_start_is_the_linear_law() {

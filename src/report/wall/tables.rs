@@ -60,7 +60,10 @@ impl WallReport<'_> {
             self.setting.hands
         );
         html.push_str(&self.compared());
-        let _ = writeln!(html, "<p>{}</p>", escaped(&told_damping(&self.own, self.setting)));
+        // It stands beside the bounds that are told below.
+        if self.walls.iter().any(|own| self.passive_above(own).is_some()) {
+            let _ = writeln!(html, "<p>{}</p>", escaped(&told_damping(&self.own, self.setting)));
+        }
         html.push_str("<dl>\n");
         for own in &self.walls {
             let _ = writeln!(html, "<dt><code>{}</code></dt><dd>{}</dd>", escaped(&own.name), escaped(&self.told(own)));
@@ -90,21 +93,29 @@ impl WallReport<'_> {
         if html.is_empty() { html } else { format!("<p>Hand by hand:</p>\n<ul>\n{html}</ul>\n") }
     }
 
+    fn passive_above(&self, own: &Shown) -> Option<f64> {
+        wall::passive_above(&own.wall, self.setting.sample_s)
+    }
+
     /// What a wall is.
     fn told(&self, own: &Shown) -> String {
         let scale = own.wall.scale();
         let law = match own.wall.law() {
             Law::Linear(law) | Law::Leaky { linear: law, .. } => {
                 let (stiffness, damping) = (scale * law.k1, scale * law.k2);
-                let bound = wall::stability_bound(stiffness, damping, self.setting.sample_s);
+                let bound = self.passive_above(own).map_or_else(String::new, |bound| {
+                    format!(
+                        "; passive whoever touches it only if the device itself damps with more than {} (K T / 2 + B, Colgate & \
+                         Schenkel 1997; filter and delay ask for more)",
+                        short(bound)
+                    )
+                });
                 format!(
-                    "{} {}, damping {} {}; passive whoever touches it only if the device itself damps with more than {} \
-                     (K T / 2 + B, Colgate & Schenkel 1997; filter and delay ask for more)",
+                    "{} {}, damping {} {}{bound}",
                     short(stiffness),
                     self.unit.stiffness,
                     short(damping),
-                    self.unit.damping,
-                    short(bound)
+                    self.unit.damping
                 )
             }
             Law::Rules(table) => {
@@ -116,9 +127,9 @@ impl WallReport<'_> {
                 let [inertia, coupling, coupling_damping, wall, wall_damping] =
                     [inertia, stiffness, damping, wall_stiffness, wall_damping].map(|value| short(scale * value));
                 format!(
-                    "a tool of inertia {inertia} behind {coupling} {0}, damping {coupling_damping} {1}, meets a wall of {wall} {0}, \
+                    "a tool of inertia {inertia} {2} behind {coupling} {0}, damping {coupling_damping} {1}, meets a wall of {wall} {0}, \
                      damping {wall_damping} {1}",
-                    self.unit.stiffness, self.unit.damping
+                    self.unit.stiffness, self.unit.damping, self.unit.inertia
                 )
             }
         };

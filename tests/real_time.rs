@@ -73,7 +73,7 @@ fn model() -> Model {
 fn walls(model: &Model, system: &System) -> Vec<(Wall, PlaneWall)> {
     let (mut setting, mut place) = (Setting::shipped().expect("shipped"), space::Setting::shipped().expect("shipped"));
     (setting.sample_s, place.sampling.sample_s) = (SAMPLE_S, SAMPLE_S);
-    let made = wall::carried().map(|(name, _)| {
+    let made = wall::library().map(|(name, _)| {
         let file = wall::shipped(name).expect("shipped");
         let kinematics = Kinematics::of_model(model, &place.free, &place.posture).expect("an end point");
         let felt = (place.wall(&file).expect("a wall"), place.lever);

@@ -7,9 +7,9 @@
 //!
 //! The sensors here belong to a simulated Freedom 6S of six free joints that a hand moves about. A robot's own go in place
 //! of [`Device`]; so does whatever gives its thread a core and a priority of its own, which is the operating system's
-//! affair. Only the tick is measured: estimator, a wall at a joint, a wall that is a plane in space, compensation. On a machine that does other things too the worst tick
-//! is that in which something else had the core; `--passes 3` makes the same ticks again, and tells besides what is left of the
-//! worst one if each tick counts by the fastest of its passes.
+//! affair. Only the tick is measured: estimator, a wall at a joint, a wall that is a plane in space, compensation. On a machine
+//! that does other things too the worst tick is that in which something else had the core; `--passes 3` makes the same ticks
+//! again, and tells besides what is left of the worst one if each tick counts by the fastest of its passes.
 
 use std::time::{Duration, Instant};
 
@@ -63,15 +63,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let model = Model::of_device(device);
     let system = System::of_model(&model, &free, |_| 0.0)?;
     // A plane in space before the handle.
-    let place = space::Setting::shipped()?;
+    let mut place = space::Setting::shipped()?;
+    place.sampling.sample_s = SAMPLE_S;
     let kinematics = Kinematics::of_model(&model, &free, &place.posture)?;
     let felt = (place.wall(&wall::shipped("fuzzy")?)?, place.lever);
-    let mut plane = PlaneWall::new(&system, kinematics, place.plane, felt, &place.torque_limits)?;
+    let first_plane = PlaneWall::new(&system, kinematics, place.plane, felt, &place.torque_limits)?;
     let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S)?;
     let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, QUANTUM, 1);
     // A fuzzy wall at joint 0, below its position 0.
     let setting = Setting { sample_s: SAMPLE_S, ..Setting::shipped()? };
-    let mut wall = wall::shipped("fuzzy")?.wall(&setting)?;
+    let first_wall = wall::shipped("fuzzy")?.wall(&setting)?;
     let mut device = Device { tick: 0 };
     let [mut reading, mut q, mut dq, mut ddq, mut command] = [[0.0; JOINTS]; 5];
     let mut spans: Vec<u32> = Vec::with_capacity(ticks);
@@ -82,6 +83,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         device.tick = 0;
         estimator.restart();
         compensation.restart();
+        let (mut wall, mut plane) = (first_wall.clone(), first_plane.clone());
         let start = Instant::now();
         for fastest in &mut fastest {
             if paced {

@@ -48,6 +48,16 @@ pub enum KinematicsError {
         /// How many are needed.
         expected: usize,
     },
+    /// A model without one of the lengths that the device has.
+    #[error(
+        "the model of `{device}` gives no value to `{name}`, which its end point depends on; make it of this device"
+    )]
+    Length {
+        /// The device's id.
+        device: String,
+        /// The parameter's name.
+        name: &'static str,
+    },
     /// A free joint that does not exist.
     #[error("device `{device}` has no joint {joint}; joints count from 0")]
     Joint {
@@ -74,10 +84,13 @@ impl Kinematics {
         if let Some(&joint) = free.iter().find(|joint| **joint >= posture.len()) {
             return Err(KinematicsError::Joint { device: device(), joint });
         }
-        let lengths = end_point.parameters.iter().map(|name| model.parameter(name).map_or(0.0, |own| own.value));
+        let lengths = end_point.parameters.iter().map(|name| {
+            let own = model.parameter(name).ok_or_else(|| KinematicsError::Length { device: device(), name })?;
+            Ok(own.value)
+        });
         let mut kinematics = Self {
             end_point,
-            lengths: lengths.collect(),
+            lengths: lengths.collect::<Result<Vec<f64>, KinematicsError>>()?,
             free: free.to_vec(),
             q: posture.to_vec(),
             position: [0.0; 3],
@@ -199,5 +212,12 @@ mod tests {
         let wrong = |free: &[usize], posture: &[f64]| Kinematics::of_model(&model, free, posture).expect_err("no arm");
         assert!(matches!(wrong(&[0], &[0.0]), KinematicsError::Posture { found: 1, expected: 2, .. }));
         assert!(matches!(wrong(&[0, 2], &[0.0, 0.0]), KinematicsError::Joint { joint: 2, .. }));
+        // what calls itself the device and has not its lengths
+        let mut shorter = model.device.clone();
+        shorter.lengths.clear();
+        let model = Model::of_device(Box::leak(Box::new(shorter)));
+        let error = Kinematics::of_model(&model, &[0, 1], &[0.0, 0.0]).expect_err("a length is missing");
+        assert!(matches!(error, KinematicsError::Length { .. }), "{error}");
+        assert!(error.to_string().contains("length."), "{error}");
     }
 }

@@ -6,11 +6,11 @@
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};
 use std::cell::Cell;
 
-use dynid::control::{Compensation, Estimator, PlaneWall, Shares};
+use dynid::control::{Compensation, Estimator, Law, PlaneWall, Shares, Wall};
 use dynid::kinematics::Kinematics;
 use dynid::model::{EffectInstance, Model};
 use dynid::system::System;
-use dynid::wall::{self, space};
+use dynid::wall::{self, Setting, space};
 
 /// Counts what each thread asks for.
 struct Counting;
@@ -69,20 +69,28 @@ fn model() -> Model {
     model
 }
 
-/// A plane with a rule table along its normal, about where the arm is moved.
-fn plane(model: &Model, system: &System) -> PlaneWall {
-    let setting = space::Setting::shipped().expect("shipped");
-    let kinematics = Kinematics::of_model(model, &setting.free, &setting.posture).expect("an end point");
-    let law = setting.wall(&wall::shipped("fuzzy").expect("shipped")).expect("a wall");
-    PlaneWall::new(system, kinematics, setting.plane, (law, setting.lever), &setting.torque_limits).expect("a plane")
+/// Every wall that the program carries: at joint 0, and along the normal of a plane about where the arm is moved.
+fn walls(model: &Model, system: &System) -> Vec<(Wall, PlaneWall)> {
+    let (mut setting, mut place) = (Setting::shipped().expect("shipped"), space::Setting::shipped().expect("shipped"));
+    (setting.sample_s, place.sampling.sample_s) = (SAMPLE_S, SAMPLE_S);
+    let made = wall::library().map(|(name, _)| {
+        let file = wall::shipped(name).expect("shipped");
+        let kinematics = Kinematics::of_model(model, &place.free, &place.posture).expect("an end point");
+        let felt = (place.wall(&file).expect("a wall"), place.lever);
+        let plane = PlaneWall::new(system, kinematics, place.plane, felt, &place.torque_limits).expect("a plane");
+        (file.wall(&setting).expect("a wall"), plane)
+    });
+    made.collect()
 }
+
+const SAMPLE_S: f64 = 1e-3;
 
 fn ticks(model: &Model, readings: impl Fn(u32, usize) -> f64) -> (u64, Vec<f64>) {
     const JOINTS: usize = 6;
     let system = System::of_model(model, &[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
-    let mut plane = plane(model, &system);
-    let mut compensation = Compensation::new(system, Shares::default(), 1e-3).expect("a model that can be carried");
-    let mut estimator = Estimator::new(JOINTS, 1e-3, 20.0, 1e-4, 1);
+    let mut walls = walls(model, &system);
+    let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S).expect("a model that can be carried");
+    let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, 1e-4, 1);
     let [mut reading, mut q, mut dq, mut ddq, mut sum] = [[0.0; JOINTS]; 5];
     let before = asked();
     for k in 0..5000 {
@@ -91,9 +99,10 @@ fn ticks(model: &Model, readings: impl Fn(u32, usize) -> f64) -> (u64, Vec<f64>)
         }
         estimator.tick(&reading, &mut q, &mut dq, &mut ddq);
         let command = compensation.tick(&q, &dq, &ddq);
-        let felt = plane.tick(&q, &dq);
-        for (sum, (command, felt)) in sum.iter_mut().zip(command.iter().zip(felt)) {
-            *sum += command.abs() + felt.abs();
+        sum.iter_mut().zip(command).for_each(|(sum, command)| *sum += command.abs());
+        for (at_joint, plane) in &mut walls {
+            sum[0] += at_joint.tick(q[0], dq[0]).abs();
+            sum.iter_mut().zip(plane.tick(&q, &dq)).for_each(|(sum, felt)| *sum += felt.abs());
         }
         if k == 2500 {
             estimator.restart();
@@ -108,6 +117,18 @@ fn the_counter_counts() {
     let before = asked();
     std::hint::black_box(vec![1.0; 100]);
     assert_eq!(asked() - before, 2);
+}
+
+/// What is ticked below are laws of every kind, watched and not.
+#[test]
+fn walls_of_every_kind_are_ticked() {
+    let model = model();
+    let system = System::of_model(&model, &[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
+    let walls = walls(&model, &system);
+    let any = |is: &dyn Fn(&Wall) -> bool| walls.iter().any(|(at_joint, plane)| is(at_joint) && is(plane.wall()));
+    assert!(any(&|wall| matches!(wall.law(), Law::Linear(_))) && any(&|wall| matches!(wall.law(), Law::Rules(_))));
+    assert!(any(&|wall| matches!(wall.law(), Law::Coupled(_))) && any(&|wall| matches!(wall.law(), Law::Leaky { .. })));
+    assert!(any(&|wall| wall.observed_energy().is_some()));
 }
 
 #[test]

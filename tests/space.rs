@@ -6,8 +6,10 @@ use assert_cmd::Command;
 use dynid::control::{Law, LinearLaw, Shares, Wall};
 use dynid::kinematics::Kinematics;
 use dynid::model::Model;
-use dynid::wall::space::{self, Contact, Setting, contact};
+use dynid::report::SpaceReport;
+use dynid::wall::space::{self, Case, Contact, Setting, contact};
 use dynid::wall::{self, Approach, Measures};
+use dynid_model::Parameter;
 use dynid_plant::Mechanism;
 
 fn dynid() -> Command {
@@ -15,7 +17,7 @@ fn dynid() -> Command {
 }
 
 fn parsed(text: &str) -> Setting {
-    Setting::parse(text, Path::new("space.toml")).unwrap_or_else(|error| panic!("{error:?}"))
+    Setting::parse(text, Path::new("space.toml"), None).unwrap_or_else(|error| panic!("{error:?}"))
 }
 
 /// The model of a device with nothing but gains: no friction, no springs.
@@ -226,7 +228,7 @@ fn turning_plane_and_arm_together_turns_everything() {
 }
 
 /// The thesis's gains chatter in space as they do at the joint, tuned ones do not; a slanted plane moves several joints; and
-/// with the weight carried a hand slips less.
+/// with the weight carried a hand slips less and settles deeper.
 #[test]
 fn tuned_gains_are_still_in_space_too() {
     let cases = |more: &[&str]| {
@@ -254,6 +256,8 @@ fn tuned_gains_are_still_in_space_too() {
     assert!((0..4).all(|joint| moved(joint) > 0.005), "{:?}", [0, 1, 2, 3].map(moved));
     let carried = cases(&["--compensate", "--wall", "pd_tuned"]);
     assert!(of(&carried, "pd_tuned", &slip) < of(&bare, "pd_tuned", &slip));
+    let depth = |cases: &[serde_json::Value]| -of(cases, "pd_tuned", &number("settled_position"));
+    assert!(depth(&bare) < 0.8 * depth(&carried), "{} {}", depth(&bare), depth(&carried));
 }
 
 /// What couples the joints while they move is their inertia: where a share of it is carried, the hand slips less. It takes a
@@ -286,6 +290,95 @@ fn a_reached_limit_is_told_and_the_force_keeps_its_direction() {
     assert!(coupling.limited > 0.9, "{coupling:?}");
     let largest = coupling.torque.iter().copied().fold(0.0, f64::max);
     assert!((largest - 0.02).abs() < 1e-12 && coupling.torque.iter().all(|torque| *torque <= 0.02 + 1e-12));
+    // What acts from a tick on was asked for a tick before it, at the positions that were shown then.
+    let mut arm = Kinematics::of_model(&model, &setting.free, &setting.posture).expect("an end point");
+    let mut shortened = 0;
+    for tick in 1..told.q.len() {
+        let quantum = setting.sampling.position_quantum;
+        arm.move_to(&told.q[tick - 1].iter().map(|q| (q / quantum).round() * quantum).collect::<Vec<f64>>());
+        let mut expected = [0.0; 6];
+        arm.torques(setting.plane.normal.map(|own| own * told.along.torque[tick]), [0.0; 3], &mut expected);
+        let apart = (0..6).map(|slot| (expected[slot] - told.torque[tick][slot]).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-12, "{apart} N*m at tick {tick}, {} of the force", told.share[tick]);
+        shortened += usize::from(told.share[tick] < 1.0);
+    }
+    assert!(shortened > 100, "{shortened}");
+}
+
+/// What no hand came to is said to be so on the page, which holds no dashes of medians of nothing.
+#[test]
+fn a_page_of_walls_that_no_hand_met_says_so() {
+    let mut setting = Setting::shipped().expect("shipped");
+    setting.people.count = 2;
+    let model = Model::of_device(setting.device);
+    let named = |name: &str| (name.to_owned(), setting.wall(&wall::shipped(name).expect("shipped")).expect("a wall"));
+    let walls = [named("pd"), named("pd_tuned")];
+    let cases = space::compare(&model, &setting, &walls, Some(Shares::WEIGHT)).expect("contacts");
+    let some: Vec<Case> =
+        cases.iter().filter(|case| case.controller == "pd" && case.speed != "slow").cloned().collect();
+    let felt = |cases: &[Case]| {
+        let report = SpaceReport::new(&model, &setting, &walls, cases, Some(Shares::WEIGHT)).expect("a report");
+        report.sections()[0].html()
+    };
+    let (all, some) = (felt(&cases), felt(&some));
+    assert!(!all.contains("no hand came to it"), "{all}");
+    assert!(some.contains("<p><code>pd_tuned</code>: no hand came to it.</p>"), "{some}");
+    // four rows of six: the slow approach to the one, all three to the other
+    assert_eq!(some.matches("<td colspan=\"8\">no hand came to it</td>").count(), 4, "{some}");
+    assert!(!some.contains("NaN") && !some.contains('\u{2014}'), "{some}");
+}
+
+/// Joints that slide are told in mm and N.
+#[test]
+fn sliding_joints_have_units_of_their_own() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = space::SETTING
+        .replace("freedom6s", "oscillator")
+        .replace("posture = [0.20, -0.41, 0.14, 0.0, 0.0, 0.0]", "posture = [0.12]")
+        .replace("point = [-0.2, -0.23, 0.0]", "point = [0, 0, 0]")
+        .replace("normal = [0.6, -0.48, 0.64]", "normal = [0, 0, 1]")
+        .replace("torque_limits = [1.0, 1.0, 1.0, 0.3, 0.3, 0.3]", "torque_limits = [inf]");
+    std::fs::write(folder.path().join("s.toml"), text).expect("written");
+    let mut model = bare("oscillator");
+    let mass = model.parameter("link.1.m").expect("a parameter");
+    model.set("link.1.m", Parameter { value: 0.3, upper: 1.0, ..mass }).expect("a parameter");
+    std::fs::write(folder.path().join("m.toml"), model.to_toml()).expect("written");
+    let asked = ["wall", "space", "--setting", "s.toml", "--model", "m.toml", "--hands", "2", "--wall", "pd_tuned"];
+    let run = dynid().current_dir(folder.path()).args(asked).args(["--out", "page.html"]).assert().success();
+    let told = String::from_utf8(run.get_output().stdout.clone()).expect("text");
+    assert!(told.contains("q0, mm") && !told.contains("q0, mrad"), "{told}");
+    let page = std::fs::read_to_string(folder.path().join("page.html")).expect("written");
+    assert!(page.contains("force [N]") && !page.contains("torque [N*m]"));
+}
+
+/// The start is judged by the model that is given, not by the device's own lengths.
+#[test]
+fn the_start_is_that_of_the_model() {
+    let mut model = Model::of_device(dynid_model::device("planar2r").expect("a shipped device"));
+    let lengths: Vec<String> = model.names().into_iter().filter(|name| name.starts_with("length.")).collect();
+    assert!(!lengths.is_empty());
+    let postured = ["posture = [0.20, -0.41, 0.14, 0.0, 0.0, 0.0]", "posture = [0.3, 1.2]"];
+    let place = Kinematics::of_model(&model, &[0, 1], &[0.3, 1.2]).expect("an end point").position();
+    for name in &lengths {
+        let value = model.parameter(name).expect("a length").value;
+        model.set_value(name, 2.0 * value).expect("a length");
+    }
+    let far = Kinematics::of_model(&model, &[0, 1], &[0.3, 1.2]).expect("an end point").position();
+    // The plane is across the way from the one end point to the other, between them; its normal points to the farther.
+    let way = [0, 1, 2].map(|k| far[k] - place[k]);
+    let length = way.iter().map(|own| own * own).sum::<f64>().sqrt();
+    assert!(length > 0.1, "{length}");
+    let text = space::SETTING
+        .replace("freedom6s", "planar2r")
+        .replace(postured[0], postured[1])
+        .replace("[-0.2, -0.23, 0.0]", &format!("{:?}", [0, 1, 2].map(|k| 0.5 * (place[k] + far[k]))))
+        .replace("[0.6, -0.48, 0.64]", &format!("{:?}", way.map(|own| own / length)))
+        .replace("torque_limits = [1.0, 1.0, 1.0, 0.3, 0.3, 0.3]", "");
+    let path = Path::new("s.toml");
+    let started = Setting::parse(&text, path, Some(&model));
+    assert!(started.is_ok(), "{}", started.expect_err("no start"));
+    let told = Setting::parse(&text, path, None).expect_err("the device's own lengths").to_string();
+    assert!(told.contains("inside of the wall"), "{told}");
 }
 
 fn wrong(folder: &Path, text: &str) -> String {
@@ -311,6 +404,11 @@ fn bad_input_is_told_once_with_its_place_and_remedy() {
         (posture, "free = [0, 3]\nposture = [0.20, -0.41, 0.14, 0, 0, 0]", "no configuration", "[4, 5]"),
         ("device = \"freedom6s\"\n", "device = \"double_pendulum\"\n", "one position per joint", "2 joints"),
         ("mass = 0.32", "mass = 0", "`mass` is 0", "positive"),
+        ("shakes = 0.15 ", "# ", "`shakes`", "positive number"),
+        ("hold = [0.33, 0.86]", "hold = [-0.33, 0.86]", "pull out of the wall", "from 0"),
+        ("hold = [0.33, 0.86]", "hold = [0.33]", "two numbers", "m/s"),
+        (posture, "free = [5, 4]\nposture = [0.20, -0.41, 0.14, 0, 0, 0]", "joint 4 after joint 5", "[4, 5]"),
+        (posture, "free = [4, 5, 5]\nposture = [0.20, -0.41, 0.14, 0, 0, 0]", "joint 5 after joint 5", "[4, 5]"),
         ("torque_limits = [1.0, 1.0, ", "torque_limits = [1.0, ", "has 5 numbers", "per free joint"),
     ];
     for (from, to, what, remedy) in cases {

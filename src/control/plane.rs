@@ -165,6 +165,9 @@ impl PlaneWall {
         let known = [q, dq].iter().all(|own| own.len() == n && own.iter().all(|value| value.is_finite()));
         if known {
             self.feel(q, dq);
+        } else {
+            // The wall has to know that time goes on: what it answered before acts meanwhile.
+            self.wall.tick(f64::NAN, f64::NAN);
         }
         &self.command
     }
@@ -184,9 +187,9 @@ impl PlaneWall {
         self.share
     }
 
-    /// The force of a wall at rest at this distance from the plane \[N\], before the joints' limits.
-    pub fn static_force(&self, distance: f64) -> f64 {
-        self.wall.static_torque(distance / self.lever) / self.lever
+    /// The wall along the normal.
+    pub fn wall(&self) -> &Wall {
+        &self.wall
     }
 
     fn feel(&mut self, q: &[f64], dq: &[f64]) {
@@ -212,8 +215,9 @@ impl PlaneWall {
         if !self.command.iter().all(|command| command.is_finite()) {
             self.command.fill(0.0);
             self.torque.fill(0.0);
-            self.force = 0.0;
+            (self.force, self.share) = (0.0, 1.0);
         }
+        self.wall.delivered(self.force * self.lever);
     }
 }
 
@@ -271,7 +275,7 @@ mod tests {
         // a wall of a joint with the handle at a lever: the same spring at that lever
         let mut wall = at_work(&freedom(), 0.5, &[f64::INFINITY; 6]).expect("a plane");
         wall.tick(&POSTURE, &[0.0; 6]);
-        assert!((wall.force() - 4.0).abs() < 1e-12 && (wall.static_force(-1e-3) - 4.0).abs() < 1e-12);
+        assert!((wall.force() - 4.0).abs() < 1e-12, "{}", wall.force());
     }
 
     #[test]
@@ -286,6 +290,72 @@ mod tests {
         let force = force_of(held.torques());
         assert!((0..3).all(|k| (force[k] - 0.25 * normal()[k]).abs() < 1e-12), "{force:?}");
         assert!(held.torques().iter().all(|torque| torque.abs() <= limits[0] * (1.0 + 1e-15)));
+    }
+
+    /// Joint 1 swings 0.03 rad to and fro.
+    fn swing(tick: i32) -> [f64; 6] {
+        let mut q = POSTURE;
+        q[1] += 0.03 * (f64::from(tick) * 0.02).sin();
+        q
+    }
+
+    /// The observer books the forces that the joints' limits let pass, when they act; what is no reading passes time, too, as
+    /// it does for a wall alone.
+    #[test]
+    fn the_observer_books_what_the_joints_make() {
+        for (delay, limit, missing) in [(0, 2e-3, 0), (1, 2e-3, 0), (2, 2e-3, 0), (0, f64::INFINITY, 7), (2, 2e-3, 7)] {
+            let lever = 0.4;
+            let mut felt = at_work(&freedom(), lever, &[limit; 6]).expect("a plane");
+            felt.wall = felt.wall.passive(delay);
+            let mut alone = felt.wall.clone();
+            let mut arm = Kinematics::of_model(&freedom(), &ALL, &POSTURE).expect("an end point");
+            let mut forces = std::collections::VecDeque::from(vec![0.0; delay]);
+            let (mut taken, mut last, mut most, mut shortened) = (0.0_f64, None, 0.0_f64, false);
+            for tick in 0..700 {
+                let q = swing(tick);
+                arm.move_to(&q);
+                let distance = felt.plane.distance(arm.position());
+                if let (Some(last), Some(force)) = (last, forces.front().filter(|_| forces.len() > delay)) {
+                    taken -= force * (distance - last);
+                    forces.pop_front();
+                }
+                if missing > 0 && tick % missing == 3 {
+                    felt.tick(&[f64::NAN; 6], &[0.0; 6]);
+                    alone.tick(f64::NAN, 0.0);
+                } else {
+                    felt.tick(&q, &[0.0; 6]);
+                    alone.tick(distance / lever, 0.0);
+                    alone.delivered(felt.force() * lever);
+                }
+                let observed = felt.wall().observed_energy().expect("it is watched");
+                if missing == 0 {
+                    // Outside what was taken is forgotten.
+                    if distance >= 0.0 && forces.iter().all(|force| *force == 0.0) {
+                        taken = taken.min(0.0);
+                    }
+                    assert!((observed - taken).abs() < 1e-14, "{delay} late, tick {tick}: {observed} for {taken}");
+                }
+                assert_eq!(Some(observed), alone.observed_energy(), "{delay} late, tick {tick}");
+                most = most.max(observed);
+                shortened |= felt.share() < 1.0;
+                forces.push_back(felt.force());
+                last = Some(distance);
+            }
+            assert!(most > 1e-6 && shortened == limit.is_finite(), "{most}");
+        }
+    }
+
+    /// Commands that are no numbers are not given, and what was not given is not booked.
+    #[test]
+    fn a_force_that_is_not_given_is_not_booked() {
+        let mut felt = at_work(&freedom(), 1.0, &[1e-3; 6]).expect("a plane");
+        felt.wall = felt.wall.passive(0);
+        felt.inverse_drive.fill(f64::INFINITY);
+        felt.tick(&swing(0), &[0.0; 6]);
+        assert_eq!((felt.force(), felt.share()), (0.0, 1.0));
+        assert!(felt.tick(&swing(40), &[0.0; 6]).iter().all(|command| *command == 0.0));
+        assert!(felt.torques().iter().all(|torque| *torque == 0.0));
+        assert_eq!(felt.wall().observed_energy(), Some(0.0));
     }
 
     /// What reaches the joints behind gains and couplings is what the wall asked for.

@@ -191,6 +191,14 @@ impl Wall {
         self.watch.as_ref().map(|watch| watch.energy)
     }
 
+    /// Tells the wall that what it answered last will act as this torque, e.g. because other limits than its own shortened it:
+    /// that is what its observer books.
+    pub fn delivered(&mut self, torque: f64) {
+        if let Some(newest) = self.watch.as_mut().and_then(|watch| watch.underway.back_mut()) {
+            *newest = torque;
+        }
+    }
+
     /// The law.
     pub fn law(&self) -> &Law {
         &self.law

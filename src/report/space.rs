@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use dynid_model::JointKind;
+
 use super::{Section, number};
 use crate::{
     control::{Shares, Wall},
@@ -100,6 +102,10 @@ impl<'a> SpaceReport<'a> {
             told_carried(self.carried),
         );
         for (name, _) in &self.shown {
+            if self.cases.iter().all(|case| case.controller != *name) {
+                let _ = writeln!(html, "<p><code>{}</code>: no hand came to it.</p>", escaped(name));
+                continue;
+            }
             let _ = writeln!(
                 html,
                 "<p><code>{}</code>: shakes by {} mm RMS, holds with {} N/m; the handle slips {} mm along the wall and turns by {} \
@@ -118,12 +124,22 @@ impl<'a> SpaceReport<'a> {
         let mut html = String::from(
             "<div class=\"wide\"><table>\n<tr><th class=\"word\">wall</th><th class=\"word\">approach</th><th>chatter<br>[mm RMS]</th>\
              <th>worst hand<br>[mm RMS]</th><th>frequency<br>[Hz]</th><th>settled<br>[mm]</th><th>stiffness<br>[N/m]</th>\
-             <th>slip<br>[mm]</th><th>turned<br>[mrad]</th><th>energy out<br>[mJ]</th></tr>\n",
+             <th>settled slip<br>[mm]</th><th>turned<br>[mrad]</th><th>energy out<br>[mJ]</th></tr>\n",
         );
         for (name, _) in &self.shown {
             for approach in &self.setting.reaching.approaches {
                 let of = self.cases.iter().filter(|case| case.controller == *name && case.speed == approach.name);
                 let of: Vec<&Case> = of.collect();
+                if of.is_empty() {
+                    let _ = writeln!(
+                        html,
+                        "<tr><td class=\"word\"><code>{}</code></td><td class=\"word\">{}</td><td colspan=\"8\">no hand came to \
+                         it</td></tr>",
+                        escaped(name),
+                        escaped(&approach.name)
+                    );
+                    continue;
+                }
                 let middle = |value: fn(&Case) -> f64| median(of.iter().map(|case| value(case)).collect());
                 let most = |value: fn(&Case) -> f64| of.iter().map(|case| value(case)).fold(f64::NAN, f64::max);
                 let _ = writeln!(
@@ -180,7 +196,7 @@ impl<'a> SpaceReport<'a> {
     }
 
     fn way(&self, name: &str, contact: &Contact) -> Trace {
-        let met = contact.along.touched.map(|tick| contact.point[tick]);
+        let met = contact.met().map(|met| met.point);
         let origin = met.or(contact.point.first().copied()).unwrap_or_default();
         let along = contact.point.iter().map(|point| 1e3 * dot(self.along, plus(*point, -1.0, origin)));
         Trace {
@@ -219,13 +235,20 @@ impl<'a> SpaceReport<'a> {
             along: since_touch(contact),
             values: contact.torque.iter().map(|torque| torque[slot]).collect(),
         };
+        let slides = |joint: &usize| self.setting.device.joints[*joint].kind == JointKind::Prismatic;
+        let sliding = self.setting.free.iter().filter(|joint| slides(joint)).count();
+        let quantity = match sliding {
+            0 => "torque [N*m]",
+            all if all == self.setting.free.len() => "force [N]",
+            _ => "torque [N*m] or force [N]",
+        };
         let pictures = self.shown.iter().map(|(name, contacts)| {
             let joints = self.setting.free.iter().enumerate();
             let curves: Vec<Trace> = joints.map(|(slot, joint)| of(&contacts[last], slot, *joint)).collect();
             Traces {
                 title: format!("{name}, {} approach", approach.name),
                 along: "time since the first touch [s]".to_owned(),
-                quantity: "torque [N*m]".to_owned(),
+                quantity: quantity.to_owned(),
                 across: [-BEFORE_S, AFTER_S],
                 up: span(curves.iter().flat_map(|trace| &trace.values)),
                 curves,
@@ -275,9 +298,9 @@ fn main_direction(setting: &Setting, shown: &[(String, Vec<Contact>)]) -> Vector
     let in_plane = |way: Vector| plus(way, -dot(way, normal), normal);
     let mut largest = [0.0; 3];
     for contact in shown.iter().flat_map(|(_, contacts)| contacts) {
-        let Some(touched) = contact.along.touched else { continue };
+        let (Some(touched), Some(met)) = (contact.along.touched, contact.met()) else { continue };
         for point in &contact.point[touched..] {
-            let way = in_plane(plus(*point, -1.0, contact.point[touched]));
+            let way = in_plane(plus(*point, -1.0, met.point));
             if dot(way, way) > dot(largest, largest) {
                 largest = way;
             }

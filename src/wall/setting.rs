@@ -111,7 +111,7 @@ impl Setting {
             Sampling::read(&root, &controller)?;
         let hand = root.table("hand", "who moves the handle")?;
         hand.only(&[&["inertia"], &People::KEYS[..]].concat())?;
-        let People { typical, spread, count, seed } = People::read(&hand, "inertia")?;
+        let People { typical, spread, count, seed } = People::read(&hand, "inertia", Some(Hand::SHAKES))?;
         let approach = root.table("approach", "how the wall is approached")?;
         approach.only(&[&["start"], &Reaching::KEYS[..]].concat())?;
         let Reaching { aim, hold, relax_s, approaches } = Reaching::read(&approach)?;
@@ -230,8 +230,8 @@ impl People {
         "seed",
     ];
 
-    /// `inertia` is the key of the hand's.
-    pub(super) fn read(hand: &Table<'_>, inertia: &str) -> Result<Self, ModelError> {
+    /// `inertia` is the key of the hand's; `shakes` is what it is where the file does not say, if it may leave it out.
+    pub(super) fn read(hand: &Table<'_>, inertia: &str, shakes: Option<f64>) -> Result<Self, ModelError> {
         let spread = positive(hand, "spread")?;
         if spread < 1.0 {
             return Err(hand
@@ -239,7 +239,10 @@ impl People {
                 .error(format!("`spread` is {spread}"))
                 .help("give a factor from 1"));
         }
-        let shakes = if hand.optional("shakes").is_some() { positive(hand, "shakes")? } else { Hand::SHAKES };
+        let shakes = match shakes.filter(|_| hand.optional("shakes").is_none()) {
+            Some(usual) => usual,
+            None => positive(hand, "shakes")?,
+        };
         Ok(Self {
             typical: Hand {
                 inertia: positive(hand, inertia)?,
@@ -287,12 +290,20 @@ impl Reaching {
                 .error(message)
                 .help("give a positive depth, and what speed adds to it"));
         }
-        Ok(Self {
+        let read = Self {
             aim,
             hold: pair(approach, "hold")?,
             relax_s: positive(approach, "relax_s")?,
             approaches: approaches(approach)?,
-        })
+        };
+        if let Some(own) = read.approaches.iter().find(|own| read.hold_after(own) < 0.0) {
+            let held = read.hold_after(own);
+            let message =
+                format!("`hold` is {held} after the {} approach: the arm would pull out of the wall", own.name);
+            let help = "give numbers from 0: what the arm pushes with, and what speed adds to it";
+            return Err(approach.required("hold", "")?.error(message).help(help));
+        }
+        Ok(read)
     }
 
     /// What the arm holds against the wall with after an approach [N*m or N].
@@ -360,6 +371,7 @@ pub(super) fn not_negative(table: &Table<'_>, key: &str) -> Result<f64, ModelErr
 fn pair(table: &Table<'_>, key: &str) -> Result<[f64; 2], ModelError> {
     let entry = table.required(key, "[0.1, 0.08]")?;
     let values = entry.array()?.iter().map(Entry::finite).collect::<Result<Vec<f64>, _>>()?;
-    <[f64; 2]>::try_from(values)
-        .map_err(|_| entry.error(format!("`{key}` takes two numbers")).help("a constant, and what each rad/s adds"))
+    <[f64; 2]>::try_from(values).map_err(|_| {
+        entry.error(format!("`{key}` takes two numbers")).help("a constant, and what each rad/s or m/s of speed adds")
+    })
 }

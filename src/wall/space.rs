@@ -10,7 +10,7 @@ mod measure;
 mod setting;
 
 pub use compare::{Case, compare};
-pub use contact::{Contact, contact};
+pub use contact::{Contact, Met, contact};
 pub use measure::Coupling;
 pub use setting::{Setting, StartError};
 

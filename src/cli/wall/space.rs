@@ -5,14 +5,17 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use dynid::control::{Shares, Wall};
+use dynid::model::Model;
 use dynid::output::{Overwrite, check_output, write_new};
 use dynid::report::{Section, SpaceReport, number, told_carried};
 use dynid::wall::space::{self, Case, Setting};
 use dynid::wall::{WallFile, median};
+use dynid_model::JointKind;
 use serde_json::json;
 
+use super::super::inputs;
 use super::super::table::{Align, Table};
-use super::{Answer, Outcome, Where, came_from, model_of, wall_of};
+use super::{Answer, Outcome, Where, came_from, wall_of};
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -44,8 +47,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         check_output(out, overwrite)?;
     }
     let place = &arguments.place;
+    let given = place.model.as_deref().map(|path| Ok::<_, anyhow::Error>((path, Model::load(path)?))).transpose()?;
     let mut setting = match &place.setting {
-        Some(path) => Setting::load(path)?,
+        Some(path) => Setting::load(path, given.as_ref().map(|(_, model)| model))?,
         None => Setting::shipped()?,
     };
     if let Some(hands) = place.hands {
@@ -53,7 +57,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         setting.people.count = hands;
     }
     setting.people.seed = place.seed.unwrap_or(setting.people.seed);
-    let model = model_of(place.model.as_deref(), setting.device)?;
+    let model = match given {
+        Some((path, model)) => {
+            inputs::of_device(&model, path, setting.device, "the setting")?;
+            model
+        }
+        None => Model::of_device(setting.device),
+    };
     let mut files: Vec<(String, WallFile)> = Vec::new();
     let mut walls: Vec<(String, Wall)> = Vec::new();
     for asked in &arguments.wall {
@@ -113,11 +123,15 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Op
         right("N/m"),
         right("energy out, mJ"),
         right("outside"),
-        right("slip, mm"),
+        right("settled slip, mm"),
         right("turned, mrad"),
         right("limited"),
     ]);
-    let names: Vec<String> = setting.free.iter().map(|joint| format!("q{joint}, mrad")).collect();
+    let unit = |joint: &usize| match setting.device.joints[*joint].kind {
+        JointKind::Revolute => "mrad",
+        JointKind::Prismatic => "mm",
+    };
+    let names: Vec<String> = setting.free.iter().map(|joint| format!("q{joint}, {}", unit(joint))).collect();
     let mut heads = vec![("wall", Align::Left), ("approach", Align::Left)];
     heads.extend(names.iter().map(|name| (name.as_str(), Align::Right)));
     let mut joints = Table::new(&heads);
@@ -154,8 +168,8 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Op
     }
     text.push_str(&table.text());
     text.push_str(
-        "medians over the hands; energy out and time outside are those of the worst hand; slip: along the wall, from where it was \
-         met; limited: time in which a joint's limit shortened the force\n",
+        "medians over the hands; energy out and time outside are those of the worst hand; settled slip: along the wall, from where \
+         it was met to where it settles; limited: time in which a joint's limit shortened the force\n",
     );
     text.push_str("joints, from the first contact to where they settle:\n");
     text.push_str(&joints.text());

@@ -40,8 +40,35 @@ pub struct Contact {
     pub hand_work: Vec<f64>,
 }
 
+/// Where the end point passed the plane: between the last tick outside and the first one inside of the wall, as if it had
+/// moved evenly from the one to the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Met {
+    /// Where that was \[m\].
+    pub point: Vector,
+    /// The handle's axes as columns, row-major.
+    pub rotation: [f64; 9],
+    /// Positions of the free joints [rad or m].
+    pub q: Vec<f64>,
+}
+
 impl Contact {
-    /// Energy that the wall gives out from a tick to the next (J): exact, for the torques are held.
+    /// Where the wall was met; `None` where it never was.
+    pub fn met(&self) -> Option<Met> {
+        let inside = self.along.touched?;
+        let outside = inside.saturating_sub(1);
+        let [from, to] = [outside, inside].map(|tick| self.along.position[tick]);
+        let share = if from > to { (from / (from - to)).clamp(0.0, 1.0) } else { 1.0 };
+        let between = |from: f64, to: f64| from + share * (to - from);
+        Some(Met {
+            point: std::array::from_fn(|k| between(self.point[outside][k], self.point[inside][k])),
+            rotation: std::array::from_fn(|k| between(self.rotation[outside][k], self.rotation[inside][k])),
+            q: self.q[outside].iter().zip(&self.q[inside]).map(|(from, to)| between(*from, *to)).collect(),
+        })
+    }
+
+    /// Energy that the wall gives out from a tick to the next (J): exact, for the torques are held, where the drive delivers
+    /// what it is told.
     pub fn given(&self, tick: usize) -> f64 {
         let moved = self.q[tick + 1].iter().zip(&self.q[tick]).map(|(after, before)| after - before);
         self.torque[tick].iter().zip(moved).map(|(torque, moved)| torque * moved).sum()
@@ -147,6 +174,12 @@ pub(super) fn turned_by(from: &[f64; 9], to: &[f64; 9]) -> Vector {
         }
     }
     sum
+}
+
+/// `cos(angle)` of the same turn.
+pub(super) fn cosine_of_turn(from: &[f64; 9], to: &[f64; 9]) -> f64 {
+    let trace: f64 = from.iter().zip(to).map(|(a, b)| a * b).sum();
+    0.5 * (trace - 1.0)
 }
 
 /// Plays one approach of `hand` against `wall`, the controller carrying the device by its model where shares are given.

@@ -36,7 +36,7 @@ pub struct Setting {
     pub sampling: Sampling,
     /// Largest force of the wall \[N\].
     pub force_limit: f64,
-    /// Largest torques of the wall at the free joints [N*m or N].
+    /// The wall's share of what the free joints make is at most this [N*m or N]; what the device is carried with comes on top.
     pub torque_limits: Vec<f64>,
     /// The hands.
     pub people: People,
@@ -83,22 +83,23 @@ impl Setting {
     /// # Errors
     /// Never, as tests see to.
     pub fn shipped() -> Result<Self, Error> {
-        Ok(Self::parse(super::SETTING, Path::new("space.toml"))?)
+        Ok(Self::parse(super::SETTING, Path::new("space.toml"), None)?)
     }
 
-    /// Reads a setting file.
+    /// Reads a setting file, whose plane `model` is to meet; without one, or with that of another device, the device as its
+    /// own file has it.
     ///
     /// # Errors
     /// A file that cannot be read, or the first thing that is wrong in it, with its place.
-    pub fn load(path: &Path) -> Result<Self, Error> {
-        Ok(Self::parse(&Error::read(path)?, path)?)
+    pub fn load(path: &Path, model: Option<&Model>) -> Result<Self, Error> {
+        Ok(Self::parse(&Error::read(path)?, path, model)?)
     }
 
-    /// Reads the text of a setting file; `path` is for messages.
+    /// Reads the text of a setting file, as [`Setting::load`] does; `path` is for messages.
     ///
     /// # Errors
     /// The first thing that is wrong, with its place.
-    pub fn parse(text: &str, path: &Path) -> Result<Self, ModelError> {
+    pub fn parse(text: &str, path: &Path, model: Option<&Model>) -> Result<Self, ModelError> {
         let source = Source::new(path, text);
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
@@ -133,13 +134,16 @@ impl Setting {
             sampling,
             force_limit: positive(&controller, "force_limit")?,
             torque_limits: torque_limits(&controller, device, &free)?,
-            people: People::read(&hand, "mass")?,
+            people: People::read(&hand, "mass", None)?,
             turning: [positive(&hand, "turning_stiffness")?, not_negative(&hand, "turning_damping")?],
             reaching: Reaching::read(&approach)?,
             free,
         };
         let place = root.optional("posture").map_or(table.span.clone(), |entry| entry.span);
-        let started = setting.start(&Model::of_device(device));
+        let started = match model.filter(|model| model.device.id == device.id) {
+            Some(model) => setting.start(model),
+            None => setting.start(&Model::of_device(device)),
+        };
         started.map_err(|error| source.error(place, error.to_string()).help("see `dynid wall show space`"))?;
         Ok(setting)
     }
@@ -195,8 +199,13 @@ fn free(root: &Table<'_>, device: &Device) -> Result<Vec<usize>, ModelError> {
         }
         free.push(joint);
     }
-    free.sort_unstable();
-    free.dedup();
+    if let Some(pair) = free.windows(2).find(|pair| pair[0] >= pair[1]) {
+        let (mut sorted, message) = (free.clone(), format!("`free` names joint {} after joint {}", pair[1], pair[0]));
+        sorted.sort_unstable();
+        sorted.dedup();
+        let help = format!("name every joint once, ascending, as `torque_limits` has them: {sorted:?}");
+        return Err(entry.error(message).help(help));
+    }
     if device.configuration_of(&free).is_none() {
         let known: Vec<&[usize]> = device.configurations.iter().map(|own| own.free.as_slice()).collect();
         return Err(entry

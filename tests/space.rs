@@ -80,7 +80,7 @@ fn a_plane_across_one_joint_is_the_wall_at_the_joint() {
     let plane = parsed(&format!("device = \"oscillator\"\nposture = [0.4]\n{plane}"));
     let mut model = bare("oscillator");
     model.set_value("link.1.m", 0.045).expect("a parameter");
-    for wall in ["pd", "pd_tuned", "fuzzy"] {
+    for wall in ["pd", "pd_tuned", "fuzzy", "leaky"] {
         for approach in &joint.approaches {
             for hand in joint.hand.population(joint.spread, joint.hands, joint.seed) {
                 let file = wall::shipped(wall).expect("shipped");

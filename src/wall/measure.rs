@@ -49,20 +49,12 @@ impl Measures {
         let Contact { position, torque, .. } = contact;
         // The torque is held from tick to tick: what it gives out is exact.
         let given = |tick: usize| torque[tick] * (position[tick + 1] - position[tick]);
-        let held = match wall.law() {
-            Law::Leaky { .. } => Some(mean(settled(torque, contact.sample_s))),
-            Law::Linear(_) | Law::Rules(_) | Law::Coupled(_) => None,
-        };
-        Self::along(contact, |position| held.unwrap_or_else(|| wall.static_torque(position)), given)
+        Self::along(contact, wall, 1.0, given)
     }
 
-    /// Of a contact with a wall that holds `static_torque(position)` against a steady push, and gives out `given(tick)` from a
-    /// tick to the next.
-    pub(super) fn along(
-        contact: &Contact,
-        static_torque: impl Fn(f64) -> f64,
-        given: impl Fn(usize) -> f64,
-    ) -> Option<Self> {
+    /// Of a contact with a wall that is asked as if it were a joint's with its handle at this `lever`, and that gives out
+    /// `given(tick)` from a tick to the next.
+    pub(super) fn along(contact: &Contact, wall: &Wall, lever: f64, given: impl Fn(usize) -> f64) -> Option<Self> {
         let touched = contact.touched?;
         let position = &contact.position;
         let (from, to) = counted(contact, touched);
@@ -72,7 +64,12 @@ impl Measures {
         let smallest = fast.iter().copied().fold(f64::INFINITY, f64::min);
         let turns = fast.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count() as f64;
         let settled_position = mean(settled(position, contact.sample_s));
-        let stiffness = if settled_position < 0.0 { static_torque(settled_position) / -settled_position } else { 0.0 };
+        let held = match wall.law() {
+            // What it holds at a depth depends on how it came there.
+            Law::Leaky { .. } => mean(settled(&contact.torque, contact.sample_s)),
+            Law::Linear(_) | Law::Rules(_) | Law::Coupled(_) => wall.static_torque(settled_position / lever) / lever,
+        };
+        let stiffness = if settled_position < 0.0 { held / -settled_position } else { 0.0 };
         let (mut out, mut energy_out) = (0.0, 0.0_f64);
         for tick in touched..position.len().saturating_sub(1) {
             out += given(tick);

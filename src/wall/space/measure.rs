@@ -33,7 +33,7 @@ pub struct Coupling {
 impl Contact {
     /// How still and how solid the wall felt along its normal [m, N].
     pub fn measures(&self, wall: &Wall, lever: f64) -> Option<Measures> {
-        Measures::along(&self.along, |distance| wall.static_torque(distance / lever) / lever, |tick| self.given(tick))
+        Measures::along(&self.along, wall, lever, |tick| self.given(tick))
     }
 
     /// What happened beside; `None` where the wall was never met.

@@ -31,6 +31,22 @@ pub trait Section {
     fn html(&self) -> String;
 }
 
+/// A section that is ready.
+struct Part {
+    title: &'static str,
+    html: String,
+}
+
+impl Section for Part {
+    fn title(&self) -> &str {
+        self.title
+    }
+
+    fn html(&self) -> String {
+        self.html.clone()
+    }
+}
+
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1b1f24;--faint:#57606a;--line:#d5dae0;--paper:#ffffff;--good:#0a6b3d;--bad:#a33c00}\
 @media screen and (prefers-color-scheme:dark){:root{--ink:#e6e8eb;--faint:#a0a8b2;--line:#343a42;--paper:#15181c;\

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use dynid_model::JointKind;
 
-use super::{Section, number};
+use super::{Part, Section, number};
 use crate::{
     control::{Shares, Wall},
     kinematics::{Vector, dot, plus},
@@ -33,21 +33,6 @@ pub struct SpaceReport<'a> {
     shown: Vec<(String, Vec<Contact>)>,
     /// The direction along the wall in which the end points slip most.
     along: Vector,
-}
-
-struct Part {
-    title: &'static str,
-    html: String,
-}
-
-impl Section for Part {
-    fn title(&self) -> &str {
-        self.title
-    }
-
-    fn html(&self) -> String {
-        self.html.clone()
-    }
 }
 
 impl<'a> SpaceReport<'a> {

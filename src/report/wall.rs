@@ -5,7 +5,7 @@ mod tables;
 
 use dynid_model::device::JointKind;
 
-use super::{Section, Verdict, number};
+use super::{Part, Section, Verdict, number};
 use crate::{
     control::{Law, LinearLaw, Partition, Wall},
     model::Model,
@@ -120,22 +120,6 @@ pub enum WallReportError {
         /// The wall.
         name: String,
     },
-}
-
-/// A section that is ready.
-struct Part {
-    title: &'static str,
-    html: String,
-}
-
-impl Section for Part {
-    fn title(&self) -> &str {
-        self.title
-    }
-
-    fn html(&self) -> String {
-        self.html.clone()
-    }
 }
 
 impl<'a> WallReport<'a> {

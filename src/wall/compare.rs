@@ -45,29 +45,56 @@ pub fn compare_with(
     hands: &[Hand],
 ) -> Result<Vec<Case>, WallError> {
     let plant = Plant::new(model, setting)?;
-    let mut asked: Vec<(&str, &Wall, &Approach, usize)> = Vec::new();
+    every(walls, &setting.approaches, hands, &|Asked { name, wall, approach, number, hand }| {
+        let contact = played(&plant, setting, wall, hand, approach)?;
+        let measures = Measures::of(&contact, wall);
+        let case =
+            |measures| Case { controller: name.to_owned(), speed: approach.name.clone(), hand: number, measures };
+        Ok(measures.map(case))
+    })
+}
+
+/// One hand's approach to one wall, to be played.
+pub(super) struct Asked<'a> {
+    /// The wall's name.
+    pub(super) name: &'a str,
+    /// The wall.
+    pub(super) wall: &'a Wall,
+    /// The approach.
+    pub(super) approach: &'a Approach,
+    /// Which hand, from 0.
+    pub(super) number: usize,
+    /// The hand.
+    pub(super) hand: &'a Hand,
+}
+
+/// What `play` makes of every approach of every hand against every wall, in the order of the walls, approaches and hands,
+/// without those of which it makes nothing.
+///
+/// # Errors
+/// Its own, of the first in that order that has one, whichever thread was there first.
+pub(super) fn every<T: Send>(
+    walls: &[(String, Wall)],
+    approaches: &[Approach],
+    hands: &[Hand],
+    play: &(dyn Fn(Asked<'_>) -> Result<Option<T>, WallError> + Sync),
+) -> Result<Vec<T>, WallError> {
+    let mut asked: Vec<Asked<'_>> = Vec::new();
     for (name, wall) in walls {
-        for approach in &setting.approaches {
-            asked.extend((0..hands.len()).map(|hand| (name.as_str(), wall, approach, hand)));
+        for approach in approaches {
+            let numbered = hands.iter().enumerate();
+            asked.extend(numbered.map(|(number, hand)| Asked { name, wall, approach, number, hand }));
         }
     }
-    let cases: Vec<Result<Option<Case>, WallError>> = asked
-        .par_iter()
-        .map(|&(name, wall, approach, hand)| {
-            let contact = played(&plant, setting, wall, &hands[hand], approach)
-                .map_err(|error| error.in_case(name, approach, Some(hand)))?;
-            let measures = Measures::of(&contact, wall);
-            Ok(measures.map(|measures| Case {
-                controller: name.to_owned(),
-                speed: approach.name.clone(),
-                hand,
-                measures,
-            }))
+    let told: Vec<Result<Option<T>, WallError>> = asked
+        .into_par_iter()
+        .map(|asked| {
+            let Asked { name, approach, number, .. } = asked;
+            play(asked).map_err(|error| error.in_case(name, approach, Some(number)))
         })
         .collect();
-    // One after the other: whichever thread was first, the error told is that of the first case.
-    let cases = cases.into_iter().collect::<Result<Vec<Option<Case>>, WallError>>()?;
-    Ok(cases.into_iter().flatten().collect())
+    let told = told.into_iter().collect::<Result<Vec<Option<T>>, WallError>>()?;
+    Ok(told.into_iter().flatten().collect())
 }
 
 /// Chatter of the wall `than` over that of the wall `name`, for every approach and hand that met both.

@@ -1,6 +1,5 @@
 //! Several walls on one plane under the same hands.
 
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
@@ -10,7 +9,10 @@ use super::{
 use crate::{
     control::{Shares, Wall},
     model::Model,
-    wall::{Approach, Hand, Measures, WallError},
+    wall::{
+        Measures, WallError,
+        compare::{Asked, every},
+    },
 };
 
 /// One hand's approach to one wall.
@@ -41,29 +43,20 @@ pub fn compare(
     carried: Option<Shares>,
 ) -> Result<Vec<Case>, WallError> {
     let plant = Plant::new(model, setting, carried)?;
-    let hands = setting.people.all();
-    let mut asked: Vec<(&str, &Wall, &Approach, usize, &Hand)> = Vec::new();
-    for (name, wall) in walls {
-        for approach in &setting.reaching.approaches {
-            asked.extend(hands.iter().enumerate().map(|(index, hand)| (name.as_str(), wall, approach, index, hand)));
-        }
-    }
-    let cases: Vec<Result<Option<Case>, WallError>> = asked
-        .par_iter()
-        .map(|&(name, wall, approach, index, hand)| {
-            let contact = played(&plant, setting, wall, hand, approach)
-                .map_err(|error| error.in_case(name, approach, Some(index)))?;
+    every(
+        walls,
+        &setting.reaching.approaches,
+        &setting.people.all(),
+        &|Asked { name, wall, approach, number, hand }| {
+            let contact = played(&plant, setting, wall, hand, approach)?;
             let told = contact.measures(wall, setting.lever).zip(contact.coupling(setting));
             Ok(told.map(|(measures, coupling)| Case {
                 controller: name.to_owned(),
                 speed: approach.name.clone(),
-                hand: index,
+                hand: number,
                 measures,
                 coupling,
             }))
-        })
-        .collect();
-    // One after the other: whichever thread was first, the error told is that of the first case.
-    let cases = cases.into_iter().collect::<Result<Vec<Option<Case>>, WallError>>()?;
-    Ok(cases.into_iter().flatten().collect())
+        },
+    )
 }

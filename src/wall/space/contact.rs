@@ -53,6 +53,26 @@ pub struct Met {
 }
 
 impl Contact {
+    /// One without a tick yet.
+    pub(super) fn begun(sample_s: f64) -> Self {
+        Self {
+            along: wall::Contact {
+                sample_s,
+                position: Vec::new(),
+                velocity: Vec::new(),
+                torque: Vec::new(),
+                touched: None,
+            },
+            point: Vec::new(),
+            rotation: Vec::new(),
+            q: Vec::new(),
+            dq: Vec::new(),
+            torque: Vec::new(),
+            share: Vec::new(),
+            hand_work: Vec::new(),
+        }
+    }
+
     /// Where the wall was met; `None` where it never was.
     pub fn met(&self) -> Option<Met> {
         let inside = self.along.touched?;
@@ -259,22 +279,7 @@ pub(super) fn played(
         }
     };
     let mut seen = kinematics.clone();
-    let mut told = Contact {
-        along: wall::Contact {
-            sample_s: setting.sampling.sample_s,
-            position: Vec::new(),
-            velocity: Vec::new(),
-            torque: Vec::new(),
-            touched: None,
-        },
-        point: Vec::new(),
-        rotation: Vec::new(),
-        q: Vec::new(),
-        dq: Vec::new(),
-        torque: Vec::new(),
-        share: Vec::new(),
-        hand_work: Vec::new(),
-    };
+    let mut told = Contact::begun(setting.sampling.sample_s);
     told.along.touched = encounter.play(&mut handle, control, |tick| {
         let (q, dq) = (&tick.device[..n_free], &tick.device[n_free..2 * n_free]);
         seen.move_to(q);

@@ -78,7 +78,6 @@ fn along_the_wall(way: Vector, normal: Vector) -> Vector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wall;
 
     /// An end point that comes at 0.8 m/s along the normal and goes on along the wall while the handle turns; its joints are
     /// made up: the first one is the depth.
@@ -89,22 +88,7 @@ mod tests {
         let aside = [0.8, 0.36, -0.48];
         assert!(dot(normal, aside).abs() < 1e-12);
         let aside = aside.map(|own| own / dot(aside, aside).sqrt());
-        let mut told = Contact {
-            along: wall::Contact {
-                sample_s: 0.01,
-                position: Vec::new(),
-                velocity: Vec::new(),
-                torque: Vec::new(),
-                touched: None,
-            },
-            point: Vec::new(),
-            rotation: Vec::new(),
-            q: Vec::new(),
-            dq: Vec::new(),
-            torque: Vec::new(),
-            share: Vec::new(),
-            hand_work: Vec::new(),
-        };
+        let mut told = Contact::begun(0.01);
         for tick in 0..300 {
             // the plane is passed at 0.0975 s, three quarters of the way from a tick to the next
             let t = f64::from(tick) * 0.01 - 0.0975;

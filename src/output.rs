@@ -17,6 +17,13 @@ pub enum Overwrite {
     Force,
 }
 
+impl Overwrite {
+    /// What `--force` says.
+    pub fn if_forced(force: bool) -> Self {
+        if force { Self::Force } else { Self::Refuse }
+    }
+}
+
 /// Fails early where [`write_new`] would fail late, so that no work is lost: the output exists, or its folder does not.
 ///
 /// # Errors

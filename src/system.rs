@@ -21,6 +21,7 @@ mod switch;
 
 pub(crate) use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
+pub use feedforward::InverseError;
 pub(crate) use linear::Linear;
 pub(crate) use switch::Switch;
 

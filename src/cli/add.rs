@@ -49,7 +49,7 @@ pub struct Arguments {
 
 /// Adds and writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     check_output(&arguments.out, overwrite)?;
     let mut model = Model::load(&arguments.model)?;
     let joints: Vec<Option<usize>> = match &arguments.joint {

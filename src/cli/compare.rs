@@ -65,7 +65,7 @@ pub enum Shown {
 
 /// Compares, draws.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     for output in [&arguments.picture, &arguments.report].into_iter().flatten() {
         check_output(output, overwrite)?;
     }

@@ -75,7 +75,7 @@ pub struct Arguments {
 /// Diagnoses.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     let outputs: Vec<&PathBuf> =
         [&arguments.out, &arguments.save, &arguments.discovered].into_iter().flatten().collect();
     for (index, output) in outputs.iter().enumerate() {

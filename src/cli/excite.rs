@@ -175,7 +175,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         return Ok(list(model.device));
     }
     let Some(out) = &arguments.out else { bail!("nowhere to write to; give a file with `--out`") };
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     check_output(out, overwrite)?;
     if let Some(picture) = &arguments.picture {
         if picture == out {

@@ -136,7 +136,7 @@ impl From<Kind> for ErrorKind {
 /// Fits, judges, writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     check_output(&arguments.out, overwrite)?;
     let mut experiment = inputs::experiment(&arguments.experiment)?;
     for run in &mut experiment.runs {

@@ -47,7 +47,7 @@ pub struct Arguments {
 
 /// Compares all models, tells.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     for output in [&arguments.out, &arguments.report].into_iter().flatten() {
         check_output(output, overwrite)?;
     }

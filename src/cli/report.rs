@@ -49,7 +49,7 @@ pub struct Arguments {
 
 /// Gathers, writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     check_output(&arguments.out, overwrite)?;
     let experiment = inputs::experiment(&arguments.experiment)?;
     let models = ladder::models(&arguments.models, &experiment)?;

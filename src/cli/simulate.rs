@@ -48,7 +48,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let experiment = inputs::planned_experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     let targets = targets(&experiment, &arguments.out_dir)?;
     if arguments.out_dir.is_dir() {
         targets.iter().try_for_each(|target| check_output(target, overwrite))?;

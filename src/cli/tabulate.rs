@@ -35,7 +35,7 @@ pub struct Arguments {
 
 /// Reads, tabulates.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     if let Some(out) = &arguments.out {
         check_output(out, overwrite)?;
     }

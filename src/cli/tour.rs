@@ -54,7 +54,7 @@ const MADE: [&str; 6] = [FITTED, DIAGNOSIS, BETTER, BETTER_FITTED, LADDER, REPOR
 
 /// Walks through the loop beside the folder that it is for; a tour that fails leaves nothing behind.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     let (folder, taken) = folder(arguments, overwrite)?;
     let mut partial = folder.clone().into_os_string();
     partial.push(format!(".{}.partial", std::process::id()));

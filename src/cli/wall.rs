@@ -358,7 +358,7 @@ fn fixed(value: f64, decimals: usize, unit: &str) -> String {
 }
 
 fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     if let Some(out) = &arguments.out {
         check_output(out, overwrite)?;
     }
@@ -416,7 +416,7 @@ fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
 }
 
 fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     check_output(&arguments.out, overwrite)?;
     if !(arguments.stiffness > 0.0 && arguments.stiffness.is_finite()) {
         bail!("--stiffness takes a positive number [N*m/rad or N/m]");
@@ -550,7 +550,7 @@ fn tuned_by(arguments: &TuneArguments) -> String {
 }
 
 fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
-    let overwrite = if arguments.force { Overwrite::Force } else { Overwrite::Refuse };
+    let overwrite = Overwrite::if_forced(arguments.force);
     check_output(&arguments.out, overwrite)?;
     let setting = arguments.place.setting()?;
     let model = arguments.place.model(&setting)?;

@@ -38,7 +38,7 @@
 //!
 //! So with counts of 1e-4 rad a device of this size cannot be made half as heavy in every hand; with counts of 1e-5 it can.
 
-use crate::system::{Scratch, System};
+use crate::system::{InverseError, Scratch, System};
 
 /// How much of the device is carried, from 0 to 1. Gravity and springs are always carried whole.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,17 +79,9 @@ pub enum CompensationError {
         /// As given.
         value: f64,
     },
-    /// Commands that do not determine the torques.
-    #[error("the drive path of the model makes no torque at some free joint: is a gain 0, or do two couplings cancel?")]
-    NoDrive,
-    /// A sensor effect without an inverse.
-    #[error(
-        "the model's sensor at joint {joint} shows the same at every position; give its scale a value that is not 0"
-    )]
-    NoSensor {
-        /// The device's joint index.
-        joint: usize,
-    },
+    /// Drives or sensors that cannot be inverted.
+    #[error(transparent)]
+    Inverse(#[from] InverseError),
 }
 
 /// The identified model at work in a controller.
@@ -137,11 +129,8 @@ impl Compensation {
             return Err(CompensationError::Sample { value: sample_s });
         }
         let n = system.n_free();
-        let inverse_drive = system.inverse_drive().ok_or(CompensationError::NoDrive)?;
-        let sensors = system.sensor_map();
-        if let Some(slot) = sensors.iter().position(|(slope, offset)| !(slope.is_finite() && offset.is_finite())) {
-            return Err(CompensationError::NoSensor { joint: system.kernel().free[slot] });
-        }
+        let inverse_drive = system.inverse_drive()?;
+        let sensors = system.sensor_map()?;
         let room = vec![0.0; n];
         let x = system.rest(&room);
         Ok(Self {

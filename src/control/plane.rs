@@ -9,7 +9,7 @@
 use super::Wall;
 use crate::{
     kinematics::{Kinematics, dot, plus},
-    system::System,
+    system::{InverseError, System},
 };
 
 /// A plane in the base frame; the wall is on the side that the normal points away from.
@@ -87,17 +87,9 @@ pub enum PlaneError {
         /// The system's.
         expected: Vec<usize>,
     },
-    /// Commands that do not determine the torques.
-    #[error("the drive path of the model makes no torque at some free joint: is a gain 0, or do two couplings cancel?")]
-    NoDrive,
-    /// A sensor effect without an inverse.
-    #[error(
-        "the model's sensor at joint {joint} shows the same at every position; give its scale a value that is not 0"
-    )]
-    NoSensor {
-        /// The device's joint index.
-        joint: usize,
-    },
+    /// Drives or sensors that cannot be inverted.
+    #[error(transparent)]
+    Inverse(#[from] InverseError),
 }
 
 impl PlaneWall {
@@ -132,11 +124,8 @@ impl PlaneWall {
                 return Err(PlaneError::NotPositive { what, value });
             }
         }
-        let inverse_drive = system.inverse_drive().ok_or(PlaneError::NoDrive)?;
-        let sensors = system.sensor_map();
-        if let Some(slot) = sensors.iter().position(|(slope, offset)| !(slope.is_finite() && offset.is_finite())) {
-            return Err(PlaneError::NoSensor { joint: system.kernel().free[slot] });
-        }
+        let inverse_drive = system.inverse_drive()?;
+        let sensors = system.sensor_map()?;
         Ok(Self {
             plane,
             wall,

@@ -14,6 +14,23 @@ pub(crate) struct DriveMap {
     pub(crate) offset: Vec<f64>,
 }
 
+/// Why a controller cannot speak to a model's drives, or understand its sensors.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum InverseError {
+    /// Commands that do not determine the torques.
+    #[error("the drive path of the model makes no torque at some free joint: is a gain 0, or do two couplings cancel?")]
+    NoDrive,
+    /// A sensor effect without an inverse.
+    #[error(
+        "the model's sensor at joint {joint} shows the same at every position; give its scale a value that is not 0"
+    )]
+    NoSensor {
+        /// The device's joint index.
+        joint: usize,
+    },
+}
+
 impl System {
     /// Composes the stages of the drive path that are affine in the commands and remember nothing: gains, offsets,
     /// couplings. Any other stage (a lag, a dead zone, a limit, an elastic joint) is taken to pass what reaches it.
@@ -36,11 +53,14 @@ impl System {
         DriveMap { matrix, offset }
     }
 
-    /// Commands of the free joints per torque, n_free x n_free, row-major; `None` where commands do not determine torques.
-    pub(crate) fn inverse_drive(&self) -> Option<Vec<f64>> {
+    /// Commands of the free joints per torque, n_free x n_free, row-major.
+    pub(crate) fn inverse_drive(&self) -> Result<Vec<f64>, InverseError> {
         let n = self.n_free();
-        let inverse = nalgebra::DMatrix::from_row_slice(n, n, &self.drive_map().matrix).try_inverse()?;
-        inverse.iter().all(|entry| entry.is_finite()).then(|| inverse.transpose().as_slice().to_vec())
+        nalgebra::DMatrix::from_row_slice(n, n, &self.drive_map().matrix)
+            .try_inverse()
+            .filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))
+            .map(|inverse| inverse.transpose().as_slice().to_vec())
+            .ok_or(InverseError::NoDrive)
     }
 
     /// Constant, slope by the own command and slope by the other joint's of an actuator stage, where it is affine.
@@ -73,7 +93,7 @@ impl System {
     }
 
     /// What a reading of each free joint's position means: `position = slope reading + offset`, as `(slope, offset)`.
-    pub(crate) fn sensor_map(&self) -> Vec<(f64, f64)> {
+    pub(crate) fn sensor_map(&self) -> Result<Vec<(f64, f64)>, InverseError> {
         let n = self.n_free();
         let reading = |position: f64| {
             let x = self.rest(&vec![position; n]);
@@ -82,7 +102,12 @@ impl System {
             shown
         };
         let (at_zero, at_one) = (reading(0.0), reading(1.0));
-        at_zero.iter().zip(&at_one).map(|(zero, one)| (1.0 / (one - zero), -zero / (one - zero))).collect()
+        let maps = at_zero.iter().zip(&at_one).map(|(zero, one)| (1.0 / (one - zero), -zero / (one - zero)));
+        let is_known = |(slope, offset): &(f64, f64)| slope.is_finite() && offset.is_finite();
+        let told = |(map, joint): ((f64, f64), &usize)| {
+            Some(map).filter(is_known).ok_or(InverseError::NoSensor { joint: *joint })
+        };
+        maps.zip(self.kernel().free).map(told).collect()
     }
 
     /// What a hand must add at each free joint so that the motion in `x` goes on with `ddq` under the torques of all joints

@@ -123,7 +123,7 @@ impl Plant {
         let of = |model: &Model| System::of_model(model, &[setting.joint], |joint| setting.posture[joint]);
         let system = of(model)?;
         refuse_delays(&system)?;
-        let inverse = of(believed)?.inverse_drive().ok_or(WallError::NoDrive { joint: setting.joint })?;
+        let inverse = of(believed)?.inverse_drive().map_err(|_| WallError::NoDrive { joint: setting.joint })?;
         Ok(Self { system, gain: 1.0 / inverse[0] })
     }
 

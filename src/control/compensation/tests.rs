@@ -1,10 +1,10 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::system::PlacedEffect;
 use crate::system::tests::{
     ARM, FRICTION_BIAS, GAIN, INPUT_COUPLING, LUGRE, PENDULUM, ROTOR_INERTIA, SPRING, VISCOUS, placed,
 };
+use crate::system::{InverseError, PlacedEffect};
 
 const WHOLE: Shares = Shares { inertia: 1.0, friction: 1.0 };
 
@@ -120,7 +120,7 @@ fn what_cannot_be_carried_is_refused() {
         System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.02], Vec::new(), &[placed(&GAIN, 0, None, &[gain])]).unwrap()
     };
     let of = |gain: f64, shares: Shares, sample_s: f64| Compensation::new(system(gain), shares, sample_s).unwrap_err();
-    assert_eq!(of(0.0, WHOLE, 1e-3), CompensationError::NoDrive);
+    assert_eq!(of(0.0, WHOLE, 1e-3), InverseError::NoDrive.into());
     assert_eq!(of(1.0, WHOLE, 0.0), CompensationError::Sample { value: 0.0 });
     let shares = Shares { friction: 1.2, ..WHOLE };
     assert_eq!(of(1.0, shares, 1e-3), CompensationError::Share { of: "friction", value: 1.2 });

@@ -422,9 +422,9 @@ impl Work<'_> {
 
     /// Screens, fits the best suspects and judges them.
     fn step(&self, base: &Model, refit: &Refit, depth: usize, before: &[Step]) -> Result<Step, Error> {
-        if let Some(ratio) = refit.worst_ratio()
-            && (ratio < verdict::AT_THE_FLOOR || (ratio < verdict::NEAR_THE_FLOOR && refit.is_white()))
-        {
+        let is_white_near_it =
+            || refit.worst_ratio().is_some_and(|ratio| ratio < verdict::NEAR_THE_FLOOR) && refit.is_white();
+        if verdict::reaches_the_floor(refit) || is_white_near_it() {
             return Ok(Step {
                 verdict: Verdict::NothingMissing,
                 base: refit.clone(),

@@ -19,6 +19,7 @@ mod linear;
 mod solve;
 mod switch;
 
+pub(crate) use along::{StateGroup, StateKey};
 pub(crate) use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub use feedforward::InverseError;

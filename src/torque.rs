@@ -6,19 +6,21 @@
 //! same zero-phase filter and decimation as the torque that it is compared with. Nothing is simulated but the states
 //! of effects that have some (LuGre's bristles), which follow the measured speed.
 
+mod memory;
 mod motion;
 mod states;
 mod terms;
 
 use rayon::prelude::*;
 
+pub use memory::Memory;
 pub use motion::{Motion, MotionError};
 pub(crate) use states::fastest_rate;
 pub use terms::{JointTerms, terms};
 
 use crate::{
     experiment::Run,
-    system::{Linear, System},
+    system::{Linear, Scratch, System},
 };
 
 /// Samples that one task handles; the result does not depend on it.
@@ -96,44 +98,14 @@ pub fn torque_error(system: &System, run: &Run) -> Result<Vec<JointTorqueError>,
 
 /// The torque error along `motion`.
 pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
-    let n = system.n_free();
-    let states = states::follow(system, motion);
-    let slopes = system.drive_slope(&typical_commands(system, motion)).0;
-    let chunks: Vec<Vec<Vec<f64>>> = chunks(motion)
+    let Balance { error, delivered, passed } = balance(system, motion, None);
+    let residuals = filtered(motion, &error, passed.as_deref());
+    residuals
         .into_par_iter()
-        .map(|range| {
-            let mut linear = Linear::new(system);
-            let mut sample = Sample::new(system);
-            let mut columns = vec![Vec::with_capacity(range.len()); 2 * n];
-            let mut needed = vec![0.0; n];
-            for k in range {
-                sample.load(motion, states.as_ref(), k);
-                let Sample { x, ddq, command, dx, .. } = &mut sample;
-                linear.along(system, motion.elapsed_s(k), x, None, command, dx);
-                (system.kernel().inverse_dynamics)(system.prepared(), &x[..n], &x[n..2 * n], ddq, &mut needed);
-                system.add_inertia_torque(ddq, &mut needed);
-                for slot in 0..n {
-                    let drive = linear.drive()[slot];
-                    columns[slot].push((drive - linear.load()[slot] - needed[slot]) / slopes[slot]);
-                    columns[n + slot].push(drive / slopes[slot]);
-                }
-            }
-            columns
-        })
-        .collect();
-    let passed = passed(system, motion, states.as_ref());
-    (0..n)
-        .into_par_iter()
-        .map(|slot| {
-            let whole = |column: usize| -> Vec<f64> {
-                chunks.iter().flat_map(|columns| columns[column].iter().copied()).collect()
-            };
+        .enumerate()
+        .map(|(slot, residual)| {
             let joint = system.kernel().free[slot];
             let kept = |values: &[f64]| motion.kept.iter().map(|&k| values[k]).collect();
-            let mut residual = motion.filtered(&whole(slot));
-            if let Some(passed) = &passed {
-                residual.iter_mut().zip(&passed[slot]).for_each(|(residual, passed)| *residual /= passed);
-            }
             JointTorqueError {
                 joint,
                 time: motion.kept.iter().map(|&k| motion.grid.time(k)).collect(),
@@ -141,18 +113,94 @@ pub fn along(system: &System, motion: &Motion) -> Vec<JointTorqueError> {
                 position: kept(&motion.q[slot]),
                 torque: motion.filtered(&motion.command[joint]),
                 residual,
-                delivered: motion.filtered(&whole(n + slot)),
+                delivered: motion.filtered(&delivered[slot]),
                 used: motion.used[slot].clone(),
             }
         })
         .collect()
 }
 
+/// [`JointTorqueError::residual`] of each free joint, with what `memory` has of other systems along the same `motion`.
+pub(crate) fn residuals(system: &System, motion: &Motion, memory: &Memory) -> Vec<Vec<f64>> {
+    let Balance { error, passed, .. } = balance(system, motion, Some(memory));
+    filtered(motion, &error, passed.as_deref())
+}
+
+fn filtered(motion: &Motion, error: &[Vec<f64>], passed: Option<&[Vec<f64>]>) -> Vec<Vec<f64>> {
+    let of_slot = |(slot, error): (usize, &Vec<f64>)| {
+        let mut residual = motion.filtered(error);
+        if let Some(passed) = passed {
+            residual.iter_mut().zip(&passed[slot]).for_each(|(residual, passed)| *residual /= passed);
+        }
+        residual
+    };
+    error.par_iter().enumerate().map(of_slot).collect()
+}
+
+/// Torques of each free joint, on the grid and not filtered [unit of the command].
+struct Balance {
+    /// Delivered minus needed.
+    error: Vec<Vec<f64>>,
+    delivered: Vec<Vec<f64>>,
+    /// As [`passed`] has it.
+    passed: Option<Vec<Vec<f64>>>,
+}
+
+fn balance(system: &System, motion: &Motion, memory: Option<&Memory>) -> Balance {
+    let n = system.n_free();
+    let states = states::follow(system, motion, memory);
+    let slopes = system.drive_slope(&typical_commands(system, motion)).0;
+    let rigid = memory.map_or_else(|| rigid(system, motion).into(), |memory| memory.rigid(system, motion));
+    let chunks: Vec<Vec<Vec<f64>>> = chunks(motion)
+        .into_par_iter()
+        .map(|range| {
+            let mut scratch = system.scratch();
+            let mut sample = Sample::new(system);
+            let mut columns = vec![Vec::with_capacity(range.len()); 2 * n];
+            let mut needed = vec![0.0; n];
+            for k in range {
+                sample.load(motion, states.as_ref(), k);
+                let Sample { x, ddq, command, dx, .. } = &mut sample;
+                let t = motion.elapsed_s(k);
+                system.drive(&mut scratch, t, x, command, dx);
+                system.loads(&mut scratch, t, x, dx);
+                needed.copy_from_slice(&rigid[k * n..(k + 1) * n]);
+                system.add_inertia_torque(ddq, &mut needed);
+                let Scratch { drive, load, .. } = &scratch;
+                for slot in 0..n {
+                    columns[slot].push((drive[slot] - load[slot] - needed[slot]) / slopes[slot]);
+                    columns[n + slot].push(drive[slot] / slopes[slot]);
+                }
+            }
+            columns
+        })
+        .collect();
+    let whole = |column: usize| chunks.iter().flat_map(|columns| columns[column].iter().copied()).collect();
+    Balance {
+        error: (0..n).map(whole).collect(),
+        delivered: (n..2 * n).map(whole).collect(),
+        passed: passed(system, motion, states.as_ref()),
+    }
+}
+
+/// What the rigid body needs at each sample of the grid, n_samples x n_free, the link effects' share left out.
+fn rigid(system: &System, motion: &Motion) -> Vec<f64> {
+    let n = system.n_free();
+    let mut sample = Sample::new(system);
+    let mut torques = vec![0.0; motion.len() * n];
+    for (k, torques) in torques.chunks_exact_mut(n).enumerate() {
+        sample.load(motion, None, k);
+        let (q, dq) = sample.x[..2 * n].split_at(n);
+        (system.kernel().inverse_dynamics)(system.prepared(), q, dq, &sample.ddq, torques);
+    }
+    torques
+}
+
 /// The torque that the drive path delivers at each free joint, on the grid and not filtered, and the torque at the joint per
 /// unit of command.
 pub(crate) fn delivered(system: &System, motion: &Motion) -> (Vec<Vec<f64>>, Vec<f64>) {
     let n = system.n_free();
-    let states = states::follow(system, motion);
+    let states = states::follow(system, motion, None);
     let slopes = system.drive_slope(&typical_commands(system, motion)).0;
     let mut linear = Linear::new(system);
     let mut sample = Sample::new(system);
@@ -367,7 +415,7 @@ fn passed_gradient(system: &System, motion: &Motion) -> Vec<(usize, Vec<Vec<f64>
         let mut values = system.effect_parameters().to_vec();
         values[parameter] = value;
         moved.set_parameters(system.link_parameters(), &values);
-        passed(&moved, motion, states::follow(&moved, motion).as_ref())
+        passed(&moved, motion, states::follow(&moved, motion, None).as_ref())
     };
     let by = |parameter: usize| {
         let value = system.effect_parameters()[parameter];
@@ -433,7 +481,7 @@ impl Sample {
         }
         self.delay(motion, k as f64);
         if let Some(states) = states {
-            self.x[2 * self.n..].copy_from_slice(states.at(k));
+            states.at(k, &mut self.x[2 * self.n..]);
         }
     }
 

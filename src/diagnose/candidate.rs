@@ -220,6 +220,12 @@ impl Probe {
     }
 }
 
+/// The suspect as it stands in a model that has it.
+pub(super) fn instance<'m>(model: &'m Model, suspect: &Suspect) -> Option<&'m EffectInstance> {
+    let Suspect { effect, joint, from } = suspect;
+    model.effects.iter().find(|own| own.effect.id == *effect && own.joint == *joint && own.from == *from)
+}
+
 /// All that a suspect is tried with.
 pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
     let Suspect { effect: id, joint, from } = suspect;
@@ -227,8 +233,7 @@ pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
     if with.add_effect(id, *joint, *from).is_err() {
         return Vec::new();
     }
-    let is_it = |own: &&EffectInstance| own.effect.id == *id && own.joint == *joint && own.from == *from;
-    let Some(instance) = with.effects.iter().find(is_it).cloned() else { return Vec::new() };
+    let Some(instance) = instance(&with, suspect).cloned() else { return Vec::new() };
     let effect = instance.effect;
     let carried = |symbol: &str| model.hands_over(effect, symbol, *joint, *from);
     let mut shapes: Vec<(usize, Vec<f64>)> = Vec::new();
@@ -296,6 +301,22 @@ pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
             scaled: scaled.clone(),
         })
         .collect()
+}
+
+/// Names of a suspect's values that no linear step finds.
+pub(super) fn shape_names(model: &Model, suspect: &Suspect) -> Vec<String> {
+    let Suspect { effect: id, joint, from } = suspect;
+    let mut with = model.clone();
+    if with.add_effect(id, *joint, *from).is_err() {
+        return Vec::new();
+    }
+    let Some(instance) = instance(&with, suspect) else { return Vec::new() };
+    let effect = instance.effect;
+    let is_own = |index: &usize| {
+        let parameter = &effect.parameters[*index];
+        parameter.scan.is_some() && !model.hands_over(effect, &parameter.symbol, *joint, *from)
+    };
+    (0..effect.parameters.len()).filter(is_own).map(|index| instance.parameter_name(index)).collect()
 }
 
 /// Whether a unit is one of torque, alone or over or times something kinematic.

@@ -4,7 +4,8 @@ use dynid_model::Parameter;
 use rayon::prelude::*;
 
 use super::{
-    Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screen::Scored, screening_substeps, verdict,
+    Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, candidate::shape_names, probes, screen::Scored,
+    screening_substeps, verdict,
 };
 use crate::{
     experiment::{Role, Run},
@@ -12,6 +13,9 @@ use crate::{
     model::{EffectInstance, Model},
     torque::Motion,
 };
+
+/// What a suspect promises to explain, as a share of the squared error, before its values are sought for any finer.
+const MUCH: f64 = 0.2;
 
 /// The logs that a screening looks at, with the sizes of what their joints do.
 pub(super) struct Screening<'a> {
@@ -82,7 +86,13 @@ impl<'a> Screening<'a> {
                 let by_torque = torque.as_ref().and_then(|screen| screen.score(suspect, &probes));
                 let by_position = tethered.as_ref().and_then(|screen| {
                     // Where the torque error has told which values are worth a simulation, few are left to try.
-                    screen.score(suspect, &verdict::worth_simulating(&probes, by_torque.as_ref(), suspects.len()))
+                    let probes = verdict::worth_simulating(&probes, by_torque.as_ref(), suspects.len());
+                    let score = screen.score(suspect, &probes)?;
+                    // Of several such values, which is best depends on the others.
+                    let names = shape_names(base, suspect);
+                    let is_proportional = probes.iter().any(|probe| !probe.scaled.is_empty());
+                    let is_narrow = names.len() > 1 && !is_proportional && score.explained >= MUCH;
+                    Some(if is_narrow { screen.refined(score, &names) } else { score })
                 });
                 (by_torque, by_position)
             })

@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use dynid_model::Parameter;
 use serde::{Deserialize, Serialize};
 
-use super::{candidate::Suspect, verdict};
+use super::{
+    candidate::{Suspect, instance},
+    verdict,
+};
 use crate::{
     compare::{Comparison, compare},
     error::Error,
@@ -83,6 +86,13 @@ pub struct Left {
     pub white: bool,
 }
 
+impl Left {
+    /// The error in units of the noise; `None` where that is not known.
+    pub fn ratio(&self) -> Option<f64> {
+        self.noise_squares.map(|noise| (self.squares / noise.max(f64::MIN_POSITIVE)).sqrt())
+    }
+}
+
 impl Refit {
     /// The fitted model.
     ///
@@ -126,8 +136,7 @@ impl Refit {
 
     /// The largest error of any judged joint, in units of its noise; `None` where the noise is not known.
     pub fn worst_ratio(&self) -> Option<f64> {
-        let ratio = |left: &Left| left.noise_squares.map(|noise| (left.squares / noise.max(f64::MIN_POSITIVE)).sqrt());
-        self.judged().map(ratio).try_fold(0.0_f64, |worst, ratio| Some(worst.max(ratio?)))
+        self.judged().map(Left::ratio).try_fold(0.0_f64, |worst, ratio| Some(worst.max(ratio?)))
     }
 
     /// Whether nothing but white noise is left.
@@ -146,6 +155,18 @@ pub struct Marks {
     /// Whether a fit that stays poor is followed to its end all the same.
     pub thorough: bool,
 }
+
+/// A valley is flat where so many iterations lower the cost by less than this share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Flat {
+    pub(super) iterations: usize,
+    pub(super) share: f64,
+}
+
+/// For a suspect, one of many.
+pub(super) const FLAT: Flat = Flat { iterations: 8, share: 0.01 };
+/// For the model itself, from whose values all suspects are screened.
+pub(super) const FLAT_FOR_THE_MODEL: Flat = Flat { iterations: 20, share: 0.02 };
 
 /// How to refit.
 #[derive(Debug, Clone, Copy)]
@@ -173,7 +194,12 @@ impl Judge<'_> {
         marks: Marks,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
-        let found = self.fit(start, suspect.is_none() || marks.thorough, marks.reached, stop)?;
+        let flat = match suspect {
+            _ if marks.thorough => None,
+            None => Some(FLAT_FOR_THE_MODEL),
+            Some(_) => Some(FLAT),
+        };
+        let found = self.fit(start, flat, marks.reached, stop)?;
         let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
         let parameters: Vec<Own> = found
             .parameters
@@ -209,41 +235,46 @@ impl Judge<'_> {
         count(model, self.runs) - count(base, self.runs)
     }
 
-    /// Fits `start` to the runs that are for it; unless `thorough`, a fit that stays poor is followed only as long as it falls.
+    /// Fits `start` to the runs that are for it; a fit that stays poor is followed only until it is as flat as `flat` says.
     ///
     /// # Errors
     /// As [`Judge::refit`].
     pub(super) fn fit(
         &self,
         start: &Model,
-        thorough: bool,
+        flat: Option<Flat>,
         reached: Option<f64>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Identified, Error> {
         /// A fit that can reach what another reached is not so far from it after so many iterations.
         const PATIENCE: usize = 15;
         const FAR: f64 = 30.0;
-        /// What leaves this many times the cost of noise is poor, and its valley flat where so many iterations lower the cost by
-        /// less than this share.
+        /// What leaves this many times the cost of noise is poor.
         const POOR: f64 = 16.0;
-        const FLAT: (usize, f64) = (8, 0.01);
+        /// With a tether of this rate [1/s] or a looser one only a model that is right leaves mere noise.
+        const LOOSE: f64 = 30.0;
         // From where else to start is the diagnosis's own matter.
         let starts = Starts { believed: false, ..Starts::default() };
         let how = How { starts, tell_start: false, ..How::plain(self.error, self.options) };
+        let only_noise = reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR);
         // Of the iterations without a tether.
         let mut costs: Vec<f64> = Vec::new();
+        // Those whose cost may be compared with what another reached.
+        let mut tries = 0;
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
             if told.tether == 0.0 {
                 costs.push(told.cost);
             }
+            tries += usize::from(told.tether == 0.0 || (only_noise && told.tether <= LOOSE));
             let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
-            if stop() || (is_far && costs.len() >= PATIENCE) {
+            if stop() || (is_far && tries >= PATIENCE) {
                 return Watch::Stop;
             }
-            let (window, share) = FLAT;
-            let earlier = costs.len().checked_sub(window + 1).map(|index| costs[index]);
-            let is_flat = earlier.is_some_and(|earlier| told.cost > (1.0 - share) * earlier);
-            let is_poor = !thorough && told.cost > POOR * verdict::COST_AT_THE_FLOOR;
+            let is_flat = flat.is_some_and(|Flat { iterations, share }| {
+                let earlier = costs.len().checked_sub(iterations + 1).map(|index| costs[index]);
+                earlier.is_some_and(|earlier| told.cost > (1.0 - share) * earlier)
+            });
+            let is_poor = told.cost > POOR * verdict::COST_AT_THE_FLOOR;
             if self.error == ErrorKind::Position && is_poor && is_flat { Watch::Enough } else { Watch::Continue }
         };
         identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)
@@ -257,13 +288,8 @@ fn count(model: &Model, runs: &[&Run]) -> f64 {
     effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
 }
 
-fn instance<'m>(suspect: &Suspect, model: &'m Model) -> Option<&'m crate::model::EffectInstance> {
-    let Suspect { effect, joint, from } = suspect;
-    model.effects.iter().find(|own| own.effect.id == *effect && own.joint == *joint && own.from == *from)
-}
-
 fn is_own(suspect: &Suspect, model: &Model, name: &str) -> bool {
-    instance(suspect, model).is_some_and(|own| (0..own.parameters.len()).any(|index| own.parameter_name(index) == name))
+    instance(model, suspect).is_some_and(|own| (0..own.parameters.len()).any(|index| own.parameter_name(index) == name))
 }
 
 /// Whether the parameter of that name is where its effect vanishes.

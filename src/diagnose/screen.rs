@@ -27,6 +27,16 @@ pub struct Score {
     pub others: Vec<Model>,
 }
 
+/// What a change of the errors leaves.
+struct Remainder {
+    /// `sum n_eff ln(after / before)` over the joints.
+    gain: f64,
+    /// Independent samples.
+    independent: f64,
+    /// Share of the squared error that is gone, over all joints (each weighed alike).
+    explained: f64,
+}
+
 /// What the torque error says of a suspect, and what simulations on a tether say.
 pub(super) type Scored = (Option<Score>, Option<Score>);
 
@@ -104,6 +114,72 @@ impl<'a> Screen<'a> {
         Some(Score { suspect: suspect.clone(), information, explained, estimate, others })
     }
 
+    /// A score whose estimate has the values of these names, which no linear step finds, brought nearer to the best: what is
+    /// tried is a coarse grid, and the valleys of some laws are narrower.
+    pub(super) fn refined(&self, score: Score, names: &[String]) -> Score {
+        /// Factors of a value, tried one after the other.
+        const FACTORS: [f64; 3] = [1.6, 1.25, 1.12];
+        /// Rounds over all values with a factor, at most.
+        const ROUNDS: usize = 4;
+        let Some(mut least) = self.gain_of(&score.estimate) else { return score };
+        let mut estimate = score.estimate.clone();
+        for factor in FACTORS {
+            for _ in 0..ROUNDS {
+                let moved = |(name, factor): (&String, f64)| {
+                    let Parameter { value, lower, upper, .. } = estimate.parameter(name)?;
+                    let mut moved = estimate.clone();
+                    moved.set_value(name, (factor * value).clamp(lower, upper)).ok()?;
+                    Some((self.gain_of(&moved)?, moved))
+                };
+                let trials: Vec<(&String, f64)> =
+                    names.iter().flat_map(|name| [(name, factor), (name, 1.0 / factor)]).collect();
+                let tried: Vec<Option<(f64, Model)>> = trials.into_par_iter().map(moved).collect();
+                let best = tried.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
+                let Some((gain, model)) = best.filter(|(gain, _)| *gain < least) else { break };
+                (least, estimate) = (gain, model);
+            }
+        }
+        if estimate.digest() == score.estimate.digest() {
+            return score;
+        }
+        let mut others = vec![score.estimate];
+        others.extend(score.others);
+        others.truncate(OTHERS);
+        Score { estimate, others, ..score }
+    }
+
+    /// `sum n_eff ln(after / before)` of a model as it is.
+    fn gain_of(&self, model: &Model) -> Option<f64> {
+        let change = self.change(model, &self.raw)?;
+        let after: Vec<f64> = self.problem.left.iter().zip(&change).map(|(left, change)| left + change).collect();
+        Some(self.of_joints(&after).gain).filter(|gain| gain.is_finite())
+    }
+
+    /// What is left where the errors, weighed and projected, become `after`.
+    fn of_joints(&self, after: &[f64]) -> Remainder {
+        let mut joints: std::collections::BTreeMap<usize, (f64, f64, f64)> = std::collections::BTreeMap::new();
+        let mut from = 0;
+        for &(joint, independent, end) in &self.blocks {
+            let sum = joints.entry(joint).or_insert((0.0, 0.0, 0.0));
+            sum.0 += self.problem.left[from..end].iter().map(|value| value * value).sum::<f64>();
+            sum.1 += after[from..end].iter().map(|value| value * value).sum::<f64>();
+            sum.2 += independent;
+            from = end;
+        }
+        let gain = joints
+            .values()
+            .filter(|(before, ..)| *before > 0.0)
+            .map(|(before, after, independent)| independent * (after / before).max(f64::MIN_POSITIVE).ln())
+            .sum();
+        let (before, rest): (f64, f64) =
+            joints.values().fold((0.0, 0.0), |(before, rest), joint| (before + joint.0, rest + joint.1));
+        Remainder {
+            gain,
+            independent: joints.values().map(|(.., independent)| independent).sum(),
+            explained: 1.0 - rest / before,
+        }
+    }
+
     fn score_probe(&self, probe: &Probe) -> Option<(f64, f64, Model)> {
         /// Smaller changes are rounding.
         const NOTHING: f64 = 1e-9;
@@ -139,31 +215,15 @@ impl<'a> Screen<'a> {
         for (column, amount) in columns.iter().zip(&taken) {
             after.iter_mut().zip(column).for_each(|(value, column)| *value += amount * column);
         }
-        let mut joints: std::collections::BTreeMap<usize, (f64, f64, f64)> = std::collections::BTreeMap::new();
-        let mut from = 0;
-        for &(joint, independent, end) in &self.blocks {
-            let sum = joints.entry(joint).or_insert((0.0, 0.0, 0.0));
-            sum.0 += self.problem.left[from..end].iter().map(|value| value * value).sum::<f64>();
-            sum.1 += after[from..end].iter().map(|value| value * value).sum::<f64>();
-            sum.2 += independent;
-            from = end;
-        }
-        let independent: f64 = joints.values().map(|(.., independent)| independent).sum();
-        let gain: f64 = joints
-            .values()
-            .filter(|(before, ..)| *before > 0.0)
-            .map(|(before, after, independent)| independent * (after / before).max(f64::MIN_POSITIVE).ln())
-            .sum();
+        let Remainder { gain, independent, explained } = self.of_joints(&after);
         let unknowns = columns.len() as f64 + f64::from(u8::from(probe.scaled.len() > 1));
         let information = gain + unknowns * independent.max(2.0).ln();
-        let (before, rest): (f64, f64) =
-            joints.values().fold((0.0, 0.0), |(before, rest), joint| (before + joint.0, rest + joint.1));
         let factor = if has_whole { taken[0] } else { 1.0 };
         let mut units = vec![0.0; probe.steps.len()];
         for (amount, index) in taken.iter().skip(usize::from(has_whole)).zip(&stepped) {
             units[*index] = *amount;
         }
-        information.is_finite().then(|| (information, 1.0 - rest / before, probe.at(factor, &units)))
+        information.is_finite().then(|| (information, explained, probe.at(factor, &units)))
     }
 }
 

@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Below this multiple of the noise at every joint nothing is missing, whatever pattern is left.
-pub(super) const AT_THE_FLOOR: f64 = 1.05;
+const AT_THE_FLOOR: f64 = 1.05;
 /// Cost per sample and joint of a fit that leaves nothing but noise.
 pub(super) const COST_AT_THE_FLOOR: f64 = 0.5 * AT_THE_FLOOR * AT_THE_FLOOR;
 /// Below this multiple nothing is missing if what is left is white.
@@ -74,9 +74,13 @@ impl Judged {
     }
 }
 
-/// Whether a refit leaves nothing but noise.
+/// Whether a refit leaves nothing but noise at any joint.
 pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
-    refit.worst_ratio().is_some_and(|ratio| ratio < AT_THE_FLOOR)
+    /// The noise is estimated from each log, to some per cent: what is white is noise up to this multiple of it.
+    const WHITE: f64 = 1.15;
+    let is_noise =
+        |left: &Left| left.ratio().is_some_and(|ratio| ratio < if left.white { WHITE } else { AT_THE_FLOOR });
+    refit.judged().all(is_noise)
 }
 
 /// Whether a refit explains what was left.
@@ -189,8 +193,9 @@ fn bring_alternatives(list: &mut Vec<Score>) {
 /// Whether a suspect may explain as much as `best` does, which leaves nothing: one that the screening finds
 /// nearly as telling, or that would leave next to nothing.
 pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool {
-    /// Share of the best's score.
+    /// Shares of the best's score.
     const NEARLY: f64 = 0.6;
+    const USELESS: f64 = 0.1;
     /// Share of the squared error; beyond it a screening, which is linear, tells no more.
     const NEARLY_ALL: f64 = 0.98;
     let Some(winner) = &best.suspect else { return true };
@@ -204,7 +209,9 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
     let is_near = |own: &Option<Score>, best: &Option<Score>| {
         own.as_ref().is_some_and(|own| own.explained > NEARLY_ALL) || information(own) < NEARLY * information(best)
     };
-    is_near(&own.0, &best.0) || is_near(&own.1, &best.1)
+    // Simulations tell more of what a law does than the torque error; what they find next to useless is no rival.
+    let is_useless = own.1.is_some() && information(&own.1) > USELESS * information(&best.1);
+    (is_near(&own.0, &best.0) && !is_useless) || is_near(&own.1, &best.1)
 }
 
 /// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate. The more

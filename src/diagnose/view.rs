@@ -33,7 +33,17 @@ const SAMPLES_PER_INDEPENDENT: f64 = 10.0;
 
 /// The torque error along the measured motion.
 pub struct TorqueView {
-    runs: Vec<(Vec<usize>, Vec<f64>, Motion, usize)>,
+    runs: Vec<TorqueRun>,
+}
+
+struct TorqueRun {
+    free: Vec<usize>,
+    /// Mean positions of all joints: where the locked ones stand.
+    positions: Vec<f64>,
+    motion: Motion,
+    /// Kept samples from one that is looked at to the next.
+    stride: usize,
+    memory: torque::Memory,
 }
 
 impl TorqueView {
@@ -48,7 +58,8 @@ impl TorqueView {
                 // What the filter has left needs no more samples than this.
                 let rate = 1.0 / (motion.grid.step * run.settings.decimate.max(1) as f64);
                 let stride = (rate / (4.0 * motion.parallel_cutoff_hz)).floor().max(1.0) as usize;
-                (run.free.clone(), positions, motion.clone(), stride)
+                let memory = torque::Memory::default();
+                TorqueRun { free: run.free.clone(), positions, motion: motion.clone(), stride, memory }
             })
             .collect();
         Self { runs }
@@ -56,7 +67,7 @@ impl TorqueView {
 
     /// Of a run and a slot of its free joints, which of the kept samples are in [`View::errors`].
     pub(super) fn samples(&self, run: usize, slot: usize) -> Vec<usize> {
-        let (.., motion, stride) = &self.runs[run];
+        let TorqueRun { motion, stride, .. } = &self.runs[run];
         let used = motion.used[slot].iter().enumerate().filter(|(_, used)| **used);
         used.map(|(index, _)| index).step_by(*stride).collect()
     }
@@ -67,20 +78,17 @@ impl View for TorqueView {
         let blocks: Vec<Vec<Block>> = self
             .runs
             .par_iter()
-            .map(|(free, positions, motion, stride)| {
-                let system = System::of_model(model, free, |joint| positions[joint]).ok()?;
-                let joints = torque::along(&system, motion);
-                let block = |joint: &torque::JointTorqueError| {
-                    let used = joint.residual.iter().zip(&joint.used).filter(|(_, used)| **used);
-                    let values: Vec<f64> = used.map(|(value, _)| *value).step_by(*stride).collect();
-                    let independent = values.len() as f64 * *stride as f64 / SAMPLES_PER_INDEPENDENT;
-                    values.iter().all(|value| value.is_finite()).then_some(Block {
-                        joint: joint.joint,
-                        independent,
-                        values,
-                    })
+            .map(|run| {
+                let system = System::of_model(model, &run.free, |joint| run.positions[joint]).ok()?;
+                let residuals = torque::residuals(&system, &run.motion, &run.memory);
+                let block = |((joint, residual), used): ((&usize, Vec<f64>), &Vec<bool>)| {
+                    let used = residual.into_iter().zip(used).filter(|(_, used)| **used);
+                    let values: Vec<f64> = used.map(|(value, _)| value).step_by(run.stride).collect();
+                    let independent = values.len() as f64 * run.stride as f64 / SAMPLES_PER_INDEPENDENT;
+                    let is_finite = values.iter().all(|value| value.is_finite());
+                    is_finite.then_some(Block { joint: *joint, independent, values })
                 };
-                joints.iter().map(block).collect()
+                system.kernel().free.iter().zip(residuals).zip(&run.motion.used).map(block).collect()
             })
             .collect::<Option<_>>()?;
         Some(blocks.into_iter().flatten().collect())

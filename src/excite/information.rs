@@ -297,7 +297,8 @@ pub fn needed_torque(system: &System, path: &Path) -> Vec<Vec<f64>> {
     const MOST_STEPS: f64 = 400.0;
     let n = system.n_free();
     let command = vec![0.0; system.n_joints()];
-    let follows_motion = system.states_follow_motion();
+    let groups = system.state_groups();
+    let mut scratch = system.scratch();
     let mut linear = Linear::new(system);
     let mut dx = vec![0.0; system.n_states()];
     let mut states = system.rest(&vec![0.0; n])[2 * n..].to_vec();
@@ -330,11 +331,7 @@ pub fn needed_torque(system: &System, path: &Path) -> Vec<Vec<f64>> {
             }
             x[2 * n..].copy_from_slice(z);
             let t = path.time[sample] + share * span_s;
-            if follows_motion {
-                linear.follow(system, t, &x, &command, &mut dx);
-            } else {
-                linear.along(system, t, &x, None, &command, &mut dx);
-            }
+            groups.iter().for_each(|group| system.follow(group, &mut scratch, t, &x, &command, &mut dx));
             dx[2 * n..].to_vec()
         };
         for index in 0..n_steps {

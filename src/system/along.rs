@@ -2,7 +2,42 @@
 
 use dynid_generated::Signal;
 
-use super::{Linear, N_SIGNALS, NONE, System};
+use super::{Element, Linear, MAX_OUTPUTS, N_SIGNALS, NONE, Scratch, System};
+
+/// States of effects that depend on each other and on nothing but the motion and the commands.
+#[derive(Clone)]
+pub(crate) struct StateGroup<'a> {
+    /// Which, counted from the first state of an effect.
+    pub(crate) states: Vec<usize>,
+    of: Owner<'a>,
+}
+
+/// Whose states they are.
+#[derive(Clone, Copy)]
+enum Owner<'a> {
+    /// All effects'.
+    All,
+    /// The drive path's.
+    Drive,
+    /// A single effect's, which reads the motion only.
+    Element(&'a Element),
+}
+
+impl StateGroup<'_> {
+    /// Whether the states depend on the commands.
+    pub(crate) fn reads_commands(&self) -> bool {
+        !matches!(self.of, Owner::Element(_))
+    }
+}
+
+/// What the track of a state that follows a motion by itself depends on, besides the motion: equal keys, equal tracks.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(crate) struct StateKey {
+    effect: &'static str,
+    joint: usize,
+    from: usize,
+    values: Vec<u64>,
+}
 
 impl Linear {
     /// Evaluates the equations and their gradient at the state `x = [q, dq, z]` and the given accelerations `ddq`:
@@ -28,19 +63,27 @@ impl Linear {
         self.inertias(system, ddq);
     }
 
-    /// The rates of the effects' states (in `dx`) and their gradients alone. Leaves the load as it was.
-    ///
-    /// Needs [`System::states_follow_motion`]; elsewhere use [`Linear::along`].
-    pub(crate) fn follow(&mut self, system: &System, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
+    /// The rates of a group's states (in `dx`) and their gradients alone. Leaves the load as it was, but where all states
+    /// are of one group.
+    pub(crate) fn follow(
+        &mut self,
+        system: &System,
+        group: &StateGroup<'_>,
+        t: f64,
+        x: &[f64],
+        command: &[f64],
+        dx: &mut [f64],
+    ) {
         self.rate_by_state.clear();
         self.rate_by_parameter.clear();
-        if system.drive_has_states() {
-            self.drive_path(system, t, x, command, dx);
-        }
-        for element in system.frictions.iter().chain(&system.loads).filter(|element| element.nz > 0) {
-            let signals = system.signals(element, t, x);
-            self.evaluate(system, element, &signals, x, dx);
-            self.rates(system, element);
+        match group.of {
+            Owner::All => self.along(system, t, x, None, command, dx),
+            Owner::Drive => self.drive_path(system, t, x, command, dx),
+            Owner::Element(element) => {
+                let signals = system.signals(element, t, x);
+                self.evaluate(system, element, &signals, x, dx);
+                self.rates(system, element);
+            }
         }
     }
 
@@ -69,6 +112,58 @@ impl System {
         const MOTION: [Signal; 6] = [Signal::Q, Signal::Dq, Signal::T, Signal::Qeq, Signal::QFrom, Signal::DqFrom];
         let mut joint = self.frictions.iter().chain(&self.loads);
         joint.all(|element| element.nz == 0 || element.uses.only(&MOTION))
+    }
+
+    /// The states of the effects, parted into as many groups as do not depend on each other.
+    pub(crate) fn state_groups(&self) -> Vec<StateGroup<'_>> {
+        if !self.states_follow_motion() {
+            return vec![StateGroup { states: (0..self.n_effect_states).collect(), of: Owner::All }];
+        }
+        let first = 2 * self.n_free();
+        let states = |element: &Element| element.z - first..element.z - first + element.nz;
+        let mut groups = Vec::new();
+        if self.drive_has_states() {
+            let drive = self.actuators.iter().chain(&self.transmissions).filter(|element| element.nz > 0);
+            groups.push(StateGroup { states: drive.flat_map(states).collect(), of: Owner::Drive });
+        }
+        let joint = self.frictions.iter().chain(&self.loads).filter(|element| element.nz > 0);
+        groups
+            .extend(joint.map(|element| StateGroup { states: states(element).collect(), of: Owner::Element(element) }));
+        groups
+    }
+
+    /// What a group's states depend on besides the motion; `None` where that is more than a single effect.
+    pub(crate) fn state_key(&self, group: &StateGroup<'_>) -> Option<StateKey> {
+        let Owner::Element(element) = group.of else { return None };
+        let own = &self.effect_parameters[element.p..element.p + element.np];
+        let rest = (element.qeq != NONE).then(|| self.effect_parameters[element.qeq]);
+        let initial = group.states.iter().map(|state| self.initial_states[*state]);
+        let locked = [element.joint.angle, element.from.angle];
+        let values = own.iter().copied().chain(rest).chain(initial).chain(locked).map(f64::to_bits).collect();
+        Some(StateKey { effect: element.kernel.id, joint: element.joint.joint, from: element.from.joint, values })
+    }
+
+    /// The rates of a group's states (in `dx`) alone.
+    pub(crate) fn follow(
+        &self,
+        group: &StateGroup<'_>,
+        scratch: &mut Scratch,
+        t: f64,
+        x: &[f64],
+        command: &[f64],
+        dx: &mut [f64],
+    ) {
+        match group.of {
+            Owner::All => {
+                self.drive(scratch, t, x, command, dx);
+                self.loads(scratch, t, x, dx);
+            }
+            Owner::Drive => self.drive(scratch, t, x, command, dx),
+            Owner::Element(element) => {
+                let signals = self.signals(element, t, x);
+                self.evaluate(element, &signals, x, &mut [0.0; MAX_OUTPUTS], dx);
+            }
+        }
     }
 
     /// Whether the drive path remembers anything.

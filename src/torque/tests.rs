@@ -258,6 +258,39 @@ fn terms_add_up_where_effects_read_each_other() {
     }
 }
 
+/// Systems that share what they can along a motion: each gets what it would get alone, whoever came before.
+#[test]
+fn what_is_remembered_changes_nothing() {
+    let motion = Motion::of(&run()).expect("long enough");
+    let memory = Memory::default();
+    let mut systems = vec![arm()];
+    for parameter in 0..arm().effect_parameters().len() {
+        let mut system = arm();
+        let mut effects = system.effect_parameters().to_vec();
+        effects[parameter] *= 1.25;
+        system.set_parameters(&LINKS, &effects);
+        systems.push(system);
+    }
+    for link in 0..LINKS.len() {
+        let mut links = LINKS;
+        links[link] *= 1.25;
+        let mut system = arm();
+        let effects = system.effect_parameters().to_vec();
+        system.set_parameters(&links, &effects);
+        systems.push(system);
+    }
+    let others = [placed(&LUGRE, 1, None, &[8.0, 0.4, 0.05, 0.2, 0.5, 0.3]), placed(&GAIN, 0, None, &[1.4])];
+    systems.push(System::new(&ARM, 2, LINKS.to_vec(), Vec::new(), &others).expect("the arm is complete"));
+    systems.push(arm());
+    let mut seen = Vec::new();
+    for system in &systems {
+        let alone: Vec<Vec<f64>> = along(system, &motion).into_iter().map(|joint| joint.residual).collect();
+        assert!(residuals(system, &motion, &memory) == alone, "{:?}", system.effect_parameters());
+        seen.push(alone);
+    }
+    assert!(seen[0] == seen[seen.len() - 1] && seen[1..seen.len() - 1].iter().all(|other| *other != seen[0]));
+}
+
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let (system, motion) = (arm(), Motion::of(&run()).expect("long enough"));

@@ -255,6 +255,13 @@ pub fn diagnose(
     let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
     let mut work = Work { runs, believed: model, judge: &judge, folds: &split.others, options, finished, tell, stop };
     let mut base = work.base(model, "base")?;
+    if base.was_given_up() {
+        notes.push(
+            "the fit of the model was given up: it does not follow the logs even where it is held to them. What is missing is \
+             looked for at the values that it was given, and what it leaves is told of those"
+                .to_owned(),
+        );
+    }
     let in_question: &[&Run] = if hold::is_in_question(&work, &base) { runs } else { &[] };
     let lines: Vec<Run> = in_question.iter().map(|run| hold::with_line(run)).collect();
     let lines: Vec<&Run> = lines.iter().collect();
@@ -341,7 +348,20 @@ impl Work<'_> {
         /// A search that ran out of iterations gets as many again, so often.
         const MORE: usize = 2;
         (self.tell)(&Event::FittingModel);
-        let mut base = self.remembered(key, None, model, std::slice::from_ref(model), Marks::default())?;
+        let fit = self.remembered(key, None, model, std::slice::from_ref(model), Marks::default());
+        self.asked_to_stop()?;
+        let mut base = match fit {
+            // The values at which it was given up are worth less than those that were believed.
+            Err(Error::PositionFit(position::PositionFitError::Interrupted { .. })) => {
+                let base = self.judge.as_it_is(model)?;
+                (self.tell)(&Event::Refitted(key, &base));
+                base
+            }
+            fit => fit?,
+        };
+        if base.was_given_up() {
+            return Ok(base);
+        }
         for more in 1..=MORE {
             if base.status != FitStatus::IterationLimit {
                 break;

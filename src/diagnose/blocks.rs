@@ -7,7 +7,7 @@
 //! `(BLOCKS - 1) (CONFIRMED + 1)` more fits, and more only where the best lose their credit, so that the next are asked.
 //! The values that are told are those of the first fold.
 
-use super::refit::{FLAT, Judge, Refit, left};
+use super::refit::{FOR_A_SUSPECT, Judge, Refit, left};
 use crate::{
     compare::{Comparison, RunComparison, compare},
     error::Error,
@@ -114,7 +114,7 @@ pub(super) fn over_all(
     let mut blocks: Vec<&Run> = Vec::new();
     for fold in others {
         let runs: Vec<&Run> = fold.iter().collect();
-        let fitted = Judge { runs: &runs, ..*judge }.fit(&start, Some(FLAT), None, stop)?;
+        let fitted = Judge { runs: &runs, ..*judge }.fit(&start, Some(FOR_A_SUSPECT), None, stop)?;
         let held_out = held_out(&runs);
         compared.extend(compare(&fitted.model, &held_out)?.runs);
         blocks.extend(held_out);

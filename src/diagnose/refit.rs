@@ -6,6 +6,7 @@ use dynid_model::Parameter;
 use serde::{Deserialize, Serialize};
 
 use super::{
+    FEW_JOINTS,
     candidate::{Suspect, instance},
     verdict,
 };
@@ -102,6 +103,11 @@ impl Refit {
         Ok(Model::parse(&self.model, std::path::Path::new("refitted.toml"))?)
     }
 
+    /// Whether it is of a model as it was, its fit having been given up.
+    pub(super) fn was_given_up(&self) -> bool {
+        self.suspect.is_none() && self.parameters.is_empty()
+    }
+
     /// Whether every error is a number.
     pub fn is_finite(&self) -> bool {
         self.left.iter().chain(&self.blocks).all(|left| left.squares.is_finite())
@@ -156,17 +162,20 @@ pub struct Marks {
     pub thorough: bool,
 }
 
-/// A valley is flat where so many iterations lower the cost by less than this share.
+/// How long a fit that stays poor is followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Flat {
-    pub(super) iterations: usize,
-    pub(super) share: f64,
+pub(super) struct Patience {
+    /// A valley is flat where so many iterations lower the cost by less than `share`.
+    iterations: usize,
+    share: f64,
+    /// Whether a fit that follows the logs not even on a tether is given up, rather than taken as it is.
+    gives_up: bool,
 }
 
 /// For a suspect, one of many.
-pub(super) const FLAT: Flat = Flat { iterations: 8, share: 0.01 };
+pub(super) const FOR_A_SUSPECT: Patience = Patience { iterations: 8, share: 0.01, gives_up: false };
 /// For the model itself, from whose values all suspects are screened.
-pub(super) const FLAT_FOR_THE_MODEL: Flat = Flat { iterations: 20, share: 0.02 };
+const FOR_THE_MODEL: Patience = Patience { iterations: 20, share: 0.02, gives_up: true };
 
 /// How to refit.
 #[derive(Debug, Clone, Copy)]
@@ -194,12 +203,12 @@ impl Judge<'_> {
         marks: Marks,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
-        let flat = match suspect {
+        let patience = match suspect {
             _ if marks.thorough => None,
-            None => Some(FLAT_FOR_THE_MODEL),
-            Some(_) => Some(FLAT),
+            None => Some(FOR_THE_MODEL),
+            Some(_) => Some(FOR_A_SUSPECT),
         };
-        let found = self.fit(start, flat, marks.reached, stop)?;
+        let found = self.fit(start, patience, marks.reached, stop)?;
         let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
         let parameters: Vec<Own> = found
             .parameters
@@ -214,19 +223,28 @@ impl Judge<'_> {
             })
             .collect();
         let unknowns = self.added_unknowns(&found.model, base);
-        let comparison = compare(&found.model, self.runs)?;
+        let suspect = suspect.cloned();
+        Ok(Refit { suspect, status: found.status, parameters, unknowns, ..self.as_it_is(&found.model)? })
+    }
+
+    /// What a model leaves that is not fitted.
+    ///
+    /// # Errors
+    /// The model makes no equations.
+    pub(super) fn as_it_is(&self, model: &Model) -> Result<Refit, Error> {
+        let comparison = compare(model, self.runs)?;
         Ok(Refit {
-            suspect: suspect.cloned(),
-            status: found.status,
-            parameters,
-            unknowns,
+            suspect: None,
+            status: FitStatus::IterationLimit,
+            parameters: Vec::new(),
+            unknowns: 0.0,
             rmse_fit: comparison.rmse_fit,
             rmse_validate: comparison.rmse_validate,
             torque_percent_fit: comparison.torque_percent_fit,
             torque_percent_validate: comparison.torque_percent_validate,
             left: left(&comparison, self.runs, self.error),
             blocks: Vec::new(),
-            model: found.model.to_toml(),
+            model: model.to_toml(),
         })
     }
 
@@ -235,14 +253,14 @@ impl Judge<'_> {
         count(model, self.runs) - count(base, self.runs)
     }
 
-    /// Fits `start` to the runs that are for it; a fit that stays poor is followed only until it is as flat as `flat` says.
+    /// Fits `start` to the runs that are for it; a fit that stays poor is followed no longer than `patience` lasts.
     ///
     /// # Errors
     /// As [`Judge::refit`].
     pub(super) fn fit(
         &self,
         start: &Model,
-        flat: Option<Flat>,
+        patience: Option<Patience>,
         reached: Option<f64>,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Identified, Error> {
@@ -253,10 +271,17 @@ impl Judge<'_> {
         const POOR: f64 = 16.0;
         /// With a tether of this rate [1/s] or a looser one only a model that is right leaves mere noise.
         const LOOSE: f64 = 30.0;
+        /// Cost per sample with such a tether beyond which following the fit of many joints, whose every step takes long, to a
+        /// minimum without one is worth no time: accelerations are off by what moves a joint thirty noises in a thirtieth of a
+        /// second.
+        const HOPELESS: f64 = 500.0;
         // From where else to start is the diagnosis's own matter.
         let starts = Starts { believed: false, ..Starts::default() };
         let how = How { starts, tell_start: false, ..How::plain(self.error, self.options) };
         let only_noise = reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR);
+        let has_many_joints = self.runs.iter().any(|run| run.free.len() > FEW_JOINTS);
+        // The last with a loose tether.
+        let mut at_loose = 0.0;
         // Of the iterations without a tether.
         let mut costs: Vec<f64> = Vec::new();
         // Those whose cost may be compared with what another reached.
@@ -266,16 +291,22 @@ impl Judge<'_> {
                 costs.push(told.cost);
             }
             tries += usize::from(told.tether == 0.0 || (only_noise && told.tether <= LOOSE));
+            if told.tether == LOOSE {
+                at_loose = told.cost;
+            }
+            let is_hopeless = has_many_joints && at_loose > HOPELESS && told.tether < LOOSE;
             let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
             if stop() || (is_far && tries >= PATIENCE) {
                 return Watch::Stop;
             }
-            let is_flat = flat.is_some_and(|Flat { iterations, share }| {
-                let earlier = costs.len().checked_sub(iterations + 1).map(|index| costs[index]);
-                earlier.is_some_and(|earlier| told.cost > (1.0 - share) * earlier)
-            });
-            let is_poor = told.cost > POOR * verdict::COST_AT_THE_FLOOR;
-            if self.error == ErrorKind::Position && is_poor && is_flat { Watch::Enough } else { Watch::Continue }
+            let is_poor = self.error == ErrorKind::Position && told.cost > POOR * verdict::COST_AT_THE_FLOOR;
+            let Some(patience) = patience.filter(|_| is_poor) else { return Watch::Continue };
+            if is_hopeless && patience.gives_up {
+                return Watch::Stop;
+            }
+            let earlier = costs.len().checked_sub(patience.iterations + 1).map(|index| costs[index]);
+            let is_flat = earlier.is_some_and(|earlier| told.cost > (1.0 - patience.share) * earlier);
+            if is_flat || is_hopeless { Watch::Enough } else { Watch::Continue }
         };
         identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)
     }

@@ -607,7 +607,8 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
         (None, Some(percent)) => format!("{percent:.1} % of the torque"),
         _ => "an error that is not known".to_owned(),
     };
-    let mut sentences = vec![format!("Refitted, the model leaves {} on the held-out runs.", left(first))];
+    let how = if first.was_given_up() { "As it was given" } else { "Refitted" };
+    let mut sentences = vec![format!("{how}, the model leaves {} on the held-out runs.", left(first))];
     match verdict {
         Verdict::NothingMissing if reaches_the_floor(first) || first.is_white() => {
             sentences.push("Nothing is missing: what is left is noise.".to_owned());

@@ -209,8 +209,9 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
     let is_near = |own: &Option<Score>, best: &Option<Score>| {
         own.as_ref().is_some_and(|own| own.explained > NEARLY_ALL) || information(own) < NEARLY * information(best)
     };
-    // Simulations tell more of what a law does than the torque error; what they find next to useless is no rival.
-    let is_useless = own.1.is_some() && information(&own.1) > USELESS * information(&best.1);
+    // What simulations find next to useless, and that elsewhere, is no rival.
+    let is_elsewhere = score.suspect.joint != winner.joint;
+    let is_useless = is_elsewhere && own.1.is_some() && information(&own.1) > USELESS * information(&best.1);
     (is_near(&own.0, &best.0) && !is_useless) || is_near(&own.1, &best.1)
 }
 

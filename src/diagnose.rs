@@ -1,6 +1,7 @@
 //! Which physical effect is missing, where, and how sure is that?
 //!
-//! The model is fitted first, so that what is left is not the fault of its values. A screening then asks of every effect of
+//! The model is fitted first, so that what is left is not the fault of its values (where it does not follow its logs even on
+//! a tether, and each step of a fit takes long, it is taken as it is). A screening then asks of every effect of
 //! the library at every place how much of what is left it would explain, the model's own parameters being free to
 //! make up for it; it needs no fit ([`Screen`]), and looks at two signals: the torque error along the measured motion, and
 //! the position error of simulations on a tether. The best suspects are fitted for good, and what they leave of the
@@ -30,7 +31,7 @@ use serde::{Deserialize, Serialize};
 pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
 pub use discover::{Discovered, DiscoveredTerm, discover};
 pub use estimate::{FirstEstimates, with_first_estimates};
-pub use refit::{Judge, Left, Marks, Own, Refit};
+pub use refit::{Followed, Judge, Left, Marks, Own, Refit};
 pub use screen::{Score, Screen};
 pub use view::{Block, TetheredView, TorqueView, View};
 
@@ -79,11 +80,11 @@ pub struct Diagnosis {
     pub moved: Vec<Moved>,
     /// What should be known besides.
     pub notes: Vec<String>,
-    /// How far the model is from its logs, refitted: the largest error of a joint over its noise.
+    /// How far the model is from its logs, refitted where that could be done: the largest error of a joint over its noise.
     pub worst_ratio: Option<f64>,
     /// Where no effect of the library explains what is left: a formula that does, if there is one.
     pub discovered: Option<Discovered>,
-    /// The refitted model that was diagnosed.
+    /// The model that was diagnosed: refitted where that could be done.
     #[serde(skip)]
     pub base: Option<Model>,
     /// The fitted model with everything added that was found; `None` where nothing was.
@@ -255,13 +256,6 @@ pub fn diagnose(
     let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
     let mut work = Work { runs, believed: model, judge: &judge, folds: &split.others, options, finished, tell, stop };
     let mut base = work.base(model, "base")?;
-    if base.was_given_up() {
-        notes.push(
-            "the fit of the model was given up: it does not follow the logs even where it is held to them. What is missing is \
-             looked for at the values that it was given, and what it leaves is told of those"
-                .to_owned(),
-        );
-    }
     let in_question: &[&Run] = if hold::is_in_question(&work, &base) { runs } else { &[] };
     let lines: Vec<Run> = in_question.iter().map(|run| hold::with_line(run)).collect();
     let lines: Vec<&Run> = lines.iter().collect();
@@ -276,6 +270,13 @@ pub fn diagnose(
             base = refitted;
             work = straight;
         }
+    }
+    if base.was_given_up() {
+        notes.push(
+            "the fit of the model was given up: it does not follow the logs even where it is held to them. What is missing is \
+             looked for at the values that it was given, and what it leaves is told of those"
+                .to_owned(),
+        );
     }
     notes.extend(excitation::left_open(model, runs, &base));
     let mut steps = Vec::new();
@@ -343,32 +344,24 @@ impl Work<'_> {
         if (self.stop)() { Err(position::PositionFitError::Interrupted { iterations: 0 }.into()) } else { Ok(()) }
     }
 
-    /// The model itself, fitted.
+    /// The model itself, fitted; as it is where the fit was given up, for the values where it was are worth less than those
+    /// that were given.
     fn base(&self, model: &Model, key: &str) -> Result<Refit, Error> {
         /// A search that ran out of iterations gets as many again, so often.
         const MORE: usize = 2;
         (self.tell)(&Event::FittingModel);
-        let fit = self.remembered(key, None, model, std::slice::from_ref(model), Marks::default());
-        self.asked_to_stop()?;
-        let mut base = match fit {
-            // The values at which it was given up are worth less than those that were believed.
-            Err(Error::PositionFit(position::PositionFitError::Interrupted { .. })) => {
-                let base = self.judge.as_it_is(model)?;
-                (self.tell)(&Event::Refitted(key, &base));
-                base
-            }
-            fit => fit?,
-        };
-        if base.was_given_up() {
-            return Ok(base);
-        }
+        let mut base = self.remembered(key, None, model, std::slice::from_ref(model), Marks::default())?;
         for more in 1..=MORE {
-            if base.status != FitStatus::IterationLimit {
+            if base.was_given_up() || base.status != FitStatus::IterationLimit {
                 break;
             }
             let start = base.parsed()?;
             let key = format!("{key}, more {more}");
-            base = self.remembered(&key, None, &start, std::slice::from_ref(&start), Marks::default())?;
+            let longer = self.remembered(&key, None, &start, std::slice::from_ref(&start), Marks::default())?;
+            if longer.was_given_up() {
+                break;
+            }
+            base = longer;
         }
         self.over_blocks(key, base)
     }
@@ -404,7 +397,7 @@ impl Work<'_> {
         for start in candidate::distinct(starts.iter().collect(), |start| start) {
             let fit = self.judge.refit(suspect, base, start, marks, self.stop);
             // Another start is worth its time only while nothing explains the logs.
-            let done = marks.reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR)
+            let done = marks.only_noise
                 || fit.as_ref().is_ok_and(|fit| {
                     verdict::reaches_the_floor(fit)
                         || fit.cost().zip(marks.enough).is_some_and(|(cost, enough)| cost <= enough)
@@ -472,10 +465,12 @@ impl Work<'_> {
         waiting.iter_mut().skip(many).for_each(|score| score.others.clear());
         waiting.iter_mut().filter(|score| score.explained < MUCH).for_each(|score| score.others.clear());
         // A fit that keeps what the screening promised needs no other start.
-        let kept = |score: &Score| Some(refit.cost()? * (1.0 - KEPT * score.explained));
+        let cost = refit.cost().filter(|cost| cost.is_finite() && !refit.was_given_up());
+        let kept = |score: &Score| Some(cost? * (1.0 - KEPT * score.explained));
         while !waiting.is_empty() {
             let later = waiting.split_off(at_once.min(waiting.len()));
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
+            let only_noise = fitted.iter().any(verdict::reaches_the_floor);
             let fits: Vec<Result<Refit, Error>> = waiting
                 .par_iter()
                 .map(|score| {
@@ -488,7 +483,7 @@ impl Work<'_> {
                         Some(&score.suspect),
                         base,
                         &starts,
-                        Marks { reached, enough: kept(score), thorough: false },
+                        Marks { reached, only_noise, enough: kept(score), thorough: false },
                     )
                 })
                 .collect();
@@ -513,7 +508,7 @@ impl Work<'_> {
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
             let key = format!("{depth}: believed, {}", path.join(" > "));
-            self.as_believed(&screening, (base, refit.status), &mut fitted, &mut failed, &key)?;
+            self.as_believed(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &key)?;
             // A law that was found only from there may have rivals that are found only from there, too. (Until a law explains
             // the logs the first call has done nothing, so that the key is free.)
             self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
@@ -562,6 +557,7 @@ impl Work<'_> {
         if !verdict::explains(best) {
             return Ok(());
         }
+        let only_noise = fitted.iter().any(verdict::reaches_the_floor);
         let (Some(winner), best_unknowns) = (best.suspect.clone(), best.unknowns) else { return Ok(()) };
         let fell_short = |suspect: &Suspect| match fitted.iter().find(|refit| refit.suspect.as_ref() == Some(suspect)) {
             Some(refit) => refit.unknowns <= best_unknowns && cost(refit).is_none_or(|cost| cost > SHORT * least),
@@ -621,7 +617,7 @@ impl Work<'_> {
                     Some(suspect),
                     base,
                     &starts,
-                    Marks { reached: Some(least), enough: None, thorough: true },
+                    Marks { reached: Some(least), only_noise, enough: None, thorough: true },
                 )
                 .ok()
             })
@@ -642,7 +638,7 @@ impl Work<'_> {
     fn as_believed(
         &self,
         screening: &Screening<'_>,
-        (base, status): (&Model, FitStatus),
+        (base, is_minimum): (&Model, bool),
         fitted: &mut Vec<Refit>,
         failed: &mut Vec<Refused>,
         key: &str,
@@ -650,7 +646,7 @@ impl Work<'_> {
         /// As many are fitted.
         const MOST: usize = 3;
         let Some(start) = self.at_belief(base) else { return Ok(()) };
-        if status.may_update_model() && !has_wandered(&start, base) {
+        if is_minimum && !has_wandered(&start, base) {
             return Ok(());
         }
         let mut promising = verdict::shortlist(&self.screened(screening, &start)?);

@@ -570,6 +570,9 @@ impl System {
             if inertial && effect.kernel.n_states > 0 {
                 return Err(unsupported(effect, "an inertia with states of its own"));
             }
+            if (is_delay || effect.place == Place::Sensor) && effect.kernel.n_states > 0 {
+                return Err(unsupported(effect, "a sensor or a delay with states of its own"));
+            }
             if effect.uses.contains(Signal::Ddq) {
                 return Err(unsupported(effect, "its formula needs the acceleration"));
             }

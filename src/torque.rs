@@ -13,7 +13,7 @@ mod terms;
 
 use rayon::prelude::*;
 
-pub use memory::Memory;
+pub(crate) use memory::Memory;
 pub use motion::{Motion, MotionError};
 pub(crate) use states::fastest_rate;
 pub use terms::{JointTerms, terms};
@@ -186,13 +186,15 @@ fn balance(system: &System, motion: &Motion, memory: Option<&Memory>) -> Balance
 /// What the rigid body needs at each sample of the grid, n_samples x n_free, the link effects' share left out.
 fn rigid(system: &System, motion: &Motion) -> Vec<f64> {
     let n = system.n_free();
-    let mut sample = Sample::new(system);
     let mut torques = vec![0.0; motion.len() * n];
-    for (k, torques) in torques.chunks_exact_mut(n).enumerate() {
-        sample.load(motion, None, k);
-        let (q, dq) = sample.x[..2 * n].split_at(n);
-        (system.kernel().inverse_dynamics)(system.prepared(), q, dq, &sample.ddq, torques);
-    }
+    torques.par_chunks_mut(CHUNK * n).enumerate().for_each(|(chunk, torques)| {
+        let mut sample = Sample::new(system);
+        for (index, torques) in torques.chunks_exact_mut(n).enumerate() {
+            sample.load(motion, None, chunk * CHUNK + index);
+            let (q, dq) = sample.x[..2 * n].split_at(n);
+            (system.kernel().inverse_dynamics)(system.prepared(), q, dq, &sample.ddq, torques);
+        }
+    });
     torques
 }
 

@@ -7,7 +7,7 @@
 //! `(BLOCKS - 1) (CONFIRMED + 1)` more fits, and more only where the best lose their credit, so that the next are asked.
 //! The values that are told are those of the first fold.
 
-use super::refit::{FOR_A_SUSPECT, Judge, Refit, left};
+use super::refit::{FOR_A_SUSPECT, Judge, Marks, Refit, left};
 use crate::{
     compare::{Comparison, RunComparison, compare},
     error::Error,
@@ -114,9 +114,15 @@ pub(super) fn over_all(
     let mut blocks: Vec<&Run> = Vec::new();
     for fold in others {
         let runs: Vec<&Run> = fold.iter().collect();
-        let fitted = Judge { runs: &runs, ..*judge }.fit(&start, Some(FOR_A_SUSPECT), None, stop)?;
+        let judge = Judge { runs: &runs, ..*judge };
+        // What could not be fitted to one fold is not fitted to another either.
+        let fitted = match last.was_given_up() {
+            true => None,
+            false => judge.fit(&start, Some(FOR_A_SUSPECT), Marks::default(), stop)?,
+        };
+        let model = fitted.map_or_else(|| start.clone(), |(found, _)| found.model);
         let held_out = held_out(&runs);
-        compared.extend(compare(&fitted.model, &held_out)?.runs);
+        compared.extend(compare(&model, &held_out)?.runs);
         blocks.extend(held_out);
     }
     let held_out = held_out(judge.runs);
@@ -138,7 +144,12 @@ fn held_out<'a>(runs: &[&'a Run]) -> Vec<&'a Run> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::Settings;
+    use crate::{
+        experiment::{Experiment, Settings},
+        fit::position,
+        identify::ErrorKind,
+        model::Model,
+    };
 
     fn run(samples: usize) -> Run {
         let t: Vec<f64> = (0..samples).map(|k| 0.01 * k as f64).collect();
@@ -188,5 +199,29 @@ mod tests {
             }
             assert_eq!(held_out, [one.log.t.clone(), other.log.t.clone()]);
         }
+    }
+
+    /// What a model leaves whose fit was given up is told of as many samples as what a fitted one leaves.
+    #[test]
+    fn a_model_as_it_is_is_judged_by_all_blocks() {
+        let mut run = run(600);
+        run.settings.min_speed = vec![0.0];
+        let split = Split::of(&[&run]);
+        let judged = split.judged(&[&run]);
+        let device = dynid_model::device("servo_pendulum").unwrap();
+        let experiment =
+            Experiment { path: "made.toml".into(), device, runs: vec![run.clone()], digest: String::new() };
+        let judge = Judge {
+            error: ErrorKind::Position,
+            experiment: &experiment,
+            runs: &judged,
+            options: position::Options::default(),
+        };
+        let last = judge.as_it_is(&Model::of_device(device)).unwrap();
+        assert!(last.was_given_up());
+        let whole = over_all(&judge, &split.others, &last, &|| false).unwrap();
+        let samples: f64 = whole.side(true).map(|left| left.samples).sum();
+        assert_eq!(samples, 600.0);
+        assert!(whole.was_given_up() && last.side(true).map(|left| left.samples).sum::<f64>() == 200.0);
     }
 }

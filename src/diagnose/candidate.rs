@@ -178,6 +178,8 @@ pub struct Probe {
     pub model: Model,
     /// Parameters in which the effect is linear: the steps to take.
     pub steps: Vec<Step>,
+    /// Names of the values that were tried.
+    pub tried: Vec<String>,
     /// Parameters to be multiplied by one factor, the torque of the law being proportional to all of them together; empty
     /// where the law is not so.
     pub scaled: Vec<String>,
@@ -269,6 +271,7 @@ pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
         .filter(|(index, _)| proportional && is_torque(&effect.parameters[*index].unit))
         .map(|(index, _)| instance.parameter_name(*index))
         .collect();
+    let tried: Vec<String> = shapes.iter().map(|(index, _)| instance.parameter_name(*index)).collect();
     let mut models = vec![with];
     for (index, values) in &shapes {
         let name = instance.parameter_name(*index);
@@ -298,25 +301,10 @@ pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
         .map(|model| Probe {
             steps: amplitudes.iter().filter_map(|index| step(&model, *index)).collect(),
             model,
+            tried: tried.clone(),
             scaled: scaled.clone(),
         })
         .collect()
-}
-
-/// Names of a suspect's values that no linear step finds.
-pub(super) fn shape_names(model: &Model, suspect: &Suspect) -> Vec<String> {
-    let Suspect { effect: id, joint, from } = suspect;
-    let mut with = model.clone();
-    if with.add_effect(id, *joint, *from).is_err() {
-        return Vec::new();
-    }
-    let Some(instance) = instance(&with, suspect) else { return Vec::new() };
-    let effect = instance.effect;
-    let is_own = |index: &usize| {
-        let parameter = &effect.parameters[*index];
-        parameter.scan.is_some() && !model.hands_over(effect, &parameter.symbol, *joint, *from)
-    };
-    (0..effect.parameters.len()).filter(is_own).map(|index| instance.parameter_name(index)).collect()
 }
 
 /// Whether a unit is one of torque, alone or over or times something kinematic.
@@ -325,7 +313,7 @@ fn is_torque(unit: &str) -> bool {
 }
 
 /// Raises what an effect wants not to be below another value.
-fn keep_orders(model: &mut Model) {
+pub(super) fn keep_orders(model: &mut Model) {
     for (larger, smaller) in crate::fit::orders(model) {
         if let (Some(large), Some(small)) = (model.parameter(&larger), model.parameter(&smaller))
             && large.value < small.value

@@ -4,8 +4,7 @@ use dynid_model::Parameter;
 use rayon::prelude::*;
 
 use super::{
-    Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, candidate::shape_names, probes, screen::Scored,
-    screening_substeps, verdict,
+    MUCH, Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screen::Scored, screening_substeps, verdict,
 };
 use crate::{
     experiment::{Role, Run},
@@ -13,9 +12,6 @@ use crate::{
     model::{EffectInstance, Model},
     torque::Motion,
 };
-
-/// What a suspect promises to explain, as a share of the squared error, before its values are sought for any finer.
-const MUCH: f64 = 0.2;
 
 /// The logs that a screening looks at, with the sizes of what their joints do.
 pub(super) struct Screening<'a> {
@@ -88,11 +84,12 @@ impl<'a> Screening<'a> {
                     // Where the torque error has told which values are worth a simulation, few are left to try.
                     let probes = verdict::worth_simulating(&probes, by_torque.as_ref(), suspects.len());
                     let score = screen.score(suspect, &probes)?;
-                    // Of several such values, which is best depends on the others.
-                    let names = shape_names(base, suspect);
-                    let is_proportional = probes.iter().any(|probe| !probe.scaled.is_empty());
-                    let is_narrow = names.len() > 1 && !is_proportional && score.explained >= MUCH;
-                    Some(if is_narrow { screen.refined(score, &names) } else { score })
+                    // Of several values that were tried, which is best depends on the others.
+                    let tried = probes.first().filter(|probe| probe.tried.len() > 1 && probe.scaled.is_empty());
+                    Some(match tried {
+                        Some(probe) if score.explained >= MUCH => screen.refined(score, &probe.tried),
+                        _ => score,
+                    })
                 });
                 (by_torque, by_position)
             })

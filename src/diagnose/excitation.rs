@@ -120,8 +120,19 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<St
             || !own.identifiable
             || own.std_error.zip(size).is_some_and(|(error, size)| error > size)
     };
+    let as_given = |(name, parameter): (String, dynid_model::Parameter)| super::Own {
+        name,
+        value: parameter.value,
+        std_error: None,
+        at_bound: false,
+        identifiable: true,
+    };
+    let unfitted: Vec<super::Own> = match base.was_given_up() {
+        true => model.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).map(as_given).collect(),
+        false => Vec::new(),
+    };
     let (links, others): (Vec<&super::Own>, Vec<&super::Own>) =
-        base.parameters.iter().partition(|own| own.name.starts_with("link."));
+        base.parameters.iter().chain(&unfitted).partition(|own| own.name.starts_with("link."));
     let names: Vec<String> = others.into_iter().filter(|own| is_open(own)).map(|own| own.name.clone()).collect();
     let links = links.into_iter().filter(|own| !own.identifiable).count();
     let of_links = match links {

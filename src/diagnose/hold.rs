@@ -34,7 +34,7 @@ pub(super) fn may_be_straight(work: &Work<'_>, straight: &Work<'_>, base: &Refit
 /// Whether the model, refitted with straight lines, leaves so much less that they are to be believed.
 pub(super) fn is_worth_it(standing: &Refit, straight: &Refit) -> bool {
     let squares = |refit: &Refit| refit.judged().map(|left| left.squares).sum::<f64>();
-    straight.is_finite() && squares(straight) < (1.0 - WORTH) * squares(standing)
+    straight.is_finite() && !straight.was_given_up() && squares(straight) < (1.0 - WORTH) * squares(standing)
 }
 
 /// What a diagnosis says of it.

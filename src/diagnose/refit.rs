@@ -25,15 +25,17 @@ use crate::{
     model::Model,
 };
 
-/// A model that was fitted, and what it leaves.
+/// A model that was fitted, or whose fit was given up, and what it leaves.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Refit {
     /// What was added to the model that is diagnosed; `None` for that model itself.
     pub suspect: Option<Suspect>,
-    /// The fitted model, as a file.
+    /// The model, as a file.
     pub model: String,
     /// How the fit ended.
     pub status: FitStatus,
+    /// How far it was followed.
+    pub followed: Followed,
     /// The suspect's own parameters; of the model itself all that moved.
     pub parameters: Vec<Own>,
     /// Number of unknowns that the suspect brings beyond those that it takes the place of.
@@ -51,6 +53,18 @@ pub struct Refit {
     /// What is left of every block, where all blocks were held out in turn: it counts as what is held out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub blocks: Vec<Left>,
+}
+
+/// How far a fit was followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Followed {
+    /// To its end.
+    ToItsEnd,
+    /// To where it is poor and falls hardly any more.
+    WhileItFell,
+    /// Not at all: the model is as it was given.
+    No,
 }
 
 /// A suspect's parameter after the refit.
@@ -95,7 +109,7 @@ impl Left {
 }
 
 impl Refit {
-    /// The fitted model.
+    /// The model.
     ///
     /// # Errors
     /// Never for a refit of this program; a checkpoint that was tampered with.
@@ -105,7 +119,12 @@ impl Refit {
 
     /// Whether it is of a model as it was, its fit having been given up.
     pub(super) fn was_given_up(&self) -> bool {
-        self.suspect.is_none() && self.parameters.is_empty()
+        self.followed == Followed::No
+    }
+
+    /// Whether the fit found a minimum.
+    pub(super) fn is_minimum(&self) -> bool {
+        self.status.may_update_model() && self.followed == Followed::ToItsEnd
     }
 
     /// Whether every error is a number.
@@ -156,6 +175,8 @@ impl Refit {
 pub struct Marks {
     /// What another suspect's fit has reached: a fit that stays far above it is given up.
     pub reached: Option<f64>,
+    /// Whether that is nothing but noise.
+    pub only_noise: bool,
     /// Low enough not to try another start.
     pub enough: Option<f64>,
     /// Whether a fit that stays poor is followed to its end all the same.
@@ -168,14 +189,84 @@ pub(super) struct Patience {
     /// A valley is flat where so many iterations lower the cost by less than `share`.
     iterations: usize,
     share: f64,
-    /// Whether a fit that follows the logs not even on a tether is given up, rather than taken as it is.
+    /// Whether a fit that does not follow the logs even on a tether is given up, rather than taken as it is.
     gives_up: bool,
 }
 
 /// For a suspect, one of many.
 pub(super) const FOR_A_SUSPECT: Patience = Patience { iterations: 8, share: 0.01, gives_up: false };
-/// For the model itself, from whose values all suspects are screened.
+/// For the model itself, from whose values all suspects are screened: as slow as a tenth of a per cent an iteration.
 const FOR_THE_MODEL: Patience = Patience { iterations: 20, share: 0.02, gives_up: true };
+
+/// Sees a fit's iterations and says how long it is worth following.
+#[derive(Debug)]
+struct Watcher {
+    patience: Option<Patience>,
+    marks: Marks,
+    has_many_joints: bool,
+    /// Cost on the last tether that was loose or firmer.
+    on_tether: f64,
+    /// Costs of the iterations without a tether.
+    costs: Vec<f64>,
+    /// Iterations whose cost may be compared with what another reached.
+    comparable: usize,
+    /// Whether it had enough.
+    had_enough: bool,
+    /// Whether it gave the fit up.
+    gave_up: bool,
+}
+
+impl Watcher {
+    /// A fit that can reach what another reached is not so far from it after so many iterations.
+    const TRIES: usize = 15;
+    const FAR: f64 = 30.0;
+    /// What leaves this many times the cost of noise is poor.
+    const POOR: f64 = 16.0;
+    /// With a tether of this rate [1/s] or a looser one only a model that is right leaves mere noise.
+    const LOOSE: f64 = 30.0;
+    /// Cost per sample with such a tether beyond which following the fit of many joints, whose every step takes long, to a
+    /// minimum without one is worth no time: accelerations are off by what moves a joint thirty noises in a thirtieth of a
+    /// second.
+    const HOPELESS: f64 = 500.0;
+
+    fn new(patience: Option<Patience>, marks: Marks, has_many_joints: bool) -> Self {
+        Self {
+            patience,
+            marks,
+            has_many_joints,
+            on_tether: 0.0,
+            costs: Vec::new(),
+            comparable: 0,
+            had_enough: false,
+            gave_up: false,
+        }
+    }
+
+    /// Of an iteration's `cost` per sample with a tether of rate `tether` [1/s], 0 without one.
+    fn hears(&mut self, tether: f64, cost: f64) -> Watch {
+        if tether == 0.0 {
+            self.costs.push(cost);
+        } else if tether >= Self::LOOSE {
+            self.on_tether = cost;
+        }
+        self.comparable += usize::from(tether == 0.0 || (self.marks.only_noise && tether <= Self::LOOSE));
+        let is_far = self.marks.reached.is_some_and(|reached| cost > Self::FAR * reached);
+        if is_far && self.comparable >= Self::TRIES {
+            return Watch::Stop;
+        }
+        let is_poor = cost > Self::POOR * verdict::COST_AT_THE_FLOOR;
+        let Some(patience) = self.patience.filter(|_| is_poor) else { return Watch::Continue };
+        let is_hopeless = self.has_many_joints && self.on_tether > Self::HOPELESS && tether < Self::LOOSE;
+        if is_hopeless && patience.gives_up {
+            self.gave_up = true;
+            return Watch::Stop;
+        }
+        let earlier = self.costs.len().checked_sub(patience.iterations + 1).map(|index| self.costs[index]);
+        let is_flat = earlier.is_some_and(|earlier| cost > (1.0 - patience.share) * earlier);
+        self.had_enough |= is_flat || is_hopeless;
+        if is_flat || is_hopeless { Watch::Enough } else { Watch::Continue }
+    }
+}
 
 /// How to refit.
 #[derive(Debug, Clone, Copy)]
@@ -208,7 +299,7 @@ impl Judge<'_> {
             None => Some(FOR_THE_MODEL),
             Some(_) => Some(FOR_A_SUSPECT),
         };
-        let found = self.fit(start, patience, marks.reached, stop)?;
+        let Some((found, followed)) = self.fit(start, patience, marks, stop)? else { return self.as_it_is(start) };
         let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
         let parameters: Vec<Own> = found
             .parameters
@@ -224,7 +315,7 @@ impl Judge<'_> {
             .collect();
         let unknowns = self.added_unknowns(&found.model, base);
         let suspect = suspect.cloned();
-        Ok(Refit { suspect, status: found.status, parameters, unknowns, ..self.as_it_is(&found.model)? })
+        Ok(Refit { suspect, status: found.status, followed, parameters, unknowns, ..self.as_it_is(&found.model)? })
     }
 
     /// What a model leaves that is not fitted.
@@ -236,6 +327,7 @@ impl Judge<'_> {
         Ok(Refit {
             suspect: None,
             status: FitStatus::IterationLimit,
+            followed: Followed::No,
             parameters: Vec::new(),
             unknowns: 0.0,
             rmse_fit: comparison.rmse_fit,
@@ -253,7 +345,8 @@ impl Judge<'_> {
         count(model, self.runs) - count(base, self.runs)
     }
 
-    /// Fits `start` to the runs that are for it; a fit that stays poor is followed no longer than `patience` lasts.
+    /// Fits `start` to the runs that are for it; a fit that stays poor is followed no longer than `patience` lasts. `None` where
+    /// it was given up.
     ///
     /// # Errors
     /// As [`Judge::refit`].
@@ -261,54 +354,24 @@ impl Judge<'_> {
         &self,
         start: &Model,
         patience: Option<Patience>,
-        reached: Option<f64>,
+        marks: Marks,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Identified, Error> {
-        /// A fit that can reach what another reached is not so far from it after so many iterations.
-        const PATIENCE: usize = 15;
-        const FAR: f64 = 30.0;
-        /// What leaves this many times the cost of noise is poor.
-        const POOR: f64 = 16.0;
-        /// With a tether of this rate [1/s] or a looser one only a model that is right leaves mere noise.
-        const LOOSE: f64 = 30.0;
-        /// Cost per sample with such a tether beyond which following the fit of many joints, whose every step takes long, to a
-        /// minimum without one is worth no time: accelerations are off by what moves a joint thirty noises in a thirtieth of a
-        /// second.
-        const HOPELESS: f64 = 500.0;
+    ) -> Result<Option<(Identified, Followed)>, Error> {
         // From where else to start is the diagnosis's own matter.
         let starts = Starts { believed: false, ..Starts::default() };
         let how = How { starts, tell_start: false, ..How::plain(self.error, self.options) };
-        let only_noise = reached.is_some_and(|reached| reached < verdict::COST_AT_THE_FLOOR);
-        let has_many_joints = self.runs.iter().any(|run| run.free.len() > FEW_JOINTS);
-        // The last with a loose tether.
-        let mut at_loose = 0.0;
-        // Of the iterations without a tether.
-        let mut costs: Vec<f64> = Vec::new();
-        // Those whose cost may be compared with what another reached.
-        let mut tries = 0;
+        let patience = patience.filter(|_| self.error == ErrorKind::Position);
+        let mut watcher = Watcher::new(patience, marks, self.runs.iter().any(|run| run.free.len() > FEW_JOINTS));
         let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
-            if told.tether == 0.0 {
-                costs.push(told.cost);
-            }
-            tries += usize::from(told.tether == 0.0 || (only_noise && told.tether <= LOOSE));
-            if told.tether == LOOSE {
-                at_loose = told.cost;
-            }
-            let is_hopeless = has_many_joints && at_loose > HOPELESS && told.tether < LOOSE;
-            let is_far = reached.is_some_and(|reached| told.cost > FAR * reached);
-            if stop() || (is_far && tries >= PATIENCE) {
-                return Watch::Stop;
-            }
-            let is_poor = self.error == ErrorKind::Position && told.cost > POOR * verdict::COST_AT_THE_FLOOR;
-            let Some(patience) = patience.filter(|_| is_poor) else { return Watch::Continue };
-            if is_hopeless && patience.gives_up {
-                return Watch::Stop;
-            }
-            let earlier = costs.len().checked_sub(patience.iterations + 1).map(|index| costs[index]);
-            let is_flat = earlier.is_some_and(|earlier| told.cost > (1.0 - patience.share) * earlier);
-            if is_flat || is_hopeless { Watch::Enough } else { Watch::Continue }
+            if stop() { Watch::Stop } else { watcher.hears(told.tether, told.cost) }
         };
-        identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch)
+        let found =
+            identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch);
+        if watcher.gave_up && !stop() {
+            return Ok(None);
+        }
+        let followed = if watcher.had_enough { Followed::WhileItFell } else { Followed::ToItsEnd };
+        Ok(Some((found?, followed)))
     }
 }
 
@@ -399,4 +462,82 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
         }
     }
     sums.into_values().collect()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A fit that left nothing, not even a file.
+    pub(in crate::diagnose) fn empty() -> Refit {
+        Refit {
+            suspect: None,
+            model: String::new(),
+            status: FitStatus::Converged,
+            followed: Followed::ToItsEnd,
+            parameters: Vec::new(),
+            unknowns: 0.0,
+            rmse_fit: None,
+            rmse_validate: None,
+            torque_percent_fit: None,
+            torque_percent_validate: None,
+            left: Vec::new(),
+            blocks: Vec::new(),
+        }
+    }
+
+    /// What the watcher says of each of these iterations: rate of the tether [1/s] and cost.
+    fn heard(watcher: &mut Watcher, told: &[(f64, f64)]) -> Vec<Watch> {
+        told.iter().map(|(tether, cost)| watcher.hears(*tether, *cost)).collect()
+    }
+
+    #[test]
+    fn a_fit_that_falls_or_is_good_is_followed() {
+        let falling: Vec<(f64, f64)> = (0..40).map(|k| (0.0, 1e4 * 0.9_f64.powi(k))).collect();
+        let good = [(0.0, 0.6); 40];
+        for told in [&falling[..], &good] {
+            let mut watcher = Watcher::new(Some(FOR_A_SUSPECT), Marks::default(), true);
+            assert!(heard(&mut watcher, told).iter().all(|watch| *watch == Watch::Continue));
+            assert!(!watcher.had_enough && !watcher.gave_up);
+        }
+    }
+
+    #[test]
+    fn a_poor_fit_in_a_flat_valley_is_left() {
+        let flat = [(0.0, 100.0); 40];
+        for (patience, iterations) in [(FOR_A_SUSPECT, 8), (FOR_THE_MODEL, 20)] {
+            let mut watcher = Watcher::new(Some(patience), Marks::default(), false);
+            let first = heard(&mut watcher, &flat).iter().position(|watch| *watch == Watch::Enough);
+            assert_eq!(first, Some(iterations), "{patience:?}");
+            assert!(watcher.had_enough);
+        }
+        let mut thorough = Watcher::new(None, Marks::default(), false);
+        assert!(heard(&mut thorough, &flat).iter().all(|watch| *watch == Watch::Continue));
+    }
+
+    #[test]
+    fn a_fit_far_above_anothers_is_stopped() {
+        let far = [(3.0, 100.0), (0.0, 100.0), (0.0, 90.0)];
+        let far: Vec<(f64, f64)> = far.into_iter().cycle().take(60).collect();
+        let stopped = |only_noise: bool| {
+            let marks = Marks { reached: Some(0.5), only_noise, ..Marks::default() };
+            heard(&mut Watcher::new(None, marks, false), &far).iter().position(|watch| *watch == Watch::Stop)
+        };
+        // Two of three are without a tether; where another leaves only noise, a loose one counts too.
+        assert_eq!((stopped(false), stopped(true)), (Some(22), Some(14)));
+    }
+
+    #[test]
+    fn many_joints_that_do_not_follow_their_logs_on_a_tether_are_given_up() {
+        let told = [(100.0, 150.0), (30.0, 5000.0), (10.0, 20_000.0)];
+        let last = |patience: Patience, has_many_joints: bool| {
+            let mut watcher = Watcher::new(Some(patience), Marks::default(), has_many_joints);
+            let heard = heard(&mut watcher, &told);
+            assert_eq!(heard[..2], [Watch::Continue; 2]);
+            (heard[2], watcher.gave_up)
+        };
+        assert_eq!(last(FOR_THE_MODEL, true), (Watch::Stop, true));
+        assert_eq!(last(FOR_A_SUSPECT, true), (Watch::Enough, false));
+        assert_eq!(last(FOR_THE_MODEL, false), (Watch::Continue, false));
+    }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{
-    Diagnosis, Left, Place, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work,
+    Diagnosis, Followed, Left, Place, Probe, Ranked, Refit, Refused, Score, Screened, Step, Suspect, Verdict, Work,
     candidate::{distinct, is_symmetric},
     screen::Scored,
 };
@@ -416,7 +416,7 @@ pub(super) fn of(before: &Refit, fitted: &[Judged]) -> Verdict {
     let explains_much = share(before, best).is_some_and(|(.., excess)| excess >= least);
     // Where little is left, little is no news; and what more iterations of the model's own fit might have gained is no
     // effect's merit.
-    let explained = match (near_floor, before.status.may_update_model()) {
+    let explained = match (near_floor, before.is_minimum()) {
         (true, _) => explains_much || reaches_the_floor(best),
         (false, true) => explains_much || explains(best),
         (false, false) => explains(best),
@@ -639,8 +639,7 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
             }
         }
         Verdict::Unexplained => {
-            let converged = first.status.may_update_model();
-            sentences.push(if converged {
+            sentences.push(if first.followed != Followed::ToItsEnd || first.status.may_update_model() {
                 "No effect of the library explains it.".to_owned()
             } else {
                 format!(
@@ -654,4 +653,35 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
         }
     }
     sentences
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_what_is_low_or_low_and_white_at_every_joint() {
+        let left = |joint: usize, ratio: f64, white: bool| Left {
+            joint,
+            held_out: true,
+            squares: ratio * ratio,
+            samples: 100.0,
+            correlation: 1.0,
+            noise_squares: Some(1.0),
+            white,
+        };
+        let unknown = Left { noise_squares: None, ..left(0, 0.5, true) };
+        let cases = [
+            (vec![left(0, 1.10, true)], true),
+            (vec![left(0, 1.10, false)], false),
+            (vec![left(0, 1.04, false)], true),
+            (vec![left(0, 1.20, true)], false),
+            (vec![unknown], false),
+            (vec![left(0, 0.9, true), left(1, 1.3, true)], false),
+        ];
+        for (left, expected) in cases {
+            let refit = Refit { left, ..crate::diagnose::refit::tests::empty() };
+            assert_eq!(reaches_the_floor(&refit), expected, "{:?}", refit.left);
+        }
+    }
 }

@@ -63,8 +63,8 @@ impl Linear {
         self.inertias(system, ddq);
     }
 
-    /// The rates of a group's states (in `dx`) and their gradients alone. Leaves the load as it was, but where all states
-    /// are of one group.
+    /// The rates of a group's states (in `dx`) and their gradients alone. Leaves the load as it was, unless the group is that of
+    /// all effects.
     pub(crate) fn follow(
         &mut self,
         system: &System,

@@ -281,6 +281,16 @@ fn what_is_remembered_changes_nothing() {
     }
     let others = [placed(&LUGRE, 1, None, &[8.0, 0.4, 0.05, 0.2, 0.5, 0.3]), placed(&GAIN, 0, None, &[1.4])];
     systems.push(System::new(&ARM, 2, LINKS.to_vec(), Vec::new(), &others).expect("the arm is complete"));
+    // Laws that read a rest position, another law beside the drive's own states, and one that all states hang together with.
+    let lugre = placed(&LUGRE, 0, None, &[8.0, 0.4, 0.05, 0.2, 0.5, 0.3]);
+    let springs = [0.5, 0.7].map(|qeq| placed(&SPRING, 0, None, &[0.9, qeq]));
+    for spring in springs {
+        let effects = [lugre.clone(), spring];
+        systems.push(System::new(&ARM, 2, LINKS.to_vec(), Vec::new(), &effects).expect("the arm is complete"));
+    }
+    let mut bristles_bent = lugre.clone();
+    bristles_bent.initial_states = vec![0.01];
+    systems.push(System::new(&ARM, 2, LINKS.to_vec(), Vec::new(), &[bristles_bent]).expect("the arm is complete"));
     systems.push(arm());
     let mut seen = Vec::new();
     for system in &systems {

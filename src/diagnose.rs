@@ -466,7 +466,7 @@ impl Work<'_> {
         waiting.iter_mut().filter(|score| score.explained < MUCH).for_each(|score| score.others.clear());
         // A fit that keeps what the screening promised needs no other start.
         let cost = refit.cost().filter(|cost| cost.is_finite() && !refit.was_given_up());
-        let kept = |score: &Score| Some(cost? * (1.0 - KEPT * score.explained));
+        let kept = |score: &Score| Some(cost? * (1.0 - KEPT * score.explained)).filter(|_| !score.is_narrow);
         while !waiting.is_empty() {
             let later = waiting.split_off(at_once.min(waiting.len()));
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);

@@ -183,13 +183,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             })
         })
     };
-    // A new effect's first estimate may lead nowhere; the next best may not.
+    let cost = |found: &Result<Identified, Error>| {
+        found
+            .as_ref()
+            .ok()
+            .filter(|found| found.status.may_update_model())
+            .map_or(f64::INFINITY, |found| found.cost_after)
+    };
+    // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
     for other in first.others {
-        if is_minimum(&found) || is_stopped(&found) || unsaved.is_some() {
+        if (is_minimum(&found) && !first.is_narrow) || is_stopped(&found) || unsaved.is_some() {
             break;
         }
         let next = search(&other, &how);
-        if is_minimum(&next) || is_stopped(&next) {
+        if is_stopped(&next) || cost(&next) < cost(&found) {
             found = next;
         }
     }

@@ -104,6 +104,8 @@ pub struct FirstEstimates {
     pub model: Model,
     /// Other starts, should a fit from there come to no minimum; only where a single effect is new.
     pub others: Vec<Model>,
+    /// Whether the other starts should be tried even where the first leads to a minimum, for there are many near by.
+    pub is_narrow: bool,
     /// The effects that got an estimate.
     pub labels: Vec<String>,
 }
@@ -113,7 +115,7 @@ pub struct FirstEstimates {
 ///
 /// The estimate is the one that a screening finds ([`Screen`]); where it finds none the effect stays.
 pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> FirstEstimates {
-    let mut found = FirstEstimates { model: model.clone(), others: Vec::new(), labels: Vec::new() };
+    let mut found = FirstEstimates { model: model.clone(), others: Vec::new(), is_narrow: false, labels: Vec::new() };
     let new: Vec<EffectInstance> = model.effects.iter().filter(|own| vanishes(own)).cloned().collect();
     if new.is_empty() {
         return found;
@@ -130,6 +132,7 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> F
         let Some((torque, position)) = scores.into_iter().next() else { continue };
         let mut estimates = Vec::new();
         for score in [position, torque].into_iter().flatten() {
+            found.is_narrow |= is_single && score.is_narrow;
             estimates.push(score.estimate);
             estimates.extend(score.others);
         }

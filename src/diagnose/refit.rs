@@ -208,8 +208,6 @@ struct Watcher {
     on_tether: f64,
     /// Costs of the iterations without a tether.
     costs: Vec<f64>,
-    /// Iterations whose cost may be compared with what another reached.
-    comparable: usize,
     /// Whether it had enough.
     had_enough: bool,
     /// Whether it gave the fit up.
@@ -217,12 +215,13 @@ struct Watcher {
 }
 
 impl Watcher {
-    /// A fit that can reach what another reached is not so far from it after so many iterations.
+    /// A fit that can reach what another reached is not so far from it after so many iterations. (Those on a tether do not
+    /// count: it pulls what a sensor shows wrongly away from where it is.)
     const TRIES: usize = 15;
     const FAR: f64 = 30.0;
     /// What leaves this many times the cost of noise is poor.
     const POOR: f64 = 16.0;
-    /// With a tether of this rate [1/s] or a looser one only a model that is right leaves mere noise.
+    /// A tether of this rate [1/s] is loose.
     const LOOSE: f64 = 30.0;
     /// Cost per sample with such a tether beyond which following the fit of many joints, whose every step takes long, to a
     /// minimum without one is worth no time: accelerations are off by what moves a joint thirty noises in a thirtieth of a
@@ -230,16 +229,7 @@ impl Watcher {
     const HOPELESS: f64 = 500.0;
 
     fn new(patience: Option<Patience>, marks: Marks, has_many_joints: bool) -> Self {
-        Self {
-            patience,
-            marks,
-            has_many_joints,
-            on_tether: 0.0,
-            costs: Vec::new(),
-            comparable: 0,
-            had_enough: false,
-            gave_up: false,
-        }
+        Self { patience, marks, has_many_joints, on_tether: 0.0, costs: Vec::new(), had_enough: false, gave_up: false }
     }
 
     /// Of an iteration's `cost` per sample with a tether of rate `tether` [1/s], 0 without one.
@@ -249,9 +239,8 @@ impl Watcher {
         } else if tether >= Self::LOOSE {
             self.on_tether = cost;
         }
-        self.comparable += usize::from(tether == 0.0 || (self.marks.only_noise && tether <= Self::LOOSE));
         let is_far = self.marks.reached.is_some_and(|reached| cost > Self::FAR * reached);
-        if is_far && self.comparable >= Self::TRIES {
+        if is_far && self.costs.len() >= Self::TRIES {
             return Watch::Stop;
         }
         let is_poor = cost > Self::POOR * verdict::COST_AT_THE_FLOOR;
@@ -519,12 +508,10 @@ pub(super) mod tests {
     fn a_fit_far_above_anothers_is_stopped() {
         let far = [(3.0, 100.0), (0.0, 100.0), (0.0, 90.0)];
         let far: Vec<(f64, f64)> = far.into_iter().cycle().take(60).collect();
-        let stopped = |only_noise: bool| {
-            let marks = Marks { reached: Some(0.5), only_noise, ..Marks::default() };
-            heard(&mut Watcher::new(None, marks, false), &far).iter().position(|watch| *watch == Watch::Stop)
-        };
-        // Two of three are without a tether; where another leaves only noise, a loose one counts too.
-        assert_eq!((stopped(false), stopped(true)), (Some(22), Some(14)));
+        let marks = Marks { reached: Some(0.5), ..Marks::default() };
+        let stopped = heard(&mut Watcher::new(None, marks, false), &far).iter().position(|watch| *watch == Watch::Stop);
+        // Two of three are without a tether.
+        assert_eq!(stopped, Some(22));
     }
 
     #[test]

@@ -25,6 +25,9 @@ pub struct Score {
     pub estimate: Model,
     /// Other estimates, by the next best of the tried values.
     pub others: Vec<Model>,
+    /// Whether the values were sought more finely than the grid: then a single fit is not to be trusted, for its valley is
+    /// narrow and others lie beside it.
+    pub is_narrow: bool,
 }
 
 /// What a change of the errors leaves.
@@ -111,7 +114,7 @@ impl<'a> Screen<'a> {
         let mut tried = tried.into_iter();
         let (information, explained, estimate) = tried.next()?;
         let others = tried.take(OTHERS).map(|(.., model)| model).collect();
-        Some(Score { suspect: suspect.clone(), information, explained, estimate, others })
+        Some(Score { suspect: suspect.clone(), information, explained, estimate, others, is_narrow: false })
     }
 
     /// A score whose estimate has the values of these names brought nearer to the best: what is tried is a coarse grid, and the
@@ -128,6 +131,7 @@ impl<'a> Screen<'a> {
             found.is_some_and(|parameter| !parameter.fixed && parameter.value != 0.0)
         };
         let names: Vec<&String> = names.iter().filter(may_move).collect();
+        let score = Score { is_narrow: true, ..score };
         let Some(mut least) = self.gain_of(&score.estimate) else { return score };
         let mut estimate = score.estimate.clone();
         for factor in FACTORS {
@@ -343,7 +347,14 @@ mod tests {
     fn refined(view: &Valley, (base, model, names): &(Model, Model, Vec<String>)) -> Vec<f64> {
         let screen = Screen::new(view, base, &[]).unwrap();
         let suspect = Suspect { effect: "turner".to_owned(), joint: Some(0), from: None };
-        let score = Score { suspect, information: -1.0, explained: 0.5, estimate: model.clone(), others: Vec::new() };
+        let score = Score {
+            suspect,
+            information: -1.0,
+            explained: 0.5,
+            estimate: model.clone(),
+            others: Vec::new(),
+            is_narrow: false,
+        };
         let refined = screen.refined(score, names);
         assert!(refined.others.iter().all(|other| other.digest() == model.digest()));
         names.iter().map(|name| refined.estimate.parameter(name).unwrap().value).collect()

@@ -273,7 +273,7 @@ pub fn diagnose(
     }
     if base.was_given_up() {
         notes.push(
-            "the fit of the model was given up: it does not follow the logs even where it is held to them. What is missing is \
+            "the fit of the model was given up: it leaves far more than noise and comes to no minimum. What is missing is \
              looked for at the values that it was given, and what it leaves is told of those"
                 .to_owned(),
         );
@@ -435,9 +435,8 @@ impl Work<'_> {
 
     /// Screens, fits the best suspects and judges them.
     fn step(&self, base: &Model, refit: &Refit, depth: usize, before: &[Step]) -> Result<Step, Error> {
-        let is_white_near_it =
-            || refit.worst_ratio().is_some_and(|ratio| ratio < verdict::NEAR_THE_FLOOR) && refit.is_white();
-        if verdict::reaches_the_floor(refit) || is_white_near_it() {
+        let is_near = refit.worst_ratio().is_some_and(|ratio| ratio < verdict::NEAR_THE_FLOOR);
+        if verdict::reaches_the_floor(refit) || (is_near && refit.is_white()) {
             return Ok(Step {
                 verdict: Verdict::NothingMissing,
                 base: refit.clone(),

@@ -204,14 +204,14 @@ pub(crate) fn delivered(system: &System, motion: &Motion) -> (Vec<Vec<f64>>, Vec
     let n = system.n_free();
     let states = states::follow(system, motion, None);
     let slopes = system.drive_slope(&typical_commands(system, motion)).0;
-    let mut linear = Linear::new(system);
+    let mut scratch = system.scratch();
     let mut sample = Sample::new(system);
     let mut delivered = vec![Vec::with_capacity(motion.len()); n];
     for k in 0..motion.len() {
         sample.load(motion, states.as_ref(), k);
         let Sample { x, command, dx, .. } = &mut sample;
-        linear.along(system, motion.elapsed_s(k), x, None, command, dx);
-        delivered.iter_mut().zip(linear.drive()).for_each(|(delivered, drive)| delivered.push(*drive));
+        system.drive(&mut scratch, motion.elapsed_s(k), x, command, dx);
+        delivered.iter_mut().zip(&scratch.drive).for_each(|(delivered, drive)| delivered.push(*drive));
     }
     (delivered, slopes)
 }

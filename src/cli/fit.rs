@@ -183,12 +183,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             })
         })
     };
-    let cost = |found: &Result<Identified, Error>| {
-        found
-            .as_ref()
-            .ok()
-            .filter(|found| found.status.may_update_model())
-            .map_or(f64::INFINITY, |found| found.cost_after)
+    let cost = |found: &Result<Identified, Error>| match found {
+        Ok(found) if found.status.may_update_model() => found.cost_after,
+        _ => f64::INFINITY,
     };
     // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
     for other in first.others {

@@ -189,7 +189,7 @@ pub(super) struct Patience {
     /// A valley is flat where so many iterations lower the cost by less than `share`.
     iterations: usize,
     share: f64,
-    /// Whether a fit that does not follow the logs even on a tether is given up, rather than taken as it is.
+    /// Whether a fit that does not follow the logs even on a tether, or goes astray, is given up, rather than taken as it is.
     gives_up: bool,
 }
 
@@ -232,6 +232,17 @@ impl Watcher {
         Self { patience, marks, has_many_joints, on_tether: 0.0, costs: Vec::new(), had_enough: false, gave_up: false }
     }
 
+    /// Whether a fit that ended so was led by what is missing to where its simulations break down, e.g. to inertias so small
+    /// that friction stops a joint within an integration step.
+    fn went_astray(&self, status: FitStatus) -> bool {
+        let is_poor = self.costs.last().is_some_and(|cost| Self::is_poor(*cost));
+        status == FitStatus::NumericalError && is_poor && self.patience.is_some_and(|patience| patience.gives_up)
+    }
+
+    fn is_poor(cost: f64) -> bool {
+        cost > Self::POOR * verdict::COST_AT_THE_FLOOR
+    }
+
     /// Of an iteration's `cost` per sample with a tether of rate `tether` [1/s], 0 without one.
     fn hears(&mut self, tether: f64, cost: f64) -> Watch {
         if tether == 0.0 {
@@ -243,8 +254,7 @@ impl Watcher {
         if is_far && self.costs.len() >= Self::TRIES {
             return Watch::Stop;
         }
-        let is_poor = cost > Self::POOR * verdict::COST_AT_THE_FLOOR;
-        let Some(patience) = self.patience.filter(|_| is_poor) else { return Watch::Continue };
+        let Some(patience) = self.patience.filter(|_| Self::is_poor(cost)) else { return Watch::Continue };
         let is_hopeless = self.has_many_joints && self.on_tether > Self::HOPELESS && tether < Self::LOOSE;
         if is_hopeless && patience.gives_up {
             self.gave_up = true;
@@ -356,7 +366,8 @@ impl Judge<'_> {
         };
         let found =
             identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch);
-        if watcher.gave_up && !stop() {
+        let went_astray = found.as_ref().is_ok_and(|found| watcher.went_astray(found.status));
+        if (watcher.gave_up || went_astray) && !stop() {
             return Ok(None);
         }
         let followed = if watcher.had_enough { Followed::WhileItFell } else { Followed::ToItsEnd };

@@ -372,11 +372,14 @@ pub fn resume(
     let mut ended = Ended::Converged;
     loop {
         let anchor = x;
-        let coarse = evaluator.coarse_substeps(&anchor, options.substeps);
-        if search.is_none() && stage < searches::FIRST_FREE && searches::is_near(&evaluator, &anchor, coarse) {
-            stage = searches::FIRST_FREE;
+        if search.is_none() && stage < searches::FIRST_FREE {
+            let coarse = evaluator.coarse_substeps(&anchor, options.substeps, Search::Coarse.tether());
+            if searches::is_near(&evaluator, &anchor, coarse) {
+                stage = searches::FIRST_FREE;
+            }
         }
         let kind = SEARCHES[stage.min(searches::LAST)];
+        let coarse = evaluator.coarse_substeps(&anchor, options.substeps, kind.tether());
         let at = kind.at(&evaluator, &anchor, coarse, options.substeps);
         if kind == Search::Fine {
             let Some(quadratic) = sqp::Objective::quadratic(&at, &anchor) else {
@@ -406,7 +409,7 @@ pub fn resume(
         ended = outcome.ended;
         // What stiffened on the way may need shorter steps to be simulated at all.
         let is_cut_short = ended == Ended::Stuck && x != anchor && iterations < options.iterations;
-        if is_cut_short && evaluator.coarse_substeps(&x, options.substeps) > coarse {
+        if is_cut_short && evaluator.coarse_substeps(&x, options.substeps, kind.tether()) > coarse {
             continue;
         }
         stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };
@@ -428,7 +431,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let mut region = region(&problem, &evaluator);
     let mut x = evaluator.start(&problem);
     for search in [Search::Coarse, Search::Corrected] {
-        let coarse = evaluator.coarse_substeps(&x, options.substeps);
+        let coarse = evaluator.coarse_substeps(&x, options.substeps, search.tether());
         let at = search.at(&evaluator, &x, coarse, options.substeps);
         let limits = Limits { iterations: 20, tolerance: 1e-4 };
         let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut |_| Watch::Continue);

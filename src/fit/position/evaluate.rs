@@ -135,14 +135,15 @@ impl<'a> Evaluator<'a> {
     }
 
     /// The fewest steps per sample that change no position by more than a small part of the noise, or of the error where
-    /// that is somewhat larger: what is far from the log need not be far from it exactly.
-    pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize) -> usize {
+    /// that is somewhat larger: what is far from the log need not be far from it exactly. On a tether of rate `tether`
+    /// [1/s] an error of one step is pulled back, so that fewer may do.
+    pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize, tether: f64) -> usize {
         /// Share of the noise that the integration may add: a numerical choice.
         const SHARE: f64 = 0.1;
         /// No error counts for more than this in units of the noise: the search would stumble over rougher simulations.
         const LARGE: f64 = 4.0;
         let simulated = |substeps: usize| -> Option<Vec<Vec<f64>>> {
-            let resolution = Resolution { horizon_s: 5.0, substeps, jacobian_substeps: substeps, tether: 0.0 };
+            let resolution = Resolution { horizon_s: 5.0, substeps, jacobian_substeps: substeps, tether };
             self.ready.par_iter().map(|ready| ready.simulate(x, resolution).ok()).collect()
         };
         let Some(reference) = simulated(fine) else { return fine };

@@ -516,6 +516,20 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn only_the_models_own_fit_goes_astray_and_only_where_it_is_poor() {
+        let went_astray = |patience, cost, status| {
+            let mut watcher = Watcher::new(patience, Marks::default(), false);
+            heard(&mut watcher, &[(3.0, 1.0), (0.0, cost)]);
+            watcher.went_astray(status)
+        };
+        let stuck = FitStatus::NumericalError;
+        assert!(went_astray(Some(FOR_THE_MODEL), 100.0, stuck));
+        assert!(!went_astray(Some(FOR_THE_MODEL), 0.6, stuck), "what is left is near the noise");
+        assert!(!went_astray(Some(FOR_THE_MODEL), 100.0, FitStatus::Converged));
+        assert!(!went_astray(Some(FOR_A_SUSPECT), 100.0, stuck) && !went_astray(None, 100.0, stuck));
+    }
+
+    #[test]
     fn a_fit_far_above_anothers_is_stopped() {
         let far = [(3.0, 100.0), (0.0, 100.0), (0.0, 90.0)];
         let far: Vec<(f64, f64)> = far.into_iter().cycle().take(60).collect();

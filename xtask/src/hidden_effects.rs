@@ -19,6 +19,9 @@ pub struct Arguments {
     /// Only cases of this kind.
     #[arg(long, value_enum)]
     only: Option<Only>,
+    /// Other machines, runs and sizes of the hidden effects than those that the program was written by.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    draw: u32,
     /// Cases at a time.
     #[arg(long, value_name = "N", default_value_t = 1)]
     jobs: usize,
@@ -177,7 +180,7 @@ fn chosen(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
         Ok(number) => case.number == number,
         Err(_) => case.name.contains(word),
     };
-    let all = table::cases();
+    let all = table::drawn(arguments.draw);
     if let Some(word) = arguments.cases.iter().find(|word| !all.iter().any(|case| is_meant(case, word))) {
         return Err(BadInput(format!("there is no case `{word}`; the cases are 1..={}", all.len())).into());
     }

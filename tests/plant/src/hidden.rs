@@ -1,6 +1,6 @@
 //! Cases with a known answer: logs of a machine that has one effect more than the model that is believed of it.
 //!
-//! A case is made from a number alone: the machine, whose parameters are a few per cent off the device file's; three runs of
+//! A case is made from its number and a draw: the machine, whose parameters are a few per cent off the device file's; three runs of
 //! it, noisy and quantised; the believed model, which lacks the hidden effect and is a few per cent off again; and what
 //! counts as the right answer. [`table`] lists them, [`trial`] puts the program through them.
 
@@ -259,6 +259,23 @@ fn parse(text: &str) -> EffectEntry {
     EffectEntry { id: id.to_owned(), joint: number(joint), from: from.map(number), values }
 }
 
+/// The effect with each value up to 15 % nearer to the one that does nothing, or farther; of those that do nothing at
+/// infinity, such as a limit, up to 15 % larger or smaller.
+fn varied(mut entry: EffectEntry, seed: u64) -> EffectEntry {
+    const BY: f64 = 0.15;
+    let mut noise = Noise::new(0x0d1d_8000 + seed);
+    let effect = dynid_model::effect(&entry.id);
+    for (symbol, value) in &mut entry.values {
+        let parameter = effect.and_then(|effect| effect.parameter(symbol));
+        let null = parameter.and_then(|parameter| parameter.null).filter(|null| null.abs() < 10.0 * value.abs());
+        let null = null.unwrap_or(0.0);
+        if parameter.is_none_or(|parameter| parameter.origin != Origin::Numerical) {
+            *value = rounded(null + (*value - null) * (1.0 + BY * between(&mut noise)));
+        }
+    }
+    entry
+}
+
 fn device(id: &str) -> &'static Device {
     dynid_model::device(id).expect("the table names devices of the library")
 }
@@ -323,13 +340,15 @@ fn habits(device: &str) -> Habits {
     }
 }
 
-/// Makes the case of that number from its plan.
+/// Makes the case of that number from its plan. Draw 0 hides what the plan says; others differ in machine, belief, runs and
+/// noise, and hide an effect that is somewhat larger or smaller.
 #[must_use]
-pub fn make(number: usize, plan: &Plan) -> Case {
-    let mut noise = Noise::new(0x0d1d_0000 + number as u64);
+pub fn make(number: usize, plan: &Plan, draw: u32) -> Case {
+    let seed = (u64::from(draw) << 32) + number as u64;
+    let mut noise = Noise::new(0x0d1d_0000 + seed);
     let device = device(plan.device);
     let habits = habits(plan.device);
-    let hidden = plan.hidden.map(parse);
+    let hidden = plan.hidden.map(parse).map(|hidden| if draw == 0 { hidden } else { varied(hidden, seed) });
 
     let rest = rest_of(plan, device, &habits, &mut noise);
     let mut effects = rest.clone();
@@ -353,7 +372,7 @@ pub fn make(number: usize, plan: &Plan) -> Case {
     );
     let truth = Recipe {
         device: plan.device.to_owned(),
-        seed: number as u64,
+        seed,
         sample_s: 0.01,
         steps_per_sample: 80,
         noise_rms: NOISE,
@@ -705,6 +724,20 @@ mod tests {
         }
         for (one, other) in cases.iter().zip(&again) {
             assert_eq!((&one.truth, &one.believed), (&other.truth, &other.believed));
+        }
+        for (one, other) in cases.iter().zip(&table::drawn(1)) {
+            assert_eq!((&one.name, &one.free), (&other.name, &other.free));
+            assert!(one.truth.parameters != other.truth.parameters || one.truth.start != other.truth.start);
+            assert_ne!((one.truth.seed, &one.truth.runs), (other.truth.seed, &other.truth.runs));
+            if let (Some(one), Some(other)) = (&one.hidden, &other.hidden) {
+                assert_ne!(one, other);
+                for (symbol, value) in &one.values {
+                    assert!(
+                        (other.values[symbol] - value).abs() <= 0.151 * value.abs(),
+                        "{symbol}: {one:?}, {other:?}"
+                    );
+                }
+            }
         }
     }
 

@@ -463,6 +463,8 @@ impl Work<'_> {
         let many = if free > FEW_JOINTS { MANY_STARTS_OF_MANY_JOINTS } else { MANY_STARTS };
         waiting.iter_mut().skip(many).for_each(|score| score.others.clear());
         waiting.iter_mut().filter(|score| score.explained < MUCH).for_each(|score| score.others.clear());
+        let unknowns = |score: &Score| self.judge.added_unknowns(&score.estimate, base);
+        waiting = verdict::plain_ones_first(waiting, &scored, &unknowns);
         // A fit that keeps what the screening promised needs no other start.
         let cost = refit.cost().filter(|cost| cost.is_finite() && !refit.was_given_up());
         let kept = |score: &Score| Some(cost? * (1.0 - KEPT * score.explained)).filter(|_| !score.is_narrow);
@@ -500,7 +502,7 @@ impl Work<'_> {
             }
             // Where that is white, only what is no larger.
             if let Some(plainest) = verdict::plainest_noise(&fitted) {
-                waiting.retain(|score| self.judge.added_unknowns(&score.estimate, base) <= plainest.unknowns);
+                waiting.retain(|score| unknowns(score) <= plainest.unknowns);
             }
         }
         let again = format!("{depth}: again, {}", path.join(" > "));

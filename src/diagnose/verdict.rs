@@ -152,6 +152,37 @@ pub(super) fn shortlist(scored: &[Scored]) -> Vec<Score> {
     list
 }
 
+/// The list with those ahead that have fewer unknowns than the most promising, at the same joint, and that a screening finds
+/// nearly as telling: where one of them leaves nothing but white noise, nothing larger need be fitted.
+pub(super) fn plain_ones_first(
+    mut list: Vec<Score>,
+    scored: &[Scored],
+    unknowns: &dyn Fn(&Score) -> f64,
+) -> Vec<Score> {
+    /// Share of what the most promising explains.
+    const NEARLY: f64 = 0.95;
+    let Some(first) = list.first() else { return list };
+    let (place, most) = (first.suspect.joint, unknowns(first));
+    let explained = |suspect: &Suspect| {
+        let own = scored
+            .iter()
+            .find(|(torque, position)| torque.as_ref().or(position.as_ref()).is_some_and(|any| any.suspect == *suspect));
+        let of = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.explained);
+        own.map_or((0.0, 0.0), |own| (of(&own.0), of(&own.1)))
+    };
+    let (torque, position) = explained(&first.suspect);
+    let is_plain = |score: &Score| {
+        let own = explained(&score.suspect);
+        score.suspect.joint == place
+            && unknowns(score) < most
+            && (own.0 > 0.0 && own.0 >= NEARLY * torque || own.1 > 0.0 && own.1 >= NEARLY * position)
+    };
+    let (mut plain, others): (Vec<Score>, Vec<Score>) = list.drain(..).partition(is_plain);
+    plain.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));
+    plain.extend(others);
+    plain
+}
+
 /// What the screening says of every suspect, most promising first.
 pub(super) fn screened(scored: &[Scored]) -> Vec<Screened> {
     let mut list: Vec<Screened> = scored

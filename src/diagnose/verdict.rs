@@ -164,9 +164,9 @@ pub(super) fn plain_ones_first(
     let Some(first) = list.first() else { return list };
     let (place, most) = (first.suspect.joint, unknowns(first));
     let explained = |suspect: &Suspect| {
-        let own = scored
-            .iter()
-            .find(|(torque, position)| torque.as_ref().or(position.as_ref()).is_some_and(|any| any.suspect == *suspect));
+        let own = scored.iter().find(|(torque, position)| {
+            torque.as_ref().or(position.as_ref()).is_some_and(|any| any.suspect == *suspect)
+        });
         let of = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.explained);
         own.map_or((0.0, 0.0), |own| (of(&own.0), of(&own.1)))
     };
@@ -227,6 +227,8 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
     /// Shares of the best's score.
     const NEARLY: f64 = 0.6;
     const USELESS: f64 = 0.1;
+    /// Share of a screening's best score below which it did not see what it looked at.
+    const SEEN: f64 = 0.1;
     /// Share of the squared error; beyond it a screening, which is linear, tells no more.
     const NEARLY_ALL: f64 = 0.98;
     let Some(winner) = &best.suspect else { return true };
@@ -237,13 +239,18 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
     };
     let (Some(own), Some(best)) = (of(&score.suspect), of(winner)) else { return true };
     let information = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.information);
-    let is_near = |own: &Option<Score>, best: &Option<Score>| {
-        own.as_ref().is_some_and(|own| own.explained > NEARLY_ALL) || information(own) < NEARLY * information(best)
+    // A screening that did not see the winner tells nothing of its rivals.
+    let least = |of: fn(&Scored) -> &Option<Score>| scored.iter().map(|own| information(of(own))).fold(0.0, f64::min);
+    let seen = [information(&best.0) < SEEN * least(|own| &own.0), information(&best.1) < SEEN * least(|own| &own.1)];
+    let is_near = |own: &Option<Score>, best: &Option<Score>, is_seen: bool| {
+        let is_telling = is_seen || seen == [false, false];
+        own.as_ref().is_some_and(|own| own.explained > NEARLY_ALL)
+            || (is_telling && information(own) < NEARLY * information(best))
     };
     // What simulations find next to useless, and that elsewhere, is no rival.
     let is_elsewhere = score.suspect.joint != winner.joint;
     let is_useless = is_elsewhere && own.1.is_some() && information(&own.1) > USELESS * information(&best.1);
-    (is_near(&own.0, &best.0) && !is_useless) || is_near(&own.1, &best.1)
+    (is_near(&own.0, &best.0, seen[0]) && !is_useless) || is_near(&own.1, &best.1, seen[1])
 }
 
 /// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate. The more

@@ -17,6 +17,7 @@ mod refit;
 mod region;
 mod screen;
 mod sessions;
+mod shortlist;
 mod tell_apart;
 mod verdict;
 mod view;
@@ -447,7 +448,7 @@ impl Work<'_> {
         }
         let screening = Screening::new(base, self.judge.runs, self.judge.error);
         let scored = self.screened(&screening, base)?;
-        let shortlist = verdict::shortlist(&scored);
+        let shortlist = shortlist::of(&scored);
         let found = before.iter().filter_map(Step::best).filter_map(|best| best.suspect.as_ref());
         let path: Vec<String> = found.map(ToString::to_string).collect();
         let key = |suspect: &Suspect| format!("{depth}: {} > {suspect}", path.join(" > "));
@@ -464,7 +465,7 @@ impl Work<'_> {
         waiting.iter_mut().skip(many).for_each(|score| score.others.clear());
         waiting.iter_mut().filter(|score| score.explained < MUCH).for_each(|score| score.others.clear());
         let unknowns = |score: &Score| self.judge.added_unknowns(&score.estimate, base);
-        waiting = verdict::plain_ones_first(waiting, &scored, &unknowns);
+        waiting = shortlist::plain_ones_first(waiting, &scored, &unknowns);
         // A fit that keeps what the screening promised needs no other start.
         let cost = refit.cost().filter(|cost| cost.is_finite() && !refit.was_given_up());
         let kept = |score: &Score| Some(cost? * (1.0 - KEPT * score.explained)).filter(|_| !score.is_narrow);
@@ -498,7 +499,7 @@ impl Work<'_> {
             waiting = later;
             // Where one leaves nothing but noise, only those are fitted that may do so as well.
             if let Some(best) = fitted.iter().find(|fit| verdict::reaches_the_floor(fit)) {
-                waiting.retain(|score| verdict::may_rival(score, best, &scored));
+                waiting.retain(|score| shortlist::may_rival(score, best, &scored));
             }
             // Where that is white, only what is no larger.
             if let Some(plainest) = verdict::plainest_noise(&fitted) {
@@ -529,7 +530,7 @@ impl Work<'_> {
         if verdict == Verdict::MissingEffect && self.is_beaten(base, refit, &fitted)? {
             verdict = Verdict::Unexplained;
         }
-        Ok(Step { verdict, base: refit.clone(), screening: verdict::screened(&scored), fitted, failed })
+        Ok(Step { verdict, base: refit.clone(), screening: shortlist::screened(&scored), fitted, failed })
     }
 
     /// Another start for laws no larger than the best one that fell far short of it at its joint: a search that has lost its
@@ -650,7 +651,7 @@ impl Work<'_> {
         if is_minimum && !has_wandered(&start, base) {
             return Ok(());
         }
-        let mut promising = verdict::shortlist(&self.screened(screening, &start)?);
+        let mut promising = shortlist::of(&self.screened(screening, &start)?);
         promising.truncate(MOST);
         for score in promising {
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);

@@ -4,7 +4,8 @@ use dynid_model::Parameter;
 use rayon::prelude::*;
 
 use super::{
-    MUCH, Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screen::Scored, screening_substeps, verdict,
+    MUCH, Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screen::Scored, screening_substeps,
+    shortlist,
 };
 use crate::{
     experiment::{Role, Run},
@@ -82,7 +83,7 @@ impl<'a> Screening<'a> {
                 let by_torque = torque.as_ref().and_then(|screen| screen.score(suspect, &probes));
                 let by_position = tethered.as_ref().and_then(|screen| {
                     // Where the torque error has told which values are worth a simulation, few are left to try.
-                    let probes = verdict::worth_simulating(&probes, by_torque.as_ref(), suspects.len());
+                    let probes = shortlist::worth_simulating(&probes, by_torque.as_ref(), suspects.len());
                     let score = screen.score(suspect, &probes)?;
                     // Of several values that were tried, which is best depends on the others.
                     let tried = probes.first().filter(|probe| probe.tried.len() > 1 && probe.scaled.is_empty());

@@ -561,14 +561,19 @@ impl Work<'_> {
         }
         let only_noise = fitted.iter().any(verdict::reaches_the_floor);
         let (Some(winner), best_unknowns) = (best.suspect.clone(), best.unknowns) else { return Ok(()) };
-        let fell_short = |suspect: &Suspect| match fitted.iter().find(|refit| refit.suspect.as_ref() == Some(suspect)) {
-            Some(refit) => refit.unknowns <= best_unknowns && cost(refit).is_none_or(|cost| cost > SHORT * least),
-            None => failed.iter().any(|failed| failed.suspect == *suspect),
-        };
-        let rivals = shortlist.iter().map(|score| &score.suspect);
-        let rivals =
-            rivals.filter(|suspect| suspect.joint == winner.joint && **suspect != winner && fell_short(suspect));
-        let mut rivals: Vec<Suspect> = rivals.cloned().collect();
+        // Beside a law that leaves only noise another of its size could only be a tie.
+        let is_noise = verdict::plainest_noise(fitted).is_some();
+        let is_small = |unknowns: f64| if is_noise { unknowns < best_unknowns } else { unknowns <= best_unknowns };
+        let unknowns = |score: &Score| self.judge.added_unknowns(&score.estimate, base);
+        let has_failed = |suspect: &Suspect| failed.iter().any(|failed| failed.suspect == *suspect);
+        let fell_short =
+            |score: &Score| match fitted.iter().find(|refit| refit.suspect.as_ref() == Some(&score.suspect)) {
+                Some(refit) => is_small(refit.unknowns) && cost(refit).is_none_or(|cost| cost > SHORT * least),
+                None => has_failed(&score.suspect) && (!is_noise || is_small(unknowns(score))),
+            };
+        let is_beside = |suspect: &Suspect| suspect.joint == winner.joint && *suspect != winner;
+        let rivals = shortlist.iter().filter(|score| is_beside(&score.suspect) && fell_short(score));
+        let mut rivals: Vec<Suspect> = rivals.map(|score| score.suspect.clone()).collect();
         if rivals.is_empty() {
             return Ok(());
         }

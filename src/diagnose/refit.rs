@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use dynid_model::Parameter;
+use dynid_model::{Parameter, Place};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -204,6 +204,8 @@ struct Watcher {
     patience: Option<Patience>,
     marks: Marks,
     has_many_joints: bool,
+    /// Rate of the tether of the iteration before, and its cost.
+    last: (f64, f64),
     /// Cost on the last tether that was loose or firmer.
     on_tether: f64,
     /// Costs of the iterations without a tether.
@@ -215,8 +217,7 @@ struct Watcher {
 }
 
 impl Watcher {
-    /// A fit that can reach what another reached is not so far from it after so many iterations. (Those on a tether do not
-    /// count: it pulls what a sensor shows wrongly away from where it is.)
+    /// A fit that can reach what another reached is not so far from it after so many iterations without a tether.
     const TRIES: usize = 15;
     const FAR: f64 = 30.0;
     /// What leaves this many times the cost of noise is poor.
@@ -229,14 +230,16 @@ impl Watcher {
     const HOPELESS: f64 = 500.0;
 
     fn new(patience: Option<Patience>, marks: Marks, has_many_joints: bool) -> Self {
-        Self { patience, marks, has_many_joints, on_tether: 0.0, costs: Vec::new(), had_enough: false, gave_up: false }
-    }
-
-    /// Whether a fit that ended so was led by what is missing to where its simulations break down, e.g. to inertias so small
-    /// that friction stops a joint within an integration step.
-    fn went_astray(&self, status: FitStatus) -> bool {
-        let is_poor = self.costs.last().is_some_and(|cost| Self::is_poor(*cost));
-        status == FitStatus::NumericalError && is_poor && self.patience.is_some_and(|patience| patience.gives_up)
+        Self {
+            patience,
+            marks,
+            has_many_joints,
+            last: (0.0, 0.0),
+            on_tether: 0.0,
+            costs: Vec::new(),
+            had_enough: false,
+            gave_up: false,
+        }
     }
 
     fn is_poor(cost: f64) -> bool {
@@ -250,8 +253,12 @@ impl Watcher {
         } else if tether >= Self::LOOSE {
             self.on_tether = cost;
         }
-        let is_far = self.marks.reached.is_some_and(|reached| cost > Self::FAR * reached);
-        if is_far && self.costs.len() >= Self::TRIES {
+        let is_far = |cost: f64| self.marks.reached.is_some_and(|reached| cost > Self::FAR * reached);
+        // What leaves only noise leaves no more on a tether, which is why that is asked of its rivals there already.
+        let (rate, before) = std::mem::replace(&mut self.last, (tether, cost));
+        let is_loosened = tether < rate && rate <= Self::LOOSE;
+        let is_no_rival = self.marks.only_noise && is_loosened && is_far(before);
+        if is_no_rival || (is_far(cost) && self.costs.len() >= Self::TRIES) {
             return Watch::Stop;
         }
         let Some(patience) = self.patience.filter(|_| Self::is_poor(cost)) else { return Watch::Continue };
@@ -293,6 +300,9 @@ impl Judge<'_> {
         marks: Marks,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
+        // A tether pulls what a sensor shows wrongly away from where it is.
+        let is_sensor = suspect.and_then(Suspect::law).is_some_and(|law| law.place == Place::Sensor);
+        let marks = Marks { only_noise: marks.only_noise && !is_sensor, ..marks };
         let patience = match suspect {
             _ if marks.thorough => None,
             None => Some(FOR_THE_MODEL),
@@ -313,8 +323,11 @@ impl Judge<'_> {
             })
             .collect();
         let unknowns = self.added_unknowns(&found.model, base);
+        let left = self.as_it_is(&found.model)?;
         let suspect = suspect.cloned();
-        Ok(Refit { suspect, status: found.status, followed, parameters, unknowns, ..self.as_it_is(&found.model)? })
+        let refit = Refit { suspect, status: found.status, followed, parameters, unknowns, ..left };
+        let is_given_up = patience.is_some_and(|patience| patience.gives_up) && went_astray(&refit);
+        if is_given_up { self.as_it_is(start) } else { Ok(refit) }
     }
 
     /// What a model leaves that is not fitted.
@@ -366,13 +379,19 @@ impl Judge<'_> {
         };
         let found =
             identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch);
-        let went_astray = found.as_ref().is_ok_and(|found| watcher.went_astray(found.status));
-        if (watcher.gave_up || went_astray) && !stop() {
+        if watcher.gave_up && !stop() {
             return Ok(None);
         }
         let followed = if watcher.had_enough { Followed::WhileItFell } else { Followed::ToItsEnd };
         Ok(Some((found?, followed)))
     }
+}
+
+/// Whether a fit was led by what is missing to where its simulations break down, e.g. to inertias so small that friction
+/// stops a joint within an integration step.
+fn went_astray(refit: &Refit) -> bool {
+    let is_good = |cost: f64| cost.is_finite() && !Watcher::is_poor(cost);
+    refit.status == FitStatus::NumericalError && refit.cost().is_some_and(|cost| !is_good(cost))
 }
 
 /// Number of unknown effect parameters that the runs depend on.
@@ -516,17 +535,39 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn only_the_models_own_fit_goes_astray_and_only_where_it_is_poor() {
-        let went_astray = |patience, cost, status| {
-            let mut watcher = Watcher::new(patience, Marks::default(), false);
-            heard(&mut watcher, &[(3.0, 1.0), (0.0, cost)]);
-            watcher.went_astray(status)
+    fn a_fit_goes_astray_where_it_breaks_down_far_from_the_noise() {
+        let fitted = |status, squares: f64, noise_squares| {
+            let left = Left {
+                joint: 0,
+                held_out: false,
+                squares,
+                samples: 100.0,
+                correlation: 1.0,
+                noise_squares,
+                white: false,
+            };
+            Refit { status, left: vec![left], ..empty() }
         };
-        let stuck = FitStatus::NumericalError;
-        assert!(went_astray(Some(FOR_THE_MODEL), 100.0, stuck));
-        assert!(!went_astray(Some(FOR_THE_MODEL), 0.6, stuck), "what is left is near the noise");
-        assert!(!went_astray(Some(FOR_THE_MODEL), 100.0, FitStatus::Converged));
-        assert!(!went_astray(Some(FOR_A_SUSPECT), 100.0, stuck) && !went_astray(None, 100.0, stuck));
+        let noise = Some(1.0);
+        for squares in [100.0, f64::INFINITY, f64::NAN] {
+            assert!(went_astray(&fitted(FitStatus::NumericalError, squares, noise)), "{squares}");
+            assert!(!went_astray(&fitted(FitStatus::Converged, squares, noise)), "{squares}");
+        }
+        assert!(!went_astray(&fitted(FitStatus::NumericalError, 1.2, noise)), "what is left is near the noise");
+        assert!(!went_astray(&fitted(FitStatus::NumericalError, 100.0, None)), "the noise is not known");
+    }
+
+    #[test]
+    fn a_rival_of_what_leaves_only_noise_is_stopped_where_a_tether_does_not_bring_it_near() {
+        let marks = Marks { reached: Some(0.5), only_noise: true, ..Marks::default() };
+        let stopped = |marks, told: &[(f64, f64)]| {
+            heard(&mut Watcher::new(None, marks, false), told).iter().position(|watch| *watch == Watch::Stop)
+        };
+        let far = [(100.0, 80.0), (30.0, 60.0), (30.0, 50.0), (10.0, 90.0), (10.0, 70.0), (3.0, 200.0)];
+        assert_eq!(stopped(marks, &far), Some(3), "a firm tether says little");
+        assert_eq!(stopped(Marks { only_noise: false, ..marks }, &far), None);
+        let near = [(100.0, 80.0), (30.0, 14.0), (10.0, 90.0), (10.0, 14.0), (3.0, 80.0), (3.0, 1.0), (0.0, 90.0)];
+        assert_eq!(stopped(marks, &near), None);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Which physical effect is missing, where, and how sure is that?
 //!
-//! The model is fitted first, so that what is left is not the fault of its values (where it does not follow its logs even on
-//! a tether, and each step of a fit takes long, it is taken as it is). A screening then asks of every effect of
+//! The model is fitted first, so that what is left is not the fault of its values (where its fit breaks down, or
+//! does not follow the logs even on a tether and each of its steps takes long, it is taken as it is). A screening then asks of every effect of
 //! the library at every place how much of what is left it would explain, the model's own parameters being free to
 //! make up for it; it needs no fit ([`Screen`]), and looks at two signals: the torque error along the measured motion, and
 //! the position error of simulations on a tether. The best suspects are fitted for good, and what they leave of the
@@ -533,8 +533,9 @@ impl Work<'_> {
         Ok(Step { verdict, base: refit.clone(), screening: shortlist::screened(&scored), fitted, failed })
     }
 
-    /// Another start for laws no larger than the best one that fell far short of it at its joint: a search that has lost its
-    /// way comes to the same as a law that is wrong. They start from the best one's values of the model's own parameters, then
+    /// Another start for laws no larger than the best one (smaller, where that leaves only noise) that fell far short of it at
+    /// its joint, and for those whose fit came to nothing: a search that has lost its way comes to the same as a law that is
+    /// wrong. They start from the best one's values of the model's own parameters, then
     /// from those that were believed before any fit.
     fn again(
         &self,

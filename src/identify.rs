@@ -58,6 +58,8 @@ pub struct Identified {
     pub status: FitStatus,
     /// Linearisations.
     pub iterations: usize,
+    /// Whether the simulations at the end need all the integration steps they may take, or more; false of a torque fit.
+    pub needs_every_step: bool,
     /// Half the sum of squared errors in units of their standard deviation, at the start; `None` where it was not asked
     /// for.
     pub cost_before: Option<f64>,

@@ -357,7 +357,7 @@ fn interrupted(path: &Path, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 /// Fits that are done, beside the model, for a diagnosis that is stopped.
 struct Kept {

@@ -115,12 +115,15 @@ pub(super) fn over_all(
     for fold in others {
         let runs: Vec<&Run> = fold.iter().collect();
         let judge = Judge { runs: &runs, ..*judge };
-        // What could not be fitted to one fold is not fitted to another either.
-        let fitted = match last.was_given_up() {
-            true => None,
-            false => judge.fit(&start, Some(FOR_A_SUSPECT), Marks::default(), stop)?,
+        let model = match &last.suspect {
+            // What could not be fitted to one fold is not fitted to another either.
+            _ if last.was_given_up() => start.clone(),
+            None => judge.refit(None, &start, &start, Marks::default(), stop)?.parsed()?,
+            Some(_) => {
+                let fitted = judge.fit(&start, Some(FOR_A_SUSPECT), Marks::default(), stop)?;
+                fitted.map_or_else(|| start.clone(), |(found, _)| found.model)
+            }
         };
-        let model = fitted.map_or_else(|| start.clone(), |(found, _)| found.model);
         let held_out = held_out(&runs);
         compared.extend(compare(&model, &held_out)?.runs);
         blocks.extend(held_out);

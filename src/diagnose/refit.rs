@@ -189,7 +189,7 @@ pub(super) struct Patience {
     /// A valley is flat where so many iterations lower the cost by less than `share`.
     iterations: usize,
     share: f64,
-    /// Whether a fit that does not follow the logs even on a tether, or goes astray, is given up, rather than taken as it is.
+    /// Whether a fit that does not follow the logs even on a tether, or breaks down, is given up, rather than taken as it is.
     gives_up: bool,
 }
 
@@ -257,7 +257,7 @@ impl Watcher {
         // What leaves only noise leaves no more on a tether, which is why that is asked of its rivals there already.
         let (rate, before) = std::mem::replace(&mut self.last, (tether, cost));
         let is_loosened = tether < rate && rate <= Self::LOOSE;
-        let is_no_rival = self.marks.only_noise && is_loosened && is_far(before);
+        let is_no_rival = self.marks.only_noise && is_loosened && is_far(before) && is_far(cost);
         if is_no_rival || (is_far(cost) && self.costs.len() >= Self::TRIES) {
             return Watch::Stop;
         }
@@ -301,8 +301,8 @@ impl Judge<'_> {
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, Error> {
         // A tether pulls what a sensor shows wrongly away from where it is.
-        let is_sensor = suspect.and_then(Suspect::law).is_some_and(|law| law.place == Place::Sensor);
-        let marks = Marks { only_noise: marks.only_noise && !is_sensor, ..marks };
+        let has_sensor = start.effects.iter().any(|own| own.effect.place == Place::Sensor);
+        let marks = Marks { only_noise: marks.only_noise && !has_sensor, ..marks };
         let patience = match suspect {
             _ if marks.thorough => None,
             None => Some(FOR_THE_MODEL),
@@ -326,8 +326,8 @@ impl Judge<'_> {
         let left = self.as_it_is(&found.model)?;
         let suspect = suspect.cloned();
         let refit = Refit { suspect, status: found.status, followed, parameters, unknowns, ..left };
-        let is_given_up = patience.is_some_and(|patience| patience.gives_up) && went_astray(&refit);
-        if is_given_up { self.as_it_is(start) } else { Ok(refit) }
+        let may_give_up = found.needs_every_step && patience.is_some_and(|patience| patience.gives_up);
+        if may_give_up && broke_down(&refit) { self.as_it_is(start) } else { Ok(refit) }
     }
 
     /// What a model leaves that is not fitted.
@@ -387,9 +387,9 @@ impl Judge<'_> {
     }
 }
 
-/// Whether a fit was led by what is missing to where its simulations break down, e.g. to inertias so small that friction
-/// stops a joint within an integration step.
-fn went_astray(refit: &Refit) -> bool {
+/// Whether a fit, whose simulations need shorter steps than they may take, came to no minimum and is far from the noise: what
+/// is missing led it there, e.g. to inertias so small that friction stops a joint within an integration step.
+fn broke_down(refit: &Refit) -> bool {
     let is_good = |cost: f64| cost.is_finite() && !Watcher::is_poor(cost);
     refit.status == FitStatus::NumericalError && refit.cost().is_some_and(|cost| !is_good(cost))
 }
@@ -535,7 +535,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_fit_goes_astray_where_it_breaks_down_far_from_the_noise() {
+    fn a_fit_breaks_down_where_it_comes_to_no_minimum_far_from_the_noise() {
         let fitted = |status, squares: f64, noise_squares| {
             let left = Left {
                 joint: 0,
@@ -550,11 +550,11 @@ pub(super) mod tests {
         };
         let noise = Some(1.0);
         for squares in [100.0, f64::INFINITY, f64::NAN] {
-            assert!(went_astray(&fitted(FitStatus::NumericalError, squares, noise)), "{squares}");
-            assert!(!went_astray(&fitted(FitStatus::Converged, squares, noise)), "{squares}");
+            assert!(broke_down(&fitted(FitStatus::NumericalError, squares, noise)), "{squares}");
+            assert!(!broke_down(&fitted(FitStatus::Converged, squares, noise)), "{squares}");
         }
-        assert!(!went_astray(&fitted(FitStatus::NumericalError, 1.2, noise)), "what is left is near the noise");
-        assert!(!went_astray(&fitted(FitStatus::NumericalError, 100.0, None)), "the noise is not known");
+        assert!(!broke_down(&fitted(FitStatus::NumericalError, 1.2, noise)), "what is left is near the noise");
+        assert!(!broke_down(&fitted(FitStatus::NumericalError, 100.0, None)), "the noise is not known");
     }
 
     #[test]

@@ -84,11 +84,11 @@ pub(super) fn plain_ones_first(
         own.map_or((0.0, 0.0), |own| (of(&own.0), of(&own.1)))
     };
     let (torque, position) = explained(&first.suspect);
+    // A screening that sees little of the first tells nothing.
+    let is_near = |own: f64, first: f64| first >= LEAST_SHARE && own >= NEARLY * first;
     let is_plain = |score: &Score| {
         let own = explained(&score.suspect);
-        score.suspect.joint == place
-            && unknowns(score) < most
-            && (own.0 > 0.0 && own.0 >= NEARLY * torque || own.1 > 0.0 && own.1 >= NEARLY * position)
+        score.suspect.joint == place && unknowns(score) < most && (is_near(own.0, torque) || is_near(own.1, position))
     };
     let (mut plain, others): (Vec<Score>, Vec<Score>) = list.drain(..).partition(is_plain);
     plain.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));

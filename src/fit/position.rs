@@ -386,7 +386,7 @@ pub fn resume(
                 return Err(at.why_not(&anchor));
             };
             let fit = result::conclude(&problem, &evaluator, &at, &region, &anchor, &quadratic, ended, iterations);
-            return Ok(PositionFit { moved, ..fit });
+            return Ok(PositionFit { moved, needs_every_step: coarse >= options.substeps, ..fit });
         }
         let limits = kind.limits(options, iterations);
         let samples = at.samples() as f64;

@@ -206,7 +206,7 @@ pub(super) fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
 fn told(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> Identified {
     let model = fit.applied_to(before);
     let correlations = correlations(&fit);
-    let PositionFit { status, parameters, undetermined, iterations, runs, .. } = fit;
+    let PositionFit { status, parameters, undetermined, iterations, needs_every_step, runs, .. } = fit;
     let parameters = parameters
         .into_iter()
         .map(|estimate| Found {
@@ -223,6 +223,7 @@ fn told(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> Identifie
         error: ErrorKind::Position,
         status,
         iterations,
+        needs_every_step,
         cost_before,
         cost_after: cost(&runs),
         parameters,

@@ -59,6 +59,7 @@ pub(super) fn by_torque(
         error: ErrorKind::Torque,
         status,
         iterations,
+        needs_every_step: false,
         cost_before: Some(cost_before),
         cost_after,
         parameters,

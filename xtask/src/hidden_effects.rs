@@ -62,7 +62,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             shell::root().join("target/release").join(format!("dynid{}", std::env::consts::EXE_SUFFIX))
         }
     };
-    let folder = shell::root().join("target/hidden-effects");
+    let mut folder = shell::root().join("target/hidden-effects");
+    if arguments.draw > 0 {
+        folder.push(format!("draw-{}", arguments.draw));
+    }
     if arguments.truth {
         return fit_the_truths(&cases, arguments.jobs, &folder, &program);
     }

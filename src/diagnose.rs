@@ -579,10 +579,7 @@ impl Work<'_> {
             return Ok(());
         }
         // What the winner takes the place of is nearest to it.
-        let is_within = |suspect: &Suspect| {
-            winner.law().is_some_and(|law| law.replaces.iter().any(|smaller| smaller.id == suspect.effect))
-        };
-        rivals.sort_by_key(|suspect| !is_within(suspect));
+        rivals.sort_by_key(|suspect| !winner.contains(suspect));
         rivals.truncate(MOST);
         let found = best.parsed()?;
         let start = base.with_values_of(&found);

@@ -33,6 +33,12 @@ impl Suspect {
     pub fn law(&self) -> Option<&'static Effect> {
         dynid_model::effect(&self.effect)
     }
+
+    /// Whether its law takes the place of the other's, being more general, at the same place.
+    pub(super) fn contains(&self, other: &Self) -> bool {
+        let is_replaced = |law: &Effect| law.replaces.iter().any(|smaller| smaller.id == other.effect);
+        (self.joint, self.from) == (other.joint, other.from) && self.law().is_some_and(is_replaced)
+    }
 }
 
 /// Every effect at every place where `model` could take it and a free joint of `runs` would feel it.

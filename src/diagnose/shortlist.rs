@@ -140,7 +140,7 @@ fn bring_alternatives(list: &mut Vec<Score>) {
     list.extend(late);
 }
 
-/// Whether a suspect may explain as much as `best` does, which leaves nothing: one that the screening finds
+/// Whether a suspect may explain as much as `best` does, which leaves nothing: one that it contains, that the screening finds
 /// nearly as telling, or that would leave next to nothing.
 pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool {
     /// Shares of the best's score.
@@ -151,6 +151,10 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
     /// Share of the squared error; beyond it a screening, which is linear, tells no more.
     const NEARLY_ALL: f64 = 0.98;
     let Some(winner) = &best.suspect else { return true };
+    // Of nested laws the smallest that explains is wanted.
+    if winner.contains(&score.suspect) {
+        return true;
+    }
     let (Some(own), Some(best)) = (scores_of(&score.suspect, scored), scores_of(winner, scored)) else { return true };
     let information = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.information);
     // A screening that did not see the winner tells nothing of its rivals.
@@ -267,6 +271,13 @@ mod tests {
         };
         // Elsewhere simulations have to find some use for it; the one they see more of than of the winner has some.
         assert_eq!(rivals(&scored), [suspect("turner", 0).to_string(), suspect("viscous", 1).to_string()]);
+        // What the winner contains is one whatever the screening says.
+        let mut nested = all();
+        nested.push(super::tests::scored("spring_cubic", 0, 0.0, 0.0));
+        nested.push(super::tests::scored("spring_polynomial", 0, 0.9, 0.9));
+        let winner = Refit { suspect: Some(suspect("spring_polynomial", 0)), ..empty() };
+        let is_rival = |index: usize| may_rival(nested[index].1.as_ref().unwrap(), &winner, &nested);
+        assert!(is_rival(5) && !is_rival(2));
         // Where neither sees the winner, what either finds telling is a rival.
         let mut unseen = all();
         unseen[4] = super::tests::scored("viscous", 0, 0.01, 0.0);

@@ -731,13 +731,15 @@ mod tests {
         for (one, other) in cases.iter().zip(&again) {
             assert_eq!((&one.truth, &one.believed), (&other.truth, &other.believed));
         }
+        // To four digits a value may come out the same.
+        let mut n_varied = 0;
         for (one, other) in (1..8).flat_map(|draw| cases.iter().zip(table::drawn(draw)).collect::<Vec<_>>()) {
             assert_eq!((&one.name, &one.free), (&other.name, &other.free));
             assert!(one.truth.parameters != other.truth.parameters || one.truth.start != other.truth.start);
             assert_ne!(one.truth.runs, other.truth.runs);
             assert_ne!(one.truth.seed, other.truth.seed);
             if let (Some(one), Some(other)) = (&one.hidden, &other.hidden) {
-                assert_ne!(one, other);
+                n_varied += usize::from(one != other);
                 for (symbol, value) in &one.values {
                     let is_joint = symbol == "other";
                     assert!(!is_joint || other.values[symbol] == *value, "{other:?}");
@@ -748,6 +750,8 @@ mod tests {
                 }
             }
         }
+        let n_hidden = cases.iter().filter(|case| case.hidden.is_some()).count();
+        assert!(n_varied > 7 * n_hidden - 10, "{n_varied} of {}", 7 * n_hidden);
     }
 
     #[test]

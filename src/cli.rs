@@ -51,10 +51,10 @@ The loop, all of it plain files:
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
   dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
 
-Never seen it work? `dynid tour` fits one joint of a robot to a log that it carries, in seconds.
+Never seen it work? `dynid tour` goes through this loop on logs that it carries, in seconds.
 
-Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where; 130 a fit
-that Ctrl-C stopped, to go on later with --resume.";
+Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where; 130 Ctrl-C
+stopped it: `fit` goes on with --resume, `diagnose` with the same command.";
 
 #[derive(Subcommand)]
 enum Verb {

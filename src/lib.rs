@@ -1,4 +1,5 @@
-//! dynid.
+//! Robots' models from symbols to identified parameters: simulation, identification, diagnosis of missing physical
+//! effects, and control with the models found. ARCHITECTURE.md has the map.
 
 pub mod checkpoint;
 pub mod compare;

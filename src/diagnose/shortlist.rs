@@ -44,25 +44,25 @@ pub(super) fn of(scored: &[Scored]) -> Vec<Score> {
         place += 1;
         place <= FEWEST_OF_LITTLE || explained(*index) >= LEAST_SHARE
     });
-    let mut list: Vec<Score> = order
-        .into_iter()
-        .filter_map(|index| {
-            let (torque, position) = scored[index].clone();
-            // The estimate on simulations is the nearer to what a refit will find; the other is another start.
-            match (torque, position) {
-                (Some(torque), Some(position)) => {
-                    let mut others = position.others;
-                    if !torque.others.is_empty() {
-                        others.insert(others.len().min(1), torque.estimate);
-                    }
-                    Some(Score { others, ..position })
-                }
-                (torque, position) => position.or(torque),
-            }
-        })
-        .collect();
+    let mut list: Vec<Score> = order.into_iter().filter_map(|index| joined(&scored[index])).collect();
     bring_alternatives(&mut list);
+    bring_contained(&mut list, scored);
     list
+}
+
+/// Both screenings' scores of a suspect in one.
+fn joined((torque, position): &Scored) -> Option<Score> {
+    // The estimate on simulations is the nearer to what a refit will find; the other is another start.
+    match (torque.clone(), position.clone()) {
+        (Some(torque), Some(position)) => {
+            let mut others = position.others;
+            if !torque.others.is_empty() {
+                others.insert(others.len().min(1), torque.estimate);
+            }
+            Some(Score { others, ..position })
+        }
+        (torque, position) => position.or(torque),
+    }
 }
 
 /// The list with those ahead that have fewer unknowns than the most promising, at the same joint, and that a screening finds
@@ -138,6 +138,18 @@ fn bring_alternatives(list: &mut Vec<Score>) {
     });
     list.extend(early);
     list.extend(late);
+}
+
+/// What one of the first laws contains goes last, however little a screening finds in it: of nested laws the smallest that
+/// explains is wanted.
+fn bring_contained(list: &mut Vec<Score>, scored: &[Scored]) {
+    let is_listed = |suspect: &Suspect| list.iter().any(|score| score.suspect == *suspect);
+    let is_contained = |suspect: &Suspect| list.iter().take(FEWEST).any(|score| score.suspect.contains(suspect));
+    let left_out = scored.iter().filter_map(joined);
+    let mut contained: Vec<Score> =
+        left_out.filter(|score| is_contained(&score.suspect) && !is_listed(&score.suspect)).collect();
+    contained.sort_by(|a, b| a.information.total_cmp(&b.information).then(a.suspect.cmp(&b.suspect)));
+    list.extend(contained);
 }
 
 /// Whether a suspect may explain as much as `best` does, which leaves nothing: one that it contains, that the screening finds
@@ -256,6 +268,20 @@ mod tests {
         let expected = [("viscous", 0), ("turner", 0), ("viscous", 1), ("backlash", 0), ("sensor_scale", 0)];
         assert_eq!(told, expected.map(|(effect, joint)| suspect(effect, joint).to_string()));
         assert!(plain_ones_first(Vec::new(), &scored, &unknowns).is_empty());
+    }
+
+    #[test]
+    fn what_one_of_the_first_contains_is_listed_however_little_is_seen_of_it() {
+        let own = [
+            scored("spring_polynomial", 0, 0.9, 0.9),
+            scored("cogging", 0, 0.5, 0.5),
+            scored("backlash", 0, 0.5, 0.5),
+            scored("spring_cubic", 0, 0.001, 0.001),
+            scored("spring_cubic", 1, 0.001, 0.001),
+        ];
+        let told: Vec<String> = of(&own).iter().map(|score| score.suspect.to_string()).collect();
+        let expected = [("spring_polynomial", 0), ("cogging", 0), ("backlash", 0), ("spring_cubic", 0)];
+        assert_eq!(told, expected.map(|(effect, joint)| suspect(effect, joint).to_string()));
     }
 
     #[test]

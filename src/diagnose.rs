@@ -273,11 +273,11 @@ pub fn diagnose(
         }
     }
     if base.was_given_up() {
-        notes.push(
+        let values = if base.parsed()?.digest() == model.digest() { "it was given" } else { "were believed before any fit" };
+        notes.push(format!(
             "the fit of the model was given up: it leaves far more than noise and comes to no minimum. What is missing is \
-             looked for at the values that it was given, and what it leaves is told of those"
-                .to_owned(),
-        );
+             looked for at the values that {values}, and what it leaves is told of those"
+        ));
     }
     notes.extend(excitation::left_open(model, runs, &base));
     let mut steps = Vec::new();
@@ -397,6 +397,7 @@ impl Work<'_> {
         let mut fits: Vec<Result<Refit, Error>> = Vec::new();
         for start in candidate::distinct(starts.iter().collect(), |start| start) {
             let fit = self.judge.refit(suspect, base, start, marks, self.stop);
+            let fit = fit.map(|fit| self.gone_on(suspect, base, fit, marks));
             // Another start is worth its time only while nothing explains the logs.
             let done = marks.only_noise
                 || fit.as_ref().is_ok_and(|fit| {
@@ -434,6 +435,21 @@ impl Work<'_> {
         }
     }
 
+    /// A suspect's fit that explains the logs but stopped short of a minimum, once more from the values that were believed of the
+    /// model: whether it leaves only noise decides which others are fitted at all.
+    fn gone_on(&self, suspect: Option<&Suspect>, base: &Model, fit: Refit, marks: Marks) -> Refit {
+        let stopped_short = verdict::explains(&fit) && !fit.is_minimum() && !verdict::reaches_the_floor(&fit);
+        if suspect.is_none() || !stopped_short {
+            return fit;
+        }
+        let further = fit.parsed().and_then(|found| {
+            let from = found.with_values(&|name| self.believed.believed(name));
+            self.judge.refit(suspect, base, &from, marks, self.stop)
+        });
+        let is_better = |further: &Refit| further.cost().zip(fit.cost()).is_some_and(|(cost, before)| cost < before);
+        further.ok().filter(is_better).unwrap_or(fit)
+    }
+
     /// Screens, fits the best suspects and judges them.
     fn step(&self, base: &Model, refit: &Refit, depth: usize, before: &[Step]) -> Result<Step, Error> {
         let is_near = refit.worst_ratio().is_some_and(|ratio| ratio < verdict::NEAR_THE_FLOOR);
@@ -459,6 +475,7 @@ impl Work<'_> {
         let at_once = if self.judge.runs.iter().filter(|run| run.role == Role::Fit).count() > 1 { 1 } else { 2 };
         let mut waiting = shortlist.clone();
         waiting.truncate(self.options.refits);
+        shortlist::bring_contained(&mut waiting, &scored);
         // The less promising start once.
         let free = self.judge.runs.iter().map(|run| run.free.len()).max().unwrap_or(0);
         let many = if free > FEW_JOINTS { MANY_STARTS_OF_MANY_JOINTS } else { MANY_STARTS };

@@ -53,6 +53,12 @@ impl Run {
         self.settings.began_s.or_else(|| self.log.t.first().copied()).unwrap_or(0.0)
     }
 
+    /// How many samples of the beginning leave the position error of a fit.
+    pub fn n_cut(&self) -> usize {
+        let (Some(span), Some(first)) = (self.settings.from_s, self.log.t.first()) else { return 0 };
+        self.log.t.partition_point(|t| *t < first + span)
+    }
+
     /// Its file, and where a part of the log is a run of its own, which part.
     pub fn label(&self) -> String {
         match self.log.t.first().map(|first| first - self.began_s()) {

@@ -13,6 +13,9 @@ use crate::{
 pub type DefaultParameter<'a> =
     dyn Fn(&Effect, (Option<usize>, Option<usize>), &str, Option<f64>) -> Option<Parameter> + 'a;
 
+/// Values that differ by less than this share are equal: as near as a fit comes to an order that it keeps.
+const EQUAL: f64 = 1e-6;
+
 /// Reads one `[[effect]]` table. Only the parameters that stand in the file are in `values`.
 ///
 /// # Errors
@@ -83,8 +86,9 @@ pub fn read_instance(
                 .map_or(f64::NAN, |parameter| parameter.value)
         };
         let (a, b) = (value_of(left), value_of(right));
-        // Equality is the limit of the inequality and is allowed (thesis Eq. 4.1).
-        if a != b && !comparison.holds(a, b) {
+        // Equality is the limit of the inequality and is allowed (thesis Eq. 4.1); a fit reaches it up to rounding.
+        let is_equal = (a - b).abs() <= EQUAL * (a.abs() + b.abs());
+        if !is_equal && !comparison.holds(a, b) {
             let place = [left, right].into_iter().find(|symbol| table.optional(symbol.as_str()).is_some());
             let span = place.map_or(table.span.clone(), |symbol| table.key_span(symbol));
             let sign = comparison.symbol();

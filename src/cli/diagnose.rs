@@ -94,6 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         ..Options::default()
     };
     let kept = Kept::new(arguments, &experiment, &model, &runs, &options);
+    check_output(&kept.path, Overwrite::Force)?;
     let finished = kept.read();
     let so_far = Mutex::new(finished.clone());
     let unsaved: Mutex<Option<Error>> = Mutex::new(None);
@@ -357,7 +358,7 @@ fn interrupted(path: &Path, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 
 /// Fits that are done, beside the model, for a diagnosis that is stopped.
 struct Kept {

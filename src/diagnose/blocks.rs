@@ -72,6 +72,8 @@ fn fold(runs: &[&Run], held_out: usize) -> Vec<Run> {
             .into_iter()
             .filter(|(rows, _)| !rows.is_empty())
             .map(|(rows, role)| part(run, rows, role))
+            // A block that is cut away whole tells a fit nothing.
+            .filter(|part| part.role == Role::Validate || part.n_cut() < part.log.len())
             .collect::<Vec<Run>>()
     };
     runs.iter().flat_map(parts).collect()
@@ -85,7 +87,8 @@ fn part(run: &Run, rows: std::ops::Range<usize>, role: Role) -> Run {
         settings.began_s = Some(run.began_s());
         // The transient, and what is said of the first half, are the beginning's; later the joints are under way.
         settings.moving = true;
-        settings.from_s = None;
+        let offset = run.log.t[rows.start] - run.log.t[0];
+        settings.from_s = settings.from_s.map(|span| span - offset).filter(|left| *left > 0.0);
         settings.first_half = 1.0;
     }
     let log = Log {
@@ -202,6 +205,20 @@ mod tests {
             }
             assert_eq!(held_out, [one.log.t.clone(), other.log.t.clone()]);
         }
+    }
+
+    /// The cut at a run's beginning may reach into later blocks, and take one away whole.
+    #[test]
+    fn the_beginning_that_is_cut_is_cut_of_every_part() {
+        let mut run = run(300);
+        run.settings.from_s = Some(1.2);
+        let told = |block: usize| -> Vec<(f64, Role, usize)> {
+            let parts = fold(&[&run], block);
+            parts.iter().map(|part| (part.log.t[0], part.role, part.n_cut())).collect()
+        };
+        assert_eq!(told(0), [(0.0, Role::Validate, 100), (1.0, Role::Fit, 20)]);
+        assert_eq!(told(1), [(1.0, Role::Validate, 20), (2.0, Role::Fit, 0)]);
+        assert_eq!(told(2), [(0.0, Role::Fit, 120), (2.0, Role::Validate, 0)]);
     }
 
     /// What a model leaves whose fit was given up is told of as many samples as what a fitted one leaves.

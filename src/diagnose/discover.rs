@@ -82,8 +82,9 @@ const HALVES: usize = 30;
 const STABLE: f64 = 0.8;
 /// Terms whose squared correlation is above this are one.
 const ALIKE: f64 = 0.8;
-/// Length of the pieces that halves are made of (s).
+/// Length of the pieces that halves are made of (s), and into how many pieces the runs are cut at least.
 const PIECE_S: f64 = 2.0;
+const PIECES: f64 = 16.0;
 /// At most so many terms.
 const TERMS: usize = 3;
 /// The squared torque error of the held-out runs must fall by this share.
@@ -378,12 +379,14 @@ impl<'a> Search<'a> {
     fn pieces(&self) -> Vec<Normal> {
         let mut rows: BTreeMap<(usize, usize), (Vec<usize>, Vec<usize>)> = BTreeMap::new();
         let mut own_row = 0;
+        let span_of = |signals: &RunSignals| signals.motion.grid.step * signals.motion.kept.last().map_or(0.0, |last| *last as f64);
+        let piece_s = PIECE_S.min(self.fit.runs.iter().map(span_of).sum::<f64>() / PIECES);
         for ((block, range), (run, slot)) in self.fit.blocks.iter().zip(self.fit.rows()).zip(self.fit.places()) {
             let signals = &self.fit.runs[run];
             for (row, &sample) in range.zip(&signals.samples[slot]) {
                 let grid = signals.motion.kept[sample];
                 let time = grid as f64 * signals.motion.grid.step;
-                let piece = rows.entry((run, (time / PIECE_S) as usize)).or_default();
+                let piece = rows.entry((run, (time / piece_s) as usize)).or_default();
                 piece.0.push(row);
                 if block.joint == self.joint {
                     piece.1.push(own_row);

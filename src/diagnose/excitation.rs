@@ -1,10 +1,12 @@
 //! Can these runs tell anything? Runs that are too short, and joints that do not move, are said before any fit; parameters
 //! that the runs leave open are named after it.
 
+use std::collections::BTreeSet;
+
 use super::{blocks, refit::Refit};
 use crate::{
     error::Error,
-    experiment::Run,
+    experiment::{Role, Run},
     fit::position::noise_of_log,
     identify::ErrorKind,
     model::Model,
@@ -38,6 +40,15 @@ pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: Error
             }
         }
     }
+    let mut notes = Vec::new();
+    for run in runs.iter().filter(|_| folds.is_empty()) {
+        match Motion::of(run) {
+            Err(why) if error == ErrorKind::Torque => return Err(why.into()),
+            Err(why) => notes.push(format!("{why}. Without it only simulations tell what {} lacks", run.label())),
+            Ok(_) => {}
+        }
+    }
+    notes.extend(judged_by_what_is_fitted(runs).filter(|_| folds.is_empty()));
     let still: Vec<(&Run, usize)> = runs
         .iter()
         .flat_map(|run| run.free.iter().filter(|joint| !moves(run, **joint)).map(|joint| (*run, *joint)))
@@ -55,7 +66,19 @@ pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: Error
     // A joint that moves in no run is told with what is open after the fit.
     let moves_elsewhere = |joint: usize| runs.iter().any(|run| run.free.contains(&joint) && moves(run, joint));
     let still = still.into_iter().filter(|(_, joint)| moves_elsewhere(*joint));
-    Ok(still.map(|(run, joint)| stands_still(model, run, joint)).collect())
+    notes.extend(still.map(|(run, joint)| stands_still(model, run, joint)));
+    Ok(notes)
+}
+
+/// Names the joints that are free in no held-out run.
+fn judged_by_what_is_fitted(runs: &[&Run]) -> Option<String> {
+    let free_in = |role: Role| -> BTreeSet<usize> {
+        runs.iter().filter(|run| run.role == role).flat_map(|run| run.free.iter().copied()).collect()
+    };
+    let only_fitted: Vec<String> =
+        free_in(Role::Fit).difference(&free_in(Role::Validate)).map(|joint| format!("joint {joint}")).collect();
+    let names = only_fitted.join(", ");
+    (!only_fitted.is_empty()).then(|| format!("{names}: free in no held-out run, so judged by the runs that are fitted to"))
 }
 
 fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>) -> Result<(), Error> {
@@ -80,7 +103,8 @@ fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>
     })
 }
 
-fn moves(run: &Run, joint: usize) -> bool {
+/// Whether a joint moves in a run by more than noise.
+pub(super) fn moves(run: &Run, joint: usize) -> bool {
     let q = &run.log.q[joint];
     let (low, high) = q.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
     // Not `>=`: what never changes has no noise either.

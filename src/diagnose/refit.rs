@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     FEW_JOINTS,
     candidate::{Suspect, instance},
+    excitation::moves,
     verdict,
 };
 use crate::{
@@ -17,12 +18,13 @@ use crate::{
     fit::{
         FitStatus,
         identifiability::correlation_time,
-        position::{self, noise_of_log},
+        position::{self, noise_of, noise_of_log},
         sqp::Watch,
         starts::Starts,
     },
     identify::{self, ErrorKind, How, Identified},
     model::Model,
+    signal::is_white,
 };
 
 /// A model that was fitted, or whose fit was given up, and what it leaves.
@@ -138,9 +140,10 @@ impl Refit {
         left.iter().filter(move |left| left.held_out == held_out)
     }
 
-    /// What is left on the held-out runs, or where there are none on those that were fitted.
+    /// What is left of every joint on the held-out runs; of one that is free in none of them, on those that were fitted.
     pub fn judged(&self) -> impl Iterator<Item = &Left> {
-        self.side(self.left.iter().any(|left| left.held_out))
+        let is_held_out = |joint: usize| self.side(true).any(|left| left.joint == joint);
+        self.side(true).chain(self.side(false).filter(move |left| !is_held_out(left.joint)))
     }
 
     /// The same as far as it does not come from other folds.
@@ -159,9 +162,9 @@ impl Refit {
         (samples > 0.0).then(|| cost / samples)
     }
 
-    /// The largest error of any judged joint, in units of its noise; `None` where the noise is not known.
+    /// The largest error of any judged joint, in units of its noise; `None` where the noise is not known, or nothing is.
     pub fn worst_ratio(&self) -> Option<f64> {
-        self.judged().map(Left::ratio).try_fold(0.0_f64, |worst, ratio| Some(worst.max(ratio?)))
+        self.judged().map(Left::ratio).reduce(|worst, ratio| Some(worst?.max(ratio?))).flatten()
     }
 
     /// Whether nothing but white noise is left.
@@ -327,7 +330,18 @@ impl Judge<'_> {
         let suspect = suspect.cloned();
         let refit = Refit { suspect, status: found.status, followed, parameters, unknowns, ..left };
         let may_give_up = found.needs_every_step && patience.is_some_and(|patience| patience.gives_up);
-        if may_give_up && broke_down(&refit) { self.as_it_is(start) } else { Ok(refit) }
+        if may_give_up && broke_down(&refit) { self.without_straying(start, &refit) } else { Ok(refit) }
+    }
+
+    /// The model as it was given; where the fit that strayed only stayed there, since an earlier one had strayed already, as it
+    /// was believed before any fit.
+    fn without_straying(&self, given: &Model, strayed: &Refit) -> Result<Refit, Error> {
+        /// A fit from elsewhere lowers the cost by more.
+        const STAYED: f64 = 1.5;
+        let as_given = self.as_it_is(given)?;
+        let believed = given.with_values(&|name| given.believed(name));
+        let stayed = as_given.cost().zip(strayed.cost()).is_some_and(|(before, after)| before < STAYED * after);
+        if stayed && believed.digest() != given.digest() { self.as_it_is(&believed) } else { Ok(as_given) }
     }
 
     /// What a model leaves that is not fitted.
@@ -387,11 +401,12 @@ impl Judge<'_> {
     }
 }
 
-/// Whether a fit, whose simulations need shorter steps than they may take, came to no minimum and is far from the noise: what
-/// is missing led it there, e.g. to inertias so small that friction stops a joint within an integration step.
+/// Whether a fit, whose simulations need shorter steps than they may take, came to no free minimum and is far from the noise:
+/// what is missing led it there, e.g. to inertias so small that friction stops a joint within an integration step.
 fn broke_down(refit: &Refit) -> bool {
     let is_good = |cost: f64| cost.is_finite() && !Watcher::is_poor(cost);
-    refit.status == FitStatus::NumericalError && refit.cost().is_some_and(|cost| !is_good(cost))
+    let is_free = !matches!(refit.status, FitStatus::NumericalError | FitStatus::HeldByBound);
+    !is_free && refit.cost().is_some_and(|cost| !is_good(cost))
 }
 
 /// Number of unknown effect parameters that the runs depend on.
@@ -464,15 +479,27 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                 } else {
                     runs.iter().map(|other| noise_of_log(&other.log.q[joint.joint])).fold(0.0, f64::max)
                 };
+                // What moves without noise has as much as a fit takes it to have.
+                let noise_floor = if noise_floor > 0.0 || !moves(run, joint.joint) { noise_floor } else { noise_of(measured) };
                 if noise_floor == 0.0 {
                     continue;
                 }
-                let residual: Vec<f64> =
+                let mut residual: Vec<f64> =
                     measured.iter().zip(&simulated[slot]).map(|(measured, model)| measured - model).collect();
+                let (mut squares, mut white) = (rmse * rmse * residual.len() as f64, joint.white);
+                // What a fit does not see is not judged either.
+                let cut = run.n_cut().min(residual.len());
+                if cut == residual.len() {
+                    continue;
+                }
+                if cut > 0 {
+                    residual.drain(..cut);
+                    squares = residual.iter().map(|error| error * error).sum();
+                    white = is_white(&residual);
+                }
                 let samples = residual.len() as f64;
                 let correlation = correlation_time(&residual, &vec![true; residual.len()]);
-                let noise = Some(noise_floor);
-                add(joint.joint, held_out, rmse * rmse * samples, samples, correlation, noise, joint.white);
+                add(joint.joint, held_out, squares, samples, correlation, Some(noise_floor), white);
             } else {
                 // A run that cannot be simulated to its end is not one without error.
                 let noise = Some(joint.noise_floor);
@@ -535,6 +562,23 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_joint_that_is_free_in_no_held_out_run_is_judged_by_the_others() {
+        let left = |joint, held_out, squares| Left {
+            joint,
+            held_out,
+            squares,
+            samples: 1.0,
+            correlation: 1.0,
+            noise_squares: Some(1.0),
+            white: true,
+        };
+        let refit = Refit { left: vec![left(4, false, 9.0), left(4, true, 1.0), left(5, false, 400.0)], ..empty() };
+        assert_eq!(refit.judged().map(|left| (left.joint, left.held_out)).collect::<Vec<_>>(), [(4, true), (5, false)]);
+        assert_eq!(refit.worst_ratio(), Some(20.0));
+        assert_eq!(empty().worst_ratio(), None, "nothing is judged");
+    }
+
+    #[test]
     fn a_fit_breaks_down_where_it_comes_to_no_minimum_far_from_the_noise() {
         let fitted = |status, squares: f64, noise_squares| {
             let left = Left {
@@ -550,7 +594,9 @@ pub(super) mod tests {
         };
         let noise = Some(1.0);
         for squares in [100.0, f64::INFINITY, f64::NAN] {
-            assert!(broke_down(&fitted(FitStatus::NumericalError, squares, noise)), "{squares}");
+            for status in [FitStatus::NumericalError, FitStatus::HeldByBound] {
+                assert!(broke_down(&fitted(status, squares, noise)), "{squares}");
+            }
             assert!(!broke_down(&fitted(FitStatus::Converged, squares, noise)), "{squares}");
         }
         assert!(!broke_down(&fitted(FitStatus::NumericalError, 1.2, noise)), "what is left is near the noise");

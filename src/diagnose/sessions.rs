@@ -23,10 +23,12 @@ pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, Error> 
         return Ok(Vec::new());
     }
     let mut fits = Vec::with_capacity(runs.len());
-    for run in &runs {
+    for (index, run) in runs.iter().enumerate() {
         let alone = [run];
         let judge = Judge { runs: &alone, ..*work.judge };
-        let Ok(fit) = judge.refit(None, base, base, Marks::default(), work.stop) else {
+        let work = Work { judge: &judge, ..*work };
+        let key = format!("run {} by itself", index + 1);
+        let Ok(fit) = work.remembered(&key, None, base, std::slice::from_ref(base), Marks::default()) else {
             work.asked_to_stop()?;
             return Ok(Vec::new());
         };

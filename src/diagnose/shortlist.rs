@@ -77,11 +77,8 @@ pub(super) fn plain_ones_first(
     let Some(first) = list.first() else { return list };
     let (place, most) = (first.suspect.joint, unknowns(first));
     let explained = |suspect: &Suspect| {
-        let own = scored.iter().find(|(torque, position)| {
-            torque.as_ref().or(position.as_ref()).is_some_and(|any| any.suspect == *suspect)
-        });
         let of = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.explained);
-        own.map_or((0.0, 0.0), |own| (of(&own.0), of(&own.1)))
+        scores_of(suspect, scored).map_or((0.0, 0.0), |own| (of(&own.0), of(&own.1)))
     };
     let (torque, position) = explained(&first.suspect);
     // A screening that sees little of the first tells nothing.
@@ -142,7 +139,7 @@ fn bring_alternatives(list: &mut Vec<Score>) {
 
 /// What one of the first laws contains goes last, however little a screening finds in it: of nested laws the smallest that
 /// explains is wanted.
-fn bring_contained(list: &mut Vec<Score>, scored: &[Scored]) {
+pub(super) fn bring_contained(list: &mut Vec<Score>, scored: &[Scored]) {
     let is_listed = |suspect: &Suspect| list.iter().any(|score| score.suspect == *suspect);
     let is_contained = |suspect: &Suspect| list.iter().take(FEWEST).any(|score| score.suspect.contains(suspect));
     let left_out = scored.iter().filter_map(joined);

@@ -64,13 +64,13 @@ impl Judged {
     }
 }
 
-/// Whether a refit leaves nothing but noise at any joint.
+/// Whether a refit leaves nothing but noise at any joint that is judged; there must be one.
 pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
     /// The noise is estimated from each log, to some per cent: what is white is noise up to this multiple of it.
     const WHITE: f64 = 1.15;
     let is_noise =
         |left: &Left| left.ratio().is_some_and(|ratio| ratio < if left.white { WHITE } else { AT_THE_FLOOR });
-    refit.judged().all(is_noise)
+    refit.judged().all(is_noise) && refit.judged().next().is_some()
 }
 
 /// Whether a refit explains what was left.
@@ -92,8 +92,12 @@ pub(super) fn plainest_noise(fitted: &[Refit]) -> Option<&Refit> {
 /// Sum over the joints of `n_eff ln(after / before)` on the runs held out or on those fitted to, and of `n_eff`.
 fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held_out: bool) -> (f64, f64) {
     let (mut gain, mut independent) = (0.0, 0.0);
-    for own in after.side(held_out) {
-        let Some(base) = before.side(held_out).find(|left| left.joint == own.joint) else { continue };
+    let side = |refit: &'_ Refit| -> Vec<Left> {
+        if held_out { refit.judged().cloned().collect() } else { refit.side(false).cloned().collect() }
+    };
+    let before = side(before);
+    for own in &side(after) {
+        let Some(base) = before.iter().find(|left| left.joint == own.joint) else { continue };
         let count = own.samples / correlations.get(&own.joint).copied().unwrap_or(1.0).max(1.0);
         independent += count;
         gain += count * (own.squares.max(f64::MIN_POSITIVE) / without(base).max(f64::MIN_POSITIVE)).ln();
@@ -339,6 +343,9 @@ pub(super) fn conclude(
         (verdict == Verdict::Unexplained).then(|| super::discover::discover(&base, work.judge.runs)).flatten();
     if verdict == Verdict::Unexplained {
         sentences.push(discovered.as_ref().map_or_else(super::discover::nothing, super::discover::sentence));
+        if discovered.is_none() && work.judge.error == ErrorKind::Torque {
+            sentences.push("How much of it is noise is not known of the torque error: it may be all of it.".to_owned());
+        }
     }
     let mut models: BTreeMap<(usize, Suspect), Model> = BTreeMap::new();
     for (index, step) in steps.iter().enumerate() {
@@ -444,7 +451,7 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
         (None, Some(percent)) => format!("{percent:.1} % of the torque"),
         _ => "an error that is not known".to_owned(),
     };
-    let how = if first.was_given_up() { "As it was given" } else { "Refitted" };
+    let how = if first.was_given_up() { "Without a fit" } else { "Refitted" };
     let mut sentences = vec![format!("{how}, the model leaves {} on the held-out runs.", left(first))];
     match verdict {
         Verdict::NothingMissing if reaches_the_floor(first) || first.is_white() => {
@@ -513,6 +520,7 @@ mod tests {
             (vec![left(0, 1.04, false)], true),
             (vec![left(0, 1.20, true)], false),
             (vec![unknown], false),
+            (Vec::new(), false),
             (vec![left(0, 0.9, true), left(1, 1.3, true)], false),
         ];
         for (left, expected) in cases {

@@ -135,7 +135,7 @@ impl View for TetheredView {
                 let options = simulate::Options { substeps: self.substeps, ..simulate::Options::default() };
                 let simulated = simulate::simulate_tethered(&system, &input, &tether, &start, &options).ok()?;
                 let block = |(slot, joint): (usize, &usize)| {
-                    let errors = run.position.iter().zip(&simulated.q).skip(slot).step_by(n);
+                    let errors = run.position.iter().zip(&simulated.q).skip(slot).step_by(n).skip(run.first_sample());
                     let values: Vec<f64> = errors.map(|(measured, model)| measured - model).collect();
                     Block { joint: *joint, independent: values.len() as f64 / SAMPLES_PER_INDEPENDENT, values }
                 };

@@ -270,6 +270,13 @@ fn wrong_files_are_told_with_place_and_remedy() {
     insta::assert_snapshot!(told);
 }
 
+/// A fit ends where both are equal, up to rounding; what it writes can be read.
+#[test]
+fn an_order_may_be_broken_by_rounding() {
+    let text = "device = \"planar2r\"\n[[effect]]\nid = \"lugre\"\njoint = 1\nFs = 0.1999999999\nFc = 0.2\n";
+    assert!(Model::parse(text, Path::new("fitted.toml")).is_ok());
+}
+
 #[test]
 fn names_find_their_parameters() {
     for device in devices() {

@@ -540,7 +540,7 @@ fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
 }
 
 /// Noise of a log as `compare` has it; a log without noise counts as one of a millionth of its range.
-pub(super) fn noise_of(measured: &[f64]) -> f64 {
+pub(crate) fn noise_of(measured: &[f64]) -> f64 {
     let (low, high) = range(measured);
     noise_of_log(measured).max(1e-6 * (high - low)).max(1e-12)
 }

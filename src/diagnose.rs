@@ -273,7 +273,8 @@ pub fn diagnose(
         }
     }
     if base.was_given_up() {
-        let values = if base.parsed()?.digest() == model.digest() { "it was given" } else { "were believed before any fit" };
+        let values =
+            if base.parsed()?.digest() == model.digest() { "it was given" } else { "were believed before any fit" };
         notes.push(format!(
             "the fit of the model was given up: it leaves far more than noise and comes to no minimum. What is missing is \
              looked for at the values that {values}, and what it leaves is told of those"

@@ -379,7 +379,9 @@ impl<'a> Search<'a> {
     fn pieces(&self) -> Vec<Normal> {
         let mut rows: BTreeMap<(usize, usize), (Vec<usize>, Vec<usize>)> = BTreeMap::new();
         let mut own_row = 0;
-        let span_of = |signals: &RunSignals| signals.motion.grid.step * signals.motion.kept.last().map_or(0.0, |last| *last as f64);
+        let span_of = |signals: &RunSignals| {
+            signals.motion.grid.step * signals.motion.kept.last().map_or(0.0, |last| *last as f64)
+        };
         let piece_s = PIECE_S.min(self.fit.runs.iter().map(span_of).sum::<f64>() / PIECES);
         for ((block, range), (run, slot)) in self.fit.blocks.iter().zip(self.fit.rows()).zip(self.fit.places()) {
             let signals = &self.fit.runs[run];

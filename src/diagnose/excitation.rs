@@ -78,7 +78,8 @@ fn judged_by_what_is_fitted(runs: &[&Run]) -> Option<String> {
     let only_fitted: Vec<String> =
         free_in(Role::Fit).difference(&free_in(Role::Validate)).map(|joint| format!("joint {joint}")).collect();
     let names = only_fitted.join(", ");
-    (!only_fitted.is_empty()).then(|| format!("{names}: free in no held-out run, so judged by the runs that are fitted to"))
+    (!only_fitted.is_empty())
+        .then(|| format!("{names}: free in no held-out run, so judged by the runs that are fitted to"))
 }
 
 fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>) -> Result<(), Error> {

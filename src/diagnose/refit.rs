@@ -480,7 +480,8 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                     runs.iter().map(|other| noise_of_log(&other.log.q[joint.joint])).fold(0.0, f64::max)
                 };
                 // What moves without noise has as much as a fit takes it to have.
-                let noise_floor = if noise_floor > 0.0 || !moves(run, joint.joint) { noise_floor } else { noise_of(measured) };
+                let noise_floor =
+                    if noise_floor > 0.0 || !moves(run, joint.joint) { noise_floor } else { noise_of(measured) };
                 if noise_floor == 0.0 {
                     continue;
                 }

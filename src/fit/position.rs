@@ -24,10 +24,10 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use evaluate::first_state;
+pub(crate) use evaluate::noise_of;
 pub use inertia::{Body, made_physical};
 pub(crate) use motion::{RunMotion, motions};
 pub use noise::noise_floor;
-pub(crate) use evaluate::noise_of;
 pub(crate) use noise::{last_digit, noise_of_log};
 pub use result::{Direction, Estimate, PositionFit, RunError};
 

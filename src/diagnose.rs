@@ -180,7 +180,7 @@ pub struct Options {
     pub error: Option<ErrorKind>,
     /// How many effects are looked for, one after the other.
     pub depth: usize,
-    /// How many suspects are fitted for good at most, per step.
+    /// How many suspects are fitted for good at most, per step, beside what the first of them contain.
     pub refits: usize,
     /// How finely fits integrate.
     pub fit: position::Options,
@@ -248,7 +248,7 @@ pub fn diagnose(
         },
         Some(error) => error,
     };
-    let split = blocks::Split::of(runs);
+    let split = blocks::Split::of(runs, error);
     if split.is_cut() {
         notes.push(blocks::note());
     }
@@ -260,7 +260,7 @@ pub fn diagnose(
     let in_question: &[&Run] = if hold::is_in_question(&work, &base) { runs } else { &[] };
     let lines: Vec<Run> = in_question.iter().map(|run| hold::with_line(run)).collect();
     let lines: Vec<&Run> = lines.iter().collect();
-    let line_split = blocks::Split::of(&lines);
+    let line_split = blocks::Split::of(&lines, error);
     let line_judged = line_split.judged(&lines);
     let line_judge = Judge { runs: &line_judged, ..judge };
     let straight = Work { runs: &lines, judge: &line_judge, folds: &line_split.others, ..work };
@@ -276,7 +276,7 @@ pub fn diagnose(
         let values =
             if base.parsed()?.digest() == model.digest() { "it was given" } else { "were believed before any fit" };
         notes.push(format!(
-            "the fit of the model was given up: it leaves far more than noise and comes to no minimum. What is missing is \
+            "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing is \
              looked for at the values that {values}, and what it leaves is told of those"
         ));
     }

@@ -55,7 +55,7 @@ pub struct Arguments {
     /// Look for so many effects, one after the other.
     #[arg(long, value_name = "N", default_value_t = 1)]
     depth: usize,
-    /// Fit so many suspects for good at most.
+    /// Fit so many suspects for good at most, and what the first of them contain.
     #[arg(long, value_name = "N", default_value_t = Options::default().refits)]
     refits: usize,
     /// Write the fitted model with the effects that were found.

@@ -7,11 +7,13 @@
 //! `(BLOCKS - 1) (CONFIRMED + 1)` more fits, and more only where the best lose their credit, so that the next are asked.
 //! The values that are told are those of the first fold.
 
+use super::excitation::LEAST_SAMPLES;
 use super::refit::{FOR_A_SUSPECT, Judge, Marks, Refit, left};
 use crate::{
     compare::{Comparison, RunComparison, compare},
     error::Error,
     experiment::{Role, Run},
+    identify::ErrorKind,
     log::Log,
 };
 
@@ -31,10 +33,10 @@ pub(super) struct Split {
 
 impl Split {
     /// Blocks, unless one of the runs is held out.
-    pub(super) fn of(runs: &[&Run]) -> Self {
+    pub(super) fn of(runs: &[&Run], error: ErrorKind) -> Self {
         let is_held_out = runs.iter().any(|run| run.role == Role::Validate);
         let mut others: Vec<Vec<Run>> =
-            if is_held_out { Vec::new() } else { (0..BLOCKS).map(|block| fold(runs, block)).collect() };
+            if is_held_out { Vec::new() } else { (0..BLOCKS).map(|block| fold(runs, block, error)).collect() };
         Self { last: others.pop(), others }
     }
 
@@ -64,7 +66,7 @@ pub(super) fn note() -> String {
 }
 
 /// The runs of the fold that holds out that block, from 0: of every run up to two parts to fit to and one held out.
-fn fold(runs: &[&Run], held_out: usize) -> Vec<Run> {
+fn fold(runs: &[&Run], held_out: usize, error: ErrorKind) -> Vec<Run> {
     let parts = |run: &&Run| {
         let cut = |block: usize| run.log.len() * block / BLOCKS;
         let (from, to) = (cut(held_out), cut(held_out + 1));
@@ -72,11 +74,16 @@ fn fold(runs: &[&Run], held_out: usize) -> Vec<Run> {
             .into_iter()
             .filter(|(rows, _)| !rows.is_empty())
             .map(|(rows, role)| part(run, rows, role))
-            // A block that is cut away whole tells a fit nothing.
-            .filter(|part| part.role == Role::Validate || part.n_cut() < part.log.len())
+            // What is left of a part whose beginning is cut may be too little to fit to.
+            .filter(|part| part.role == Role::Validate || error == ErrorKind::Torque || is_left(part))
             .collect::<Vec<Run>>()
     };
     runs.iter().flat_map(parts).collect()
+}
+
+/// Whether a fit of positions sees enough of a part, or all.
+fn is_left(part: &Run) -> bool {
+    part.n_cut() == 0 || part.log.len() >= part.n_cut() + LEAST_SAMPLES
 }
 
 /// Those rows of a run as a run of their own.
@@ -121,7 +128,10 @@ pub(super) fn over_all(
         let model = match &last.suspect {
             // What could not be fitted to one fold is not fitted to another either.
             _ if last.was_given_up() => start.clone(),
-            None => judge.refit(None, &start, &start, Marks::default(), stop)?.parsed()?,
+            None => {
+                let fit = judge.refit(None, &start, &start, Marks::default(), stop)?;
+                if fit.was_given_up() { start.clone() } else { fit.parsed()? }
+            }
             Some(_) => {
                 let fitted = judge.fit(&start, Some(FOR_A_SUSPECT), Marks::default(), stop)?;
                 fitted.map_or_else(|| start.clone(), |(found, _)| found.model)
@@ -153,7 +163,6 @@ mod tests {
     use crate::{
         experiment::{Experiment, Settings},
         fit::position,
-        identify::ErrorKind,
         model::Model,
     };
 
@@ -179,7 +188,7 @@ mod tests {
             let whole = [&one, &other];
             let mut held_out = vec![Vec::new(); 2];
             for block in 0..BLOCKS {
-                let parts = fold(&whole, block);
+                let parts = fold(&whole, block, ErrorKind::Position);
                 let mut parts = parts.iter().peekable();
                 for (of, run) in whole.iter().enumerate() {
                     let mut seen = 0;
@@ -213,7 +222,7 @@ mod tests {
         let mut run = run(300);
         run.settings.from_s = Some(1.2);
         let told = |block: usize| -> Vec<(f64, Role, usize)> {
-            let parts = fold(&[&run], block);
+            let parts = fold(&[&run], block, ErrorKind::Position);
             parts.iter().map(|part| (part.log.t[0], part.role, part.n_cut())).collect()
         };
         assert_eq!(told(0), [(0.0, Role::Validate, 100), (1.0, Role::Fit, 20)]);
@@ -226,7 +235,7 @@ mod tests {
     fn a_model_as_it_is_is_judged_by_all_blocks() {
         let mut run = run(600);
         run.settings.min_speed = vec![0.0];
-        let split = Split::of(&[&run]);
+        let split = Split::of(&[&run], ErrorKind::Position);
         let judged = split.judged(&[&run]);
         let device = dynid_model::device("servo_pendulum").unwrap();
         let experiment =

@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// Samples in which a pattern is told from noise: `compare` says nothing of fewer either.
-const LEAST_SAMPLES: usize = 64;
+pub(super) const LEAST_SAMPLES: usize = 64;
 /// A joint moves if its positions span so many times their noise.
 const MOVES: f64 = 10.0;
 /// As many parameters are named.
@@ -24,11 +24,14 @@ const NAMED: usize = 6;
 /// What should be known of `runs`, of which `folds` are all that is fitted to or held out in turn, before the fit.
 ///
 /// # Errors
-/// A run is too short; no joint moves in any.
+/// A run is too short, or has no torque error where that is asked for; no joint moves in any.
 pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: ErrorKind) -> Result<Vec<String>, Error> {
     let n_blocks = if folds.is_empty() { 1 } else { blocks::BLOCKS };
     for run in runs {
         long_enough(run, n_blocks * LEAST_SAMPLES, n_blocks, None)?;
+        if error != ErrorKind::Torque {
+            enough_is_left(run, n_blocks)?;
+        }
     }
     if error == ErrorKind::Torque {
         for part in folds.iter().copied().flatten() {
@@ -41,12 +44,15 @@ pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: Error
         }
     }
     let mut notes = Vec::new();
-    for run in runs.iter().filter(|_| folds.is_empty()) {
-        match Motion::of(run) {
-            Err(why) if error == ErrorKind::Torque => return Err(why.into()),
-            Err(why) => notes.push(format!("{why}. Without it only simulations tell what {} lacks", run.label())),
-            Ok(_) => {}
+    let judged = |role: Role| runs.iter().filter(move |run| run.role == role && folds.is_empty());
+    let some_held_out = judged(Role::Validate).any(|run| Motion::of(run).is_ok());
+    for run in judged(Role::Fit).chain(judged(Role::Validate)) {
+        let Err(why) = Motion::of(run) else { continue };
+        if error == ErrorKind::Torque && (run.role == Role::Fit || !some_held_out) {
+            return Err(why.into());
         }
+        let only = if run.role == Role::Fit { "; only simulations tell what a model of it lacks" } else { "" };
+        notes.push(format!("no torque error: {why}{only}"));
     }
     notes.extend(judged_by_what_is_fitted(runs).filter(|_| folds.is_empty()));
     let still: Vec<(&Run, usize)> = runs
@@ -101,6 +107,26 @@ fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>
         needed,
         needed_s: number(needed as f64 * step),
         because,
+    })
+}
+
+/// A fit must see enough of a run whose beginning is cut.
+fn enough_is_left(run: &Run, n_blocks: usize) -> Result<(), Error> {
+    let (samples, cut) = (run.log.len(), run.n_cut());
+    // The last block is held out where there are some.
+    let seen = if n_blocks > 1 { samples - samples / n_blocks } else { samples };
+    if cut == 0 || seen >= cut + LEAST_SAMPLES {
+        return Ok(());
+    }
+    let needed = samples + cut + LEAST_SAMPLES - seen;
+    let step = run.log.sample_time();
+    Err(Error::TooShortToTell {
+        run: run.file.clone(),
+        samples,
+        span_s: number(samples.saturating_sub(1) as f64 * step),
+        needed,
+        needed_s: number(needed as f64 * step),
+        because: format!(", since from_s cuts {cut} of its samples"),
     })
 }
 

@@ -336,11 +336,13 @@ impl Judge<'_> {
     /// The model as it was given; where the fit that strayed only stayed there, since an earlier one had strayed already, as it
     /// was believed before any fit.
     fn without_straying(&self, given: &Model, strayed: &Refit) -> Result<Refit, Error> {
-        /// A fit from elsewhere lowers the cost by more.
+        /// A fit from elsewhere changes the cost by more.
         const STAYED: f64 = 1.5;
         let as_given = self.as_it_is(given)?;
         let believed = given.with_values(&|name| given.believed(name));
-        let stayed = as_given.cost().zip(strayed.cost()).is_some_and(|(before, after)| before < STAYED * after);
+        let is_about =
+            |(before, after): (f64, f64)| after.is_finite() && before < STAYED * after && after < STAYED * before;
+        let stayed = as_given.cost().zip(strayed.cost()).is_some_and(is_about);
         if stayed && believed.digest() != given.digest() { self.as_it_is(&believed) } else { Ok(as_given) }
     }
 
@@ -405,8 +407,8 @@ impl Judge<'_> {
 /// what is missing led it there, e.g. to inertias so small that friction stops a joint within an integration step.
 fn broke_down(refit: &Refit) -> bool {
     let is_good = |cost: f64| cost.is_finite() && !Watcher::is_poor(cost);
-    let is_free = !matches!(refit.status, FitStatus::NumericalError | FitStatus::HeldByBound);
-    !is_free && refit.cost().is_some_and(|cost| !is_good(cost))
+    let is_held = matches!(refit.status, FitStatus::NumericalError | FitStatus::HeldByBound);
+    is_held && refit.cost().is_some_and(|cost| !is_good(cost))
 }
 
 /// Number of unknown effect parameters that the runs depend on.
@@ -481,7 +483,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                 };
                 // What moves without noise has as much as a fit takes it to have.
                 let noise_floor =
-                    if noise_floor > 0.0 || !moves(run, joint.joint) { noise_floor } else { noise_of(measured) };
+                    if moves(run, joint.joint) { noise_floor.max(noise_of(measured)) } else { noise_floor };
                 if noise_floor == 0.0 {
                     continue;
                 }

@@ -92,7 +92,7 @@ pub(super) fn plainest_noise(fitted: &[Refit]) -> Option<&Refit> {
 /// Sum over the joints of `n_eff ln(after / before)` on the runs held out or on those fitted to, and of `n_eff`.
 fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held_out: bool) -> (f64, f64) {
     let (mut gain, mut independent) = (0.0, 0.0);
-    let side = |refit: &'_ Refit| -> Vec<Left> {
+    let side = |refit: &Refit| -> Vec<Left> {
         if held_out { refit.judged().cloned().collect() } else { refit.side(false).cloned().collect() }
     };
     let before = side(before);
@@ -343,7 +343,8 @@ pub(super) fn conclude(
         (verdict == Verdict::Unexplained).then(|| super::discover::discover(&base, work.judge.runs)).flatten();
     if verdict == Verdict::Unexplained {
         sentences.push(discovered.as_ref().map_or_else(super::discover::nothing, super::discover::sentence));
-        if discovered.is_none() && work.judge.error == ErrorKind::Torque {
+        let is_open = discovered.is_none() && ranking.is_empty() && first.status.may_update_model();
+        if is_open && work.judge.error == ErrorKind::Torque {
             sentences.push("How much of it is noise is not known of the torque error: it may be all of it.".to_owned());
         }
     }

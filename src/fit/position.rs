@@ -387,7 +387,11 @@ pub fn resume(
                 return Err(at.why_not(&anchor));
             };
             let fit = result::conclude(&problem, &evaluator, &at, &region, &anchor, &quadratic, ended, iterations);
-            return Ok(PositionFit { moved, needs_every_step: coarse >= options.substeps, ..fit });
+            return Ok(PositionFit {
+                moved,
+                needs_every_step: coarse >= options.substeps && options.substeps > evaluate::FEWEST_STEPS,
+                ..fit
+            });
         }
         let limits = kind.limits(options, iterations);
         let samples = at.samples() as f64;

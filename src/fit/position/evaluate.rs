@@ -36,6 +36,9 @@ struct Ready<'a> {
     starts: Vec<(f64, f64)>,
 }
 
+/// Fewer integration steps per sample are not tried.
+pub(super) const FEWEST_STEPS: usize = 4;
+
 /// All runs at any unknowns: parameters first, then every run's initial positions (and speeds if it moves).
 pub(super) struct Evaluator<'a> {
     ready: Vec<Ready<'a>>,
@@ -156,7 +159,7 @@ impl<'a> Evaluator<'a> {
             }
         }
         let allowed = SHARE * (sum / f64::max(count, 1.0)).sqrt().clamp(1.0, LARGE);
-        for substeps in [4, 6, 10, 15, 20, 30] {
+        for substeps in [FEWEST_STEPS, 6, 10, 15, 20, 30] {
             if substeps >= fine {
                 break;
             }

@@ -241,6 +241,19 @@ fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
         .max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
+/// Whether a refit takes nearly all away at a joint, and what is left is at others: that is another effect's matter, and more
+/// than a model's fit that was cut short might still have gained.
+fn clears_its_joint(before: &Refit, after: &Refit) -> bool {
+    /// Share of the squared error above the noise.
+    const NEARLY_ALL: f64 = 0.999;
+    /// What is left there, as a share of what is left at the worst joint.
+    const LITTLE: f64 = 0.1;
+    let Some((joint, _, excess)) = share(before, after) else { return false };
+    let own = after.judged().find(|left| left.joint == joint).and_then(Left::ratio);
+    let is_little = own.zip(after.worst_ratio()).is_some_and(|(own, worst)| own < LITTLE * worst);
+    excess >= NEARLY_ALL && is_little
+}
+
 /// The joint that a refit helps most.
 pub(super) fn helped_joint(before: &Refit, after: &Refit) -> Option<usize> {
     share(before, after).map(|(joint, ..)| joint)
@@ -259,7 +272,7 @@ pub(super) fn of(before: &Refit, fitted: &[Judged]) -> Verdict {
     let explained = match (near_floor, before.is_minimum()) {
         (true, _) => explains_much || reaches_the_floor(best),
         (false, true) => explains_much || explains(best),
-        (false, false) => explains(best),
+        (false, false) => explains(best) || clears_its_joint(before, best),
     };
     match (explained, near_floor) {
         (true, _) => Verdict::MissingEffect,
@@ -502,6 +515,31 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Two effects are missing, each at its joint: the first that is found cannot explain the other joint's error.
+    #[test]
+    fn an_effect_that_clears_its_joint_is_named_though_another_joint_is_far_off() {
+        let left = |joint: usize, ratio: f64| Left {
+            joint,
+            held_out: true,
+            squares: ratio * ratio,
+            samples: 1.0,
+            correlation: 1.0,
+            noise_squares: Some(1.0),
+            white: false,
+        };
+        let refit = |ratios: [f64; 2]| Refit {
+            followed: Followed::WhileItFell,
+            left: vec![left(4, ratios[0]), left(5, ratios[1])],
+            ..crate::diagnose::refit::tests::empty()
+        };
+        let before = refit([830.0, 770.0]);
+        let judged = |refit: Refit| Judged { refit, held_out: -1.0, delta_bic: -400.0, reason: None };
+        let verdict = |after: [f64; 2]| of(&before, &[judged(refit(after))]);
+        assert_eq!(verdict([700.0, 5.0]), Verdict::MissingEffect);
+        assert_eq!(verdict([700.0, 75.0]), Verdict::Unexplained, "a tenth of what was left is not nearly nothing");
+        assert_eq!(verdict([20.0, 5.0]), Verdict::Unexplained, "both joints fell by as much: a better fit may do that");
+    }
 
     #[test]
     fn noise_is_what_is_low_or_low_and_white_at_every_joint() {

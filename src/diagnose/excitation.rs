@@ -93,21 +93,26 @@ fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>
     if samples >= needed {
         return Ok(());
     }
-    let step = run.log.sample_time();
     let blocks = format!(", since no run is held out and each is cut into {n_blocks} blocks");
     let because = match (n_blocks, cutoff_hz) {
         (1, _) => String::new(),
         (_, None) => blocks,
         (_, Some(cutoff_hz)) => format!("{blocks} that a filter of {cutoff_hz} Hz must fit into (cutoff_hz)"),
     };
-    Err(Error::TooShortToTell {
+    Err(too_short(run, needed, because))
+}
+
+/// `needed` samples are more than the run has.
+fn too_short(run: &Run, needed: usize, because: String) -> Error {
+    let (samples, step) = (run.log.len(), run.log.sample_time());
+    Error::TooShortToTell {
         run: run.file.clone(),
         samples,
         span_s: number(samples.saturating_sub(1) as f64 * step),
         needed,
         needed_s: number(needed as f64 * step),
         because,
-    })
+    }
 }
 
 /// A fit must see enough of a run whose beginning is cut.
@@ -119,15 +124,7 @@ fn enough_is_left(run: &Run, n_blocks: usize) -> Result<(), Error> {
         return Ok(());
     }
     let needed = samples + cut + LEAST_SAMPLES - seen;
-    let step = run.log.sample_time();
-    Err(Error::TooShortToTell {
-        run: run.file.clone(),
-        samples,
-        span_s: number(samples.saturating_sub(1) as f64 * step),
-        needed,
-        needed_s: number(needed as f64 * step),
-        because: format!(", since from_s cuts {cut} of its samples"),
-    })
+    Err(too_short(run, needed, format!(", since from_s cuts {cut} of its samples")))
 }
 
 /// Whether a joint moves in a run by more than noise.

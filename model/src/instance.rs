@@ -14,7 +14,7 @@ pub type DefaultParameter<'a> =
     dyn Fn(&Effect, (Option<usize>, Option<usize>), &str, Option<f64>) -> Option<Parameter> + 'a;
 
 /// Values that differ by less than this share are equal: as near as a fit comes to an order that it keeps.
-const EQUAL: f64 = 1e-6;
+pub const EQUAL: f64 = 1e-6;
 
 /// Reads one `[[effect]]` table. Only the parameters that stand in the file are in `values`.
 ///

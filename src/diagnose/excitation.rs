@@ -44,10 +44,13 @@ pub(super) fn check(model: &Model, runs: &[&Run], folds: &[&[Run]], error: Error
         }
     }
     let mut notes = Vec::new();
-    let judged = |role: Role| runs.iter().filter(move |run| run.role == role && folds.is_empty());
-    let some_held_out = judged(Role::Validate).any(|run| Motion::of(run).is_ok());
-    for run in judged(Role::Fit).chain(judged(Role::Validate)) {
-        let Err(why) = Motion::of(run) else { continue };
+    let whole = runs.iter().filter(|_| folds.is_empty());
+    let mut without_motion: Vec<(&Run, MotionError)> =
+        whole.filter_map(|run| Some((*run, Motion::of(run).err()?))).collect();
+    without_motion.sort_by_key(|(run, _)| run.role);
+    let held_out = runs.iter().filter(|run| run.role == Role::Validate).count();
+    let some_held_out = held_out > without_motion.iter().filter(|(run, _)| run.role == Role::Validate).count();
+    for (run, why) in without_motion {
         if error == ErrorKind::Torque && (run.role == Role::Fit || !some_held_out) {
             return Err(why.into());
         }

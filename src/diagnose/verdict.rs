@@ -89,14 +89,15 @@ pub(super) fn plainest_noise(fitted: &[Refit]) -> Option<&Refit> {
     noise.min_by(|a, b| a.unknowns.total_cmp(&b.unknowns))
 }
 
-/// Sum over the joints of `n_eff ln(after / before)` on the runs held out or on those fitted to, and of `n_eff`.
-fn gain(before: &Refit, after: &Refit, correlations: &BTreeMap<usize, f64>, held_out: bool) -> (f64, f64) {
+/// Sum over the joints of `n_eff ln(after / before)`, and of `n_eff`.
+fn gain<'a>(
+    before: impl Iterator<Item = &'a Left>,
+    after: impl Iterator<Item = &'a Left>,
+    correlations: &BTreeMap<usize, f64>,
+) -> (f64, f64) {
     let (mut gain, mut independent) = (0.0, 0.0);
-    let side = |refit: &Refit| -> Vec<Left> {
-        if held_out { refit.judged().cloned().collect() } else { refit.side(false).cloned().collect() }
-    };
-    let before = side(before);
-    for own in &side(after) {
+    let before: Vec<&Left> = before.collect();
+    for own in after {
         let Some(base) = before.iter().find(|left| left.joint == own.joint) else { continue };
         let count = own.samples / correlations.get(&own.joint).copied().unwrap_or(1.0).max(1.0);
         independent += count;
@@ -121,8 +122,8 @@ pub(super) fn judge(
     let mut judged: Vec<Judged> = fitted
         .into_iter()
         .map(|refit| {
-            let (held_out, _) = gain(before, &refit, &correlations, true);
-            let (fit, independent) = gain(before, &refit, &correlations, false);
+            let (held_out, _) = gain(before.judged(), refit.judged(), &correlations);
+            let (fit, independent) = gain(before.side(false), refit.side(false), &correlations);
             let delta_bic = fit + refit.unknowns * independent.max(2.0).ln();
             let reason = refusal(before, &refit, delta_bic).or_else(|| helps_elsewhere(&refit));
             Judged { refit, held_out, delta_bic, reason }

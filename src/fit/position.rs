@@ -20,11 +20,11 @@ mod searches;
 
 use std::collections::BTreeMap;
 
+use dynid_model::instance::EQUAL;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use evaluate::first_state;
-pub(crate) use evaluate::noise_of;
+pub(crate) use evaluate::{first_state, noise_of};
 pub use inertia::{Body, made_physical};
 pub(crate) use motion::{RunMotion, motions};
 pub use noise::noise_floor;
@@ -514,11 +514,10 @@ fn check(problem: &PositionProblem) -> Result<(), PositionFitError> {
             return Err(PositionFitError::StartOutside { name, value, lower, upper });
         }
     }
-    /// A fit before this one may have ended where both are equal, up to the tolerance of its subproblems.
-    const ROUNDING: f64 = 1e-6;
+    // A fit before this one may have ended where both are equal, up to the tolerance of its subproblems.
     for (larger, smaller) in &problem.inequalities {
         if let (Some(larger_value), Some(smaller_value)) = (value_of(problem, larger), value_of(problem, smaller))
-            && larger_value < smaller_value - ROUNDING * (larger_value.abs() + smaller_value.abs())
+            && larger_value < smaller_value - EQUAL * (larger_value.abs() + smaller_value.abs())
         {
             let (larger, smaller) = (larger.clone(), smaller.clone());
             return Err(PositionFitError::StartUnequal { larger, larger_value, smaller, smaller_value });

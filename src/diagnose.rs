@@ -13,6 +13,7 @@ mod discover;
 mod estimate;
 mod excitation;
 mod hold;
+mod race;
 mod refit;
 mod region;
 mod screen;
@@ -401,6 +402,7 @@ impl Work<'_> {
             let fit = fit.map(|fit| self.gone_on(suspect, base, fit, marks));
             // Another start is worth its time only while nothing explains the logs.
             let done = marks.only_noise
+                || fit.as_ref().is_ok_and(|fit| fits.iter().flatten().any(|before| come_to_the_same(before, fit)))
                 || fit.as_ref().is_ok_and(|fit| {
                     verdict::reaches_the_floor(fit)
                         || fit.cost().zip(marks.enough).is_some_and(|(cost, enough)| cost <= enough)
@@ -487,9 +489,32 @@ impl Work<'_> {
         // A fit that keeps what the screening promised needs no other start.
         let cost = refit.cost().filter(|cost| cost.is_finite() && !refit.was_given_up());
         let kept = |score: &Score| Some(cost? * (1.0 - KEPT * score.explained)).filter(|_| !score.is_narrow);
+        let again = format!("{depth}: again, {}", path.join(" > "));
+        let believed = format!("{depth}: believed, {}", path.join(" > "));
+        let mut reached = race::Reached::default();
+        let mut is_believed_asked = self.judge.error != ErrorKind::Position;
+        let mut is_raced = !self.may_race();
+        if self.may_race() && refit.has_strayed() {
+            is_raced = self.race(base, &waiting, &mut reached)?;
+            waiting = race::ordered(waiting, &reached, &unknowns);
+            if !reached.came_near() {
+                is_believed_asked = true;
+                self.as_believed(&screening, (base, false), &mut fitted, &mut failed, &believed)?;
+                waiting.retain(|score| !has_explained(&score.suspect, &fitted));
+                self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
+            }
+        } else if self.may_race() {
+            let first = waiting.first().map_or(0.0, unknowns);
+            let mut smaller: Vec<Score> = waiting.iter().filter(|score| unknowns(score) < first).cloned().collect();
+            smaller.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));
+            if !smaller.is_empty() {
+                self.race(base, &smaller, &mut reached)?;
+                waiting = race::noise_first(waiting, &reached, &unknowns);
+            }
+        }
         while !waiting.is_empty() {
             let later = waiting.split_off(at_once.min(waiting.len()));
-            let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
+            let least = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
             let only_noise = fitted.iter().any(verdict::reaches_the_floor);
             let fits: Vec<Result<Refit, Error>> = waiting
                 .par_iter()
@@ -503,32 +528,30 @@ impl Work<'_> {
                         Some(&score.suspect),
                         base,
                         &starts,
-                        Marks { reached, only_noise, enough: kept(score), thorough: false },
+                        Marks { reached: least, only_noise, enough: kept(score), thorough: false },
                     )
                 })
                 .collect();
             self.asked_to_stop()?;
             for (fit, score) in fits.into_iter().zip(&waiting) {
                 match fit {
+                    Ok(fit) if fitted.iter().any(|other| other.suspect == fit.suspect) => {
+                        take_better(std::iter::once(fit), &mut fitted, &mut failed);
+                    }
                     Ok(fit) => fitted.push(fit),
                     Err(error) => failed.push(verdict::failed(&score.suspect, &error)),
                 }
             }
             waiting = later;
-            // Where one leaves nothing but noise, only those are fitted that may do so as well.
-            if let Some(best) = fitted.iter().find(|fit| verdict::reaches_the_floor(fit)) {
-                waiting.retain(|score| shortlist::may_rival(score, best, &scored));
+            if !is_raced && waiting.len() > 1 && !fitted.iter().any(verdict::explains) {
+                is_raced = self.race(base, &waiting, &mut reached)?;
+                waiting = race::ordered(waiting, &reached, &unknowns);
             }
-            // Where that is white, only what is no larger.
-            if let Some(plainest) = verdict::plainest_noise(&fitted) {
-                waiting.retain(|score| unknowns(score) <= plainest.unknowns);
-            }
+            self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
         }
-        let again = format!("{depth}: again, {}", path.join(" > "));
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
-        if self.judge.error == ErrorKind::Position && !fitted.iter().any(verdict::explains) {
-            let key = format!("{depth}: believed, {}", path.join(" > "));
-            self.as_believed(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &key)?;
+        if !is_believed_asked && !fitted.iter().any(verdict::explains) {
+            self.as_believed(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &believed)?;
             // A law that was found only from there may have rivals that are found only from there, too. (Until a law explains
             // the logs the first call has done nothing, so that the key is free.)
             self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
@@ -549,6 +572,31 @@ impl Work<'_> {
             verdict = Verdict::Unexplained;
         }
         Ok(Step { verdict, base: refit.clone(), screening: shortlist::screened(&scored), fitted, failed })
+    }
+
+    /// Of `waiting`, where one leaves nothing but noise, those that may do so as well; where that is white, only what is no
+    /// larger.
+    fn keep_rivals(
+        &self,
+        waiting: &mut Vec<Score>,
+        fitted: &[Refit],
+        failed: &mut Vec<Refused>,
+        (scored, reached): (&[Scored], &race::Reached),
+        unknowns: &dyn Fn(&Score) -> f64,
+    ) {
+        if let Some(best) = fitted.iter().find(|fit| verdict::reaches_the_floor(fit)) {
+            waiting.retain(|score| shortlist::may_rival(score, best, scored));
+            waiting.retain(|score| match race::no_rival(&score.suspect, best, reached) {
+                Some(refused) => {
+                    failed.push(refused);
+                    false
+                }
+                None => true,
+            });
+        }
+        if let Some(plainest) = verdict::plainest_noise(fitted) {
+            waiting.retain(|score| unknowns(score) <= plainest.unknowns);
+        }
     }
 
     /// Another start for laws no larger than the best one (smaller, where that leaves only noise) that fell far short of it at
@@ -673,6 +721,12 @@ impl Work<'_> {
             return Ok(());
         }
         let mut promising = shortlist::of(&self.screened(screening, &start)?);
+        if self.may_race() {
+            promising.truncate(2 * MOST);
+            let mut reached = race::Reached::default();
+            self.race(&start, &promising, &mut reached)?;
+            promising = race::ordered(promising, &reached, &|score| self.judge.added_unknowns(&score.estimate, base));
+        }
         promising.truncate(MOST);
         for score in promising {
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
@@ -762,6 +816,19 @@ fn has_wandered(believed: &Model, fitted: &Model) -> bool {
         let pairs = believed.parameters.iter().zip(&fitted.parameters);
         pairs.into_iter().any(|(a, b)| (a.value - b.value).abs() > FAR * a.value.abs().max(b.value.abs()))
     })
+}
+
+/// Whether a fit of that suspect explains the logs.
+fn has_explained(suspect: &Suspect, fitted: &[Refit]) -> bool {
+    fitted.iter().any(|refit| refit.suspect.as_ref() == Some(suspect) && verdict::explains(refit))
+}
+
+/// Whether two fits, from different starts, leave the same.
+fn come_to_the_same(one: &Refit, other: &Refit) -> bool {
+    /// Costs differ by less than this share.
+    const SAME: f64 = 1e-3;
+    let costs = one.cost().zip(other.cost()).filter(|(one, other)| one.is_finite() && other.is_finite());
+    costs.is_some_and(|(one, other)| (one - other).abs() <= SAME * one.min(other))
 }
 
 /// Puts refits in the place of those of the same suspects that cost more, or of none.

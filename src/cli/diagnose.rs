@@ -358,7 +358,7 @@ fn interrupted(path: &Path, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 5;
+const FORMAT: u32 = 6;
 
 /// Fits that are done, beside the model, for a diagnosis that is stopped.
 struct Kept {

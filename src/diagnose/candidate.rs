@@ -43,7 +43,8 @@ impl Suspect {
 
 /// Every effect at every place where `model` could take it and a free joint of `runs` would feel it.
 ///
-/// Of a pair that acts on both joints alike only one order is listed.
+/// Of a pair that acts on both joints alike only one order is listed, and of joints that move the same last link only one has
+/// a body that joins it.
 pub fn suspects(model: &Model, runs: &[&Run]) -> Vec<Suspect> {
     let n_joints = model.device.joints.len();
     let is_free = |joint: usize| runs.iter().any(|run| run.free.contains(&joint));
@@ -82,6 +83,16 @@ pub fn suspects(model: &Model, runs: &[&Run]) -> Vec<Suspect> {
             if is_symmetric(effect) && there(from, joint) {
                 continue;
             }
+            if let Some(link) = joint.and_then(|joint| joined_link(model, effect, joint)) {
+                let joins = |id: &str, joint: Option<usize>| {
+                    id == effect.id && joint.and_then(|joint| joined_link(model, effect, joint)) == Some(link)
+                };
+                if found.iter().any(|other: &Suspect| joins(&other.effect, other.joint))
+                    || model.effects.iter().any(|own| joins(&own.effect.id, own.joint))
+                {
+                    continue;
+                }
+            }
             if model.clone().add_effect(&effect.id, joint, from).is_ok() {
                 found.push(Suspect { effect: effect.id.clone(), joint, from });
             }
@@ -94,6 +105,15 @@ pub fn suspects(model: &Model, runs: &[&Run]) -> Vec<Suspect> {
 pub(super) fn is_symmetric(effect: &Effect) -> bool {
     effect.scope == Scope::Pair
         && (effect.place == Place::Link || effect.outputs.iter().any(|(name, _)| name == "torque_from"))
+}
+
+/// The link, from 0, that an effect at `joint` is a body of; `None` if it is none. At every joint that moves this link last
+/// it is the same effect.
+pub(super) fn joined_link(model: &Model, effect: &Effect, joint: usize) -> Option<usize> {
+    let is_body = effect.scope == Scope::Joint
+        && effect.place == Place::Link
+        && effect.outputs.iter().all(|(name, _)| name != "inertia");
+    is_body.then(|| model.device.last_link_moved_by(joint)).flatten()
 }
 
 /// Those whose model is none of those before.

@@ -1,9 +1,10 @@
 //! From refits to an answer.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::{
-    Diagnosis, Followed, Left, Place, Ranked, Refit, Refused, Step, Suspect, Verdict, Work, candidate::is_symmetric,
+    Diagnosis, Followed, Left, Place, Ranked, Refit, Refused, Step, Suspect, Verdict, Work,
+    candidate::{is_symmetric, joined_link},
 };
 use crate::{
     compare::{Finding, compare, locate},
@@ -294,13 +295,26 @@ fn confounded(best: &Judged, all: &[Judged]) -> Vec<Suspect> {
         })
         .filter_map(|other| other.refit.suspect.clone())
         .collect();
-    if let Some(Suspect { effect, joint: Some(joint), from: Some(from) }) = &best.refit.suspect
-        && dynid_model::effect(effect).is_some_and(is_symmetric)
-    {
-        // The same effect, told from its other end.
-        suspects.insert(0, Suspect { effect: effect.clone(), joint: Some(*from), from: Some(*joint) });
+    let mut same: Vec<Suspect> = best.refit.suspect.iter().flat_map(|own| told_otherwise(own, &best.refit)).collect();
+    same.append(&mut suspects);
+    same
+}
+
+/// The same effect as `own`, told from its other end or by another joint that moves the link which it joins.
+fn told_otherwise(own: &Suspect, refit: &Refit) -> Vec<Suspect> {
+    let (Some(law), Some(joint)) = (own.law(), own.joint) else { return Vec::new() };
+    match own.from {
+        Some(from) if is_symmetric(law) => vec![Suspect { joint: Some(from), from: Some(joint), ..own.clone() }],
+        None => {
+            let Ok(model) = refit.parsed() else { return Vec::new() };
+            let Some(link) = joined_link(&model, law, joint) else { return Vec::new() };
+            let joints: BTreeSet<usize> = refit.left.iter().map(|left| left.joint).collect();
+            let others = joints.into_iter().filter(|other| *other != joint);
+            let same = others.filter(|other| joined_link(&model, law, *other) == Some(link));
+            same.map(|other| Suspect { joint: Some(other), ..own.clone() }).collect()
+        }
+        Some(_) => Vec::new(),
     }
-    suspects
 }
 
 /// Puts the steps together.

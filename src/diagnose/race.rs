@@ -1,0 +1,181 @@
+//! Which suspects are fitted first, where it is not plain.
+//!
+//! A law that is wrong may take many times as long to fit as the one that is right: what is missing leads its simulations
+//! astray. A search whose simulations are held to the logs as firmly as at first takes a small part of a fit's time and
+//! tells them apart already, though it proves nothing. So it decides the order, and who is no rival of what leaves only
+//! noise; fits and held-out runs decide the rest.
+
+use std::collections::BTreeMap;
+
+use dynid_model::Place;
+use rayon::prelude::*;
+
+use super::{FEW_JOINTS, Refit, Refused, Score, Suspect, Work, verdict};
+use crate::{error::Error, identify::ErrorKind, model::Model};
+
+/// Costs per sample that searches came to on the first tether.
+#[derive(Debug, Default)]
+pub(super) struct Reached {
+    /// The model's own.
+    base: Option<f64>,
+    /// Those of suspects. A tether pulls what a sensor shows wrongly away from where it is, so that none is told of sensors.
+    suspects: BTreeMap<Suspect, f64>,
+}
+
+impl Reached {
+    /// Whether one came near its log.
+    pub(super) fn came_near(&self) -> bool {
+        /// Cost per sample beyond which a search is not near.
+        const NEAR: f64 = 10.0;
+        self.suspects.values().any(|cost| *cost <= NEAR)
+    }
+
+    fn is_noise(&self, score: &Score) -> bool {
+        self.suspects.get(&score.suspect).is_some_and(|cost| is_noise(*cost))
+    }
+}
+
+impl Work<'_> {
+    /// Whether searches on a tether may decide an order: of the position error, where simulations of few joints are cheap.
+    pub(super) fn may_race(&self) -> bool {
+        let free = self.judge.runs.iter().map(|run| run.free.len()).max().unwrap_or(0);
+        self.judge.error == ErrorKind::Position && free <= FEW_JOINTS
+    }
+
+    /// What the searches of `waiting` come to that have not been asked: of the first ones, and unless one of those leaves only
+    /// noise, or `base` alone does, of all. Says whether all were asked.
+    pub(super) fn race(&self, base: &Model, waiting: &[Score], reached: &mut Reached) -> Result<bool, Error> {
+        /// As many are first.
+        const FIRST: usize = 2;
+        let cost = |start: &Model| if (self.stop)() { None } else { self.judge.on_first_tether(start, self.stop) };
+        let has_sensor = |score: &Score| score.estimate.effects.iter().any(|own| own.effect.place == Place::Sensor);
+        let is_new = |score: &Score| !reached.suspects.contains_key(&score.suspect);
+        let asked: Vec<&Score> = waiting.iter().filter(|score| is_new(score) && !has_sensor(score)).collect();
+        if reached.base.is_none() {
+            reached.base = cost(base);
+        }
+        let is_followed = reached.base.is_some_and(is_noise);
+        let (first, others) = asked.split_at(FIRST.min(asked.len()));
+        for some in [first, others] {
+            if is_followed || waiting.iter().any(|score| reached.is_noise(score)) {
+                return Ok(is_followed || some.is_empty());
+            }
+            let costs: Vec<Option<f64>> = some.par_iter().map(|score| cost(&score.estimate)).collect();
+            self.asked_to_stop()?;
+            let told = some.iter().zip(costs).filter_map(|(score, cost)| Some((score.suspect.clone(), cost?)));
+            reached.suspects.extend(told);
+        }
+        Ok(true)
+    }
+}
+
+/// `waiting` with those ahead that leave only noise on the tether where the model alone does not, the plainest first.
+pub(super) fn noise_first(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(&Score) -> f64) -> Vec<Score> {
+    if reached.base.is_some_and(is_noise) {
+        return waiting;
+    }
+    let (mut ahead, others): (Vec<Score>, Vec<Score>) = waiting.into_iter().partition(|score| reached.is_noise(score));
+    ahead.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));
+    ahead.extend(others);
+    ahead
+}
+
+/// `waiting` with those ahead that leave only noise, the plainest first, then those that come near the logs, the nearest
+/// first, where the model alone does not.
+pub(super) fn ordered(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(&Score) -> f64) -> Vec<Score> {
+    /// Share of what the model itself leaves that is nearer.
+    const NEARER: f64 = 0.5;
+    let base = reached.base.unwrap_or(f64::INFINITY);
+    let cost = |score: &Score| reached.suspects.get(&score.suspect).copied().filter(|cost| *cost < NEARER * base);
+    let (mut near, others): (Vec<Score>, Vec<Score>) = waiting.into_iter().partition(|score| cost(score).is_some());
+    near.sort_by(|a, b| cost(a).unwrap_or_default().total_cmp(&cost(b).unwrap_or_default()));
+    near.extend(others);
+    noise_first(near, reached, unknowns)
+}
+
+/// Why a suspect is no rival of `winner`, which leaves only noise; `None` if it may be one.
+pub(super) fn no_rival(suspect: &Suspect, winner: &Refit, reached: &Reached) -> Option<Refused> {
+    /// What costs so many times as much as the winner is none.
+    const FAR: f64 = 30.0;
+    let cost = |suspect: &Suspect| reached.suspects.get(suspect).copied();
+    let own = cost(suspect)?;
+    let best = winner.suspect.as_ref().and_then(cost).unwrap_or_default();
+    (own > FAR * best.max(verdict::COST_AT_THE_FLOOR)).then(|| Refused {
+        suspect: suspect.clone(),
+        reason: "even with simulations that are held to the logs it stays far above what another effect reaches"
+            .to_owned(),
+    })
+}
+
+/// Whether a search, which was short and rough, came to what noise costs.
+fn is_noise(cost: f64) -> bool {
+    /// So many times as much.
+    const NEARLY: f64 = 1.5;
+    cost <= NEARLY * verdict::COST_AT_THE_FLOOR
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::refit::tests::empty;
+
+    fn score(effect: &str) -> Score {
+        Score {
+            suspect: Suspect { effect: effect.to_owned(), joint: Some(0), from: None },
+            information: 0.0,
+            explained: 0.5,
+            estimate: Model::of_device(dynid_model::device("planar2r").unwrap()),
+            others: Vec::new(),
+            is_narrow: false,
+        }
+    }
+
+    fn reached(base: Option<f64>, suspects: &[(&str, f64)]) -> Reached {
+        let suspects = suspects.iter().map(|(effect, cost)| (score(effect).suspect, *cost)).collect();
+        Reached { base, suspects }
+    }
+
+    fn names(list: &[Score]) -> Vec<&str> {
+        list.iter().map(|score| score.suspect.effect.as_str()).collect()
+    }
+
+    fn unknowns(score: &Score) -> f64 {
+        if score.suspect.effect == "lugre" { 5.0 } else { 1.0 }
+    }
+
+    const WAITING: [&str; 5] = ["lugre", "coulomb", "sensor_offset", "viscous", "stribeck"];
+
+    fn waiting() -> Vec<Score> {
+        WAITING.iter().map(|effect| score(effect)).collect()
+    }
+
+    #[test]
+    fn what_leaves_only_noise_on_the_tether_goes_first_then_what_comes_near() {
+        let told = reached(Some(150.0), &[("lugre", 0.3), ("coulomb", 40.0), ("viscous", 0.5), ("stribeck", 4.0)]);
+        let list = ordered(waiting(), &told, &unknowns);
+        assert_eq!(names(&list), ["viscous", "lugre", "stribeck", "coulomb", "sensor_offset"]);
+        let list = noise_first(waiting(), &told, &unknowns);
+        assert_eq!(names(&list), ["viscous", "lugre", "coulomb", "sensor_offset", "stribeck"]);
+        assert!(told.came_near() && !reached(None, &[("coulomb", 40.0)]).came_near());
+    }
+
+    #[test]
+    fn where_the_model_alone_follows_the_logs_on_the_tether_nothing_is_told() {
+        let told = reached(Some(0.4), &[("lugre", 0.3), ("viscous", 0.2)]);
+        assert_eq!(names(&ordered(waiting(), &told, &unknowns)), WAITING);
+        // What comes as near as the model itself is not nearer.
+        let told = reached(Some(40.0), &[("lugre", 39.0), ("viscous", 45.0)]);
+        assert_eq!(names(&ordered(waiting(), &told, &unknowns)), WAITING);
+    }
+
+    #[test]
+    fn only_what_stays_far_above_the_winner_on_the_tether_is_no_rival() {
+        let told = reached(Some(150.0), &[("lugre", 6.0), ("stribeck", 170.0), ("coulomb", 190.0)]);
+        let winner = |effect: &str| Refit { suspect: Some(score(effect).suspect), ..empty() };
+        let refused = |effect: &str, winner: &Refit| no_rival(&score(effect).suspect, winner, &told).is_some();
+        let lugre = winner("lugre");
+        assert!(refused("coulomb", &lugre) && !refused("stribeck", &lugre) && !refused("sensor_offset", &lugre));
+        // A winner that was not asked is taken to leave noise there.
+        assert!(refused("stribeck", &winner("sensor_offset")));
+    }
+}

@@ -201,6 +201,8 @@ pub enum Event<'a> {
     FittingModel,
     /// So many suspects of so many are screened.
     Screened(usize, usize),
+    /// So many suspects are compared on a tether.
+    Comparing(usize),
     /// A suspect's fit begins.
     Refitting(&'a Suspect),
     /// A fit is done; its key and what it found are worth keeping.
@@ -402,7 +404,9 @@ impl Work<'_> {
             let fit = fit.map(|fit| self.gone_on(suspect, base, fit, marks));
             // Another start is worth its time only while nothing explains the logs.
             let done = marks.only_noise
-                || fit.as_ref().is_ok_and(|fit| fits.iter().flatten().any(|before| come_to_the_same(before, fit)))
+                || fit.as_ref().is_ok_and(|fit| {
+                    !marks.thorough && fits.iter().flatten().any(|before| come_to_the_same(before, fit))
+                })
                 || fit.as_ref().is_ok_and(|fit| {
                     verdict::reaches_the_floor(fit)
                         || fit.cost().zip(marks.enough).is_some_and(|(cost, enough)| cost <= enough)
@@ -492,13 +496,15 @@ impl Work<'_> {
         let again = format!("{depth}: again, {}", path.join(" > "));
         let believed = format!("{depth}: believed, {}", path.join(" > "));
         let mut reached = race::Reached::default();
-        let mut is_believed_asked = self.judge.error != ErrorKind::Position;
-        let mut is_raced = !self.may_race();
+        let mut may_ask_belief = self.judge.error == ErrorKind::Position;
+        // Which is fitted first: where the model's own fit strayed, what comes near the logs on a tether, or what does so from
+        // the values that were believed; else what is plainer than the most promising and leaves only noise on the tether.
+        let mut is_order_settled = !self.may_race();
         if self.may_race() && refit.has_strayed() {
-            is_raced = self.race(base, &waiting, &mut reached)?;
+            is_order_settled = self.race(base, &waiting, &mut reached)?;
             waiting = race::ordered(waiting, &reached, &unknowns);
-            if !reached.came_near() {
-                is_believed_asked = true;
+            if reached.all_stay_far() {
+                may_ask_belief = false;
                 self.as_believed(&screening, (base, false), &mut fitted, &mut failed, &believed)?;
                 waiting.retain(|score| !has_explained(&score.suspect, &fitted));
                 self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
@@ -535,22 +541,23 @@ impl Work<'_> {
             self.asked_to_stop()?;
             for (fit, score) in fits.into_iter().zip(&waiting) {
                 match fit {
-                    Ok(fit) if fitted.iter().any(|other| other.suspect == fit.suspect) => {
+                    Ok(fit) if is_fitted(&score.suspect, &fitted) => {
                         take_better(std::iter::once(fit), &mut fitted, &mut failed);
                     }
                     Ok(fit) => fitted.push(fit),
+                    Err(_) if is_fitted(&score.suspect, &fitted) => {}
                     Err(error) => failed.push(verdict::failed(&score.suspect, &error)),
                 }
             }
             waiting = later;
-            if !is_raced && waiting.len() > 1 && !fitted.iter().any(verdict::explains) {
-                is_raced = self.race(base, &waiting, &mut reached)?;
+            if !is_order_settled && waiting.len() > 1 && !fitted.iter().any(verdict::explains) {
+                is_order_settled = self.race(base, &waiting, &mut reached)?;
                 waiting = race::ordered(waiting, &reached, &unknowns);
             }
             self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
         }
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
-        if !is_believed_asked && !fitted.iter().any(verdict::explains) {
+        if may_ask_belief && !fitted.iter().any(verdict::explains) {
             self.as_believed(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &believed)?;
             // A law that was found only from there may have rivals that are found only from there, too. (Until a law explains
             // the logs the first call has done nothing, so that the key is free.)
@@ -588,7 +595,9 @@ impl Work<'_> {
             waiting.retain(|score| shortlist::may_rival(score, best, scored));
             waiting.retain(|score| match race::no_rival(&score.suspect, best, reached) {
                 Some(refused) => {
-                    failed.push(refused);
+                    if !is_fitted(&score.suspect, fitted) {
+                        failed.push(refused);
+                    }
                     false
                 }
                 None => true,
@@ -600,7 +609,7 @@ impl Work<'_> {
     }
 
     /// Another start for laws no larger than the best one (smaller, where that leaves only noise) that fell far short of it at
-    /// its joint, and for those whose fit came to nothing: a search that has lost its way comes to the same as a law that is
+    /// its joint, on a tether or in a fit, and for those whose fit came to nothing: a search that has lost its way comes to the same as a law that is
     /// wrong. They start from the best one's values of the model's own parameters, then
     /// from those that were believed before any fit.
     fn again(
@@ -725,9 +734,16 @@ impl Work<'_> {
             promising.truncate(2 * MOST);
             let mut reached = race::Reached::default();
             self.race(&start, &promising, &mut reached)?;
+            let mut unasked: Vec<Score> = promising[..MOST.min(promising.len())].to_vec();
+            unasked.retain(|score| !reached.knows(&score.suspect));
             promising = race::ordered(promising, &reached, &|score| self.judge.added_unknowns(&score.estimate, base));
+            promising.truncate(MOST);
+            // Of what no tether tells, the screening does.
+            unasked.retain(|score| promising.iter().all(|other| other.suspect != score.suspect));
+            promising.append(&mut unasked);
+        } else {
+            promising.truncate(MOST);
         }
-        promising.truncate(MOST);
         for score in promising {
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
             (self.tell)(&Event::Refitting(&score.suspect));
@@ -818,16 +834,21 @@ fn has_wandered(believed: &Model, fitted: &Model) -> bool {
     })
 }
 
+/// Whether there is a fit of that suspect.
+fn is_fitted(suspect: &Suspect, fitted: &[Refit]) -> bool {
+    fitted.iter().any(|refit| refit.suspect.as_ref() == Some(suspect))
+}
+
 /// Whether a fit of that suspect explains the logs.
 fn has_explained(suspect: &Suspect, fitted: &[Refit]) -> bool {
     fitted.iter().any(|refit| refit.suspect.as_ref() == Some(suspect) && verdict::explains(refit))
 }
 
-/// Whether two fits, from different starts, leave the same.
+/// Whether two fits, from different starts, leave the same, and that is not poor: fits that came to nothing may do so alike.
 fn come_to_the_same(one: &Refit, other: &Refit) -> bool {
     /// Costs differ by less than this share.
     const SAME: f64 = 1e-3;
-    let costs = one.cost().zip(other.cost()).filter(|(one, other)| one.is_finite() && other.is_finite());
+    let costs = one.cost().zip(other.cost()).filter(|_| !one.is_poor() && !other.is_poor());
     costs.is_some_and(|(one, other)| (one - other).abs() <= SAME * one.min(other))
 }
 

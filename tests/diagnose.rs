@@ -9,11 +9,12 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use assert_cmd::Command;
-use dynid::diagnose::{Diagnosis, Event, Finished, Options, Verdict, diagnose};
+use dynid::diagnose::{Diagnosis, Event, Finished, Options, Verdict, diagnose, suspects};
 use dynid::error::Error;
 use dynid::experiment::{Experiment, Run};
 use dynid::identify::ErrorKind;
 use dynid::model::Model;
+use dynid_model::Parameter;
 use dynid_plant::hidden::{Case, Kind, table, trial};
 use dynid_plant::recipe::{self, Recipe};
 use serde_json::Value;
@@ -179,6 +180,70 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let json = |found: &Diagnosis| serde_json::to_string_pretty(found).unwrap();
     assert_eq!(json(&again), json(&whole));
     assert_eq!(told.lock().unwrap().len(), all - kept.len(), "what was done is not done again");
+}
+
+/// Stopped while suspects are compared on a tether and gone on with, and at any number of threads, a diagnosis by the position
+/// error ends at the same answer.
+#[test]
+fn comparing_suspects_on_a_tether_changes_with_neither_threads_nor_a_stop() {
+    let stribeck = "[[effect]]\nid = \"stribeck\"\njoint = 1\nFc = 0.1\nFs = 0.2\nvs = 0.1\nv_eps = 0.01\n";
+    let folder = arm(&format!("[parameters]\n{VISCOUS}{stribeck}"), SWINGS);
+    let experiment = fs::read_to_string(folder.path().join("experiment.toml")).unwrap();
+    let held_out = experiment.replacen("role = \"fit\"", "role = \"validate\"", 1);
+    assert_ne!(experiment, held_out);
+    fs::write(folder.path().join("experiment.toml"), held_out).unwrap();
+    fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
+    let options = Options { error: Some(ErrorKind::Position), refits: 6, ..Options::default() };
+    let json = |found: &Diagnosis| serde_json::to_string_pretty(found).unwrap();
+    let with_threads = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| json(&answer(folder.path(), &options, &Finished::new(), &|_| (), &|| false).unwrap()))
+    };
+    let whole = with_threads(1);
+    assert_eq!(whole, with_threads(3));
+
+    let kept: Mutex<Finished> = Mutex::default();
+    let asked = AtomicBool::new(false);
+    let keep = |event: &Event<'_>| match event {
+        Event::Comparing(count) => {
+            assert!(*count > 0, "there is something to compare");
+            asked.store(true, Ordering::SeqCst);
+        }
+        Event::Refitted(key, refit) => {
+            kept.lock().unwrap().insert((*key).to_owned(), (*refit).clone());
+        }
+        _ => (),
+    };
+    let stopped = answer(folder.path(), &options, &Finished::new(), &keep, &|| asked.load(Ordering::SeqCst));
+    assert!(stopped.is_err() && asked.load(Ordering::SeqCst), "it was asked to stop while it compared");
+    let kept = kept.into_inner().unwrap();
+    assert!(kept.contains_key("base"), "{:?}", kept.keys());
+    let again = answer(folder.path(), &options, &kept, &|_| (), &|| false).unwrap();
+    assert_eq!(json(&again), whole);
+}
+
+/// A body joins the last link, which both joints move: it is suspected once, unless one that is known is held at its values.
+#[test]
+fn a_body_is_suspected_once_a_link() {
+    let hanging = "[[run]]\nfile = \"three.csv\"\nfree = [0]\nrole = \"fit\"\nduration_s = 1.0\ntorque = []\n";
+    let folder = arm(&format!("[parameters]\n{VISCOUS}"), &format!("{SWINGS}{hanging}"));
+    let experiment = Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices()).unwrap();
+    let runs: Vec<&Run> = experiment.runs.iter().collect();
+    let places = |model: &Model, effect: &str| -> Vec<Option<usize>> {
+        let all = suspects(model, &runs).into_iter();
+        all.filter(|suspect| suspect.effect == effect).map(|suspect| suspect.joint).collect()
+    };
+    let mut model = Model::of_device(dynid_model::device("planar2r").unwrap());
+    assert_eq!(places(&model, "payload"), [Some(0)]);
+    assert_eq!(places(&model, "rotor_inertia"), [Some(0), Some(1)], "a rotor is its joint's own");
+    model.add_effect("payload", Some(1), None).unwrap();
+    assert_eq!(places(&model, "payload"), []);
+    for symbol in ["m", "x", "y", "z"] {
+        let name = format!("joint.1.payload.{symbol}");
+        let own = model.parameter(&name).unwrap();
+        model.set(&name, Parameter { fixed: true, ..own }).unwrap();
+    }
+    assert_eq!(places(&model, "payload"), [Some(0)], "beside one that is known there may be another");
 }
 
 /// Of a joint that is free but hangs still the logs tell nothing, and which of its parameters that concerns is said.

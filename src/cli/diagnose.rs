@@ -173,6 +173,7 @@ fn message(event: &Event<'_>, seconds: f64) -> String {
     match event {
         Event::FittingModel => format!("fitting the model itself, {seconds:.0} s"),
         Event::Screened(done, of) => format!("screening: {done} of {of} suspects, {seconds:.0} s"),
+        Event::Comparing(count) => format!("comparing {count} suspects on a tether, {seconds:.0} s"),
         Event::Refitting(suspect) => format!("fitting with {suspect}, {seconds:.0} s"),
         Event::Refitted(_, refit) => match &refit.suspect {
             Some(suspect) => format!("fitted with {suspect}, {seconds:.0} s"),

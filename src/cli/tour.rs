@@ -151,6 +151,7 @@ fn diagnosed(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::R
         bar.set_message(match event {
             Event::FittingModel => "diagnosis: fitting the model itself".to_owned(),
             Event::Screened(done, of) => format!("diagnosis: {done} of {of} suspects screened"),
+            Event::Comparing(count) => format!("diagnosis: {count} suspects compared on a tether"),
             Event::Refitting(suspect) => format!("diagnosis: fitting with {suspect}"),
             Event::Refitted(..) => return,
         });

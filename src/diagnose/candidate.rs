@@ -87,8 +87,10 @@ pub fn suspects(model: &Model, runs: &[&Run]) -> Vec<Suspect> {
                 let joins = |id: &str, joint: Option<usize>| {
                     id == effect.id && joint.and_then(|joint| joined_link(model, effect, joint)) == Some(link)
                 };
+                // Beside one that is known, and held at its values, there may be another.
+                let is_open = |own: &EffectInstance| own.parameters.iter().any(|parameter| !parameter.fixed);
                 if found.iter().any(|other: &Suspect| joins(&other.effect, other.joint))
-                    || model.effects.iter().any(|own| joins(&own.effect.id, own.joint))
+                    || model.effects.iter().any(|own| joins(&own.effect.id, own.joint) && is_open(own))
                 {
                     continue;
                 }

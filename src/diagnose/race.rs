@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use dynid_model::Place;
 use rayon::prelude::*;
 
-use super::{FEW_JOINTS, Refit, Refused, Score, Suspect, Work, verdict};
+use super::{Event, FEW_JOINTS, Refit, Refused, Score, Suspect, Work, verdict};
 use crate::{error::Error, identify::ErrorKind, model::Model};
 
 /// Costs per sample that searches came to on the first tether.
@@ -18,16 +18,23 @@ use crate::{error::Error, identify::ErrorKind, model::Model};
 pub(super) struct Reached {
     /// The model's own.
     base: Option<f64>,
-    /// Those of suspects. A tether pulls what a sensor shows wrongly away from where it is, so that none is told of sensors.
+    /// Whether any suspect's was asked.
+    is_asked: bool,
+    /// Those of suspects that came to anything. A tether pulls what a sensor shows wrongly away from where it is, so that none is told of sensors.
     suspects: BTreeMap<Suspect, f64>,
 }
 
 impl Reached {
-    /// Whether one came near its log.
-    pub(super) fn came_near(&self) -> bool {
+    /// Whether searches were asked and none came near the logs.
+    pub(super) fn all_stay_far(&self) -> bool {
         /// Cost per sample beyond which a search is not near.
         const NEAR: f64 = 10.0;
-        self.suspects.values().any(|cost| *cost <= NEAR)
+        self.is_asked && !self.base.is_some_and(is_noise) && self.suspects.values().all(|cost| *cost > NEAR)
+    }
+
+    /// Whether a suspect's search is known.
+    pub(super) fn knows(&self, suspect: &Suspect) -> bool {
+        self.suspects.contains_key(suspect)
     }
 
     fn is_noise(&self, score: &Score) -> bool {
@@ -43,14 +50,15 @@ impl Work<'_> {
     }
 
     /// What the searches of `waiting` come to that have not been asked: of the first ones, and unless one of those leaves only
-    /// noise, or `base` alone does, of all. Says whether all were asked.
+    /// noise, or `base` alone does, of all. Says whether there is nothing more to ask.
     pub(super) fn race(&self, base: &Model, waiting: &[Score], reached: &mut Reached) -> Result<bool, Error> {
         /// As many are first.
         const FIRST: usize = 2;
-        let cost = |start: &Model| if (self.stop)() { None } else { self.judge.on_first_tether(start, self.stop) };
+        let cost = |start: &Model| self.judge.on_first_tether(start, self.stop);
         let has_sensor = |score: &Score| score.estimate.effects.iter().any(|own| own.effect.place == Place::Sensor);
-        let is_new = |score: &Score| !reached.suspects.contains_key(&score.suspect);
+        let is_new = |score: &Score| !reached.knows(&score.suspect);
         let asked: Vec<&Score> = waiting.iter().filter(|score| is_new(score) && !has_sensor(score)).collect();
+        (self.tell)(&Event::Comparing(asked.len()));
         if reached.base.is_none() {
             reached.base = cost(base);
         }
@@ -60,6 +68,7 @@ impl Work<'_> {
             if is_followed || waiting.iter().any(|score| reached.is_noise(score)) {
                 return Ok(is_followed || some.is_empty());
             }
+            reached.is_asked |= !some.is_empty();
             let costs: Vec<Option<f64>> = some.par_iter().map(|score| cost(&score.estimate)).collect();
             self.asked_to_stop()?;
             let told = some.iter().zip(costs).filter_map(|(score, cost)| Some((score.suspect.clone(), cost?)));
@@ -69,7 +78,8 @@ impl Work<'_> {
     }
 }
 
-/// `waiting` with those ahead that leave only noise on the tether where the model alone does not, the plainest first.
+/// `waiting` with those ahead that leave only noise on the tether where the model alone does not, the plainest first. The
+/// others keep their order.
 pub(super) fn noise_first(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(&Score) -> f64) -> Vec<Score> {
     if reached.base.is_some_and(is_noise) {
         return waiting;
@@ -81,7 +91,7 @@ pub(super) fn noise_first(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn
 }
 
 /// `waiting` with those ahead that leave only noise, the plainest first, then those that come near the logs, the nearest
-/// first, where the model alone does not.
+/// first, where the model alone does not. The others, and those that were not asked, keep their order.
 pub(super) fn ordered(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(&Score) -> f64) -> Vec<Score> {
     /// Share of what the model itself leaves that is nearer.
     const NEARER: f64 = 0.5;
@@ -93,13 +103,13 @@ pub(super) fn ordered(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(
     noise_first(near, reached, unknowns)
 }
 
-/// Why a suspect is no rival of `winner`, which leaves only noise; `None` if it may be one.
+/// Why a suspect is no rival of `winner`, which leaves only noise; `None` if it may be one, or the winner was found elsewhere.
 pub(super) fn no_rival(suspect: &Suspect, winner: &Refit, reached: &Reached) -> Option<Refused> {
     /// What costs so many times as much as the winner is none.
     const FAR: f64 = 30.0;
     let cost = |suspect: &Suspect| reached.suspects.get(suspect).copied();
     let own = cost(suspect)?;
-    let best = winner.suspect.as_ref().and_then(cost).unwrap_or_default();
+    let best = cost(winner.suspect.as_ref()?)?;
     (own > FAR * best.max(verdict::COST_AT_THE_FLOOR)).then(|| Refused {
         suspect: suspect.clone(),
         reason: "even with simulations that are held to the logs it stays far above what another effect reaches"
@@ -132,7 +142,7 @@ mod tests {
 
     fn reached(base: Option<f64>, suspects: &[(&str, f64)]) -> Reached {
         let suspects = suspects.iter().map(|(effect, cost)| (score(effect).suspect, *cost)).collect();
-        Reached { base, suspects }
+        Reached { base, is_asked: true, suspects }
     }
 
     fn names(list: &[Score]) -> Vec<&str> {
@@ -156,7 +166,9 @@ mod tests {
         assert_eq!(names(&list), ["viscous", "lugre", "stribeck", "coulomb", "sensor_offset"]);
         let list = noise_first(waiting(), &told, &unknowns);
         assert_eq!(names(&list), ["viscous", "lugre", "coulomb", "sensor_offset", "stribeck"]);
-        assert!(told.came_near() && !reached(None, &[("coulomb", 40.0)]).came_near());
+        assert!(!told.all_stay_far() && reached(None, &[("coulomb", 40.0)]).all_stay_far());
+        assert!(!Reached::default().all_stay_far(), "none was asked");
+        assert!(!reached(Some(0.4), &[]).all_stay_far(), "the model alone is near");
     }
 
     #[test]
@@ -175,7 +187,6 @@ mod tests {
         let refused = |effect: &str, winner: &Refit| no_rival(&score(effect).suspect, winner, &told).is_some();
         let lugre = winner("lugre");
         assert!(refused("coulomb", &lugre) && !refused("stribeck", &lugre) && !refused("sensor_offset", &lugre));
-        // A winner that was not asked is taken to leave noise there.
-        assert!(refused("stribeck", &winner("sensor_offset")));
+        assert!(!refused("coulomb", &winner("sensor_offset")), "the winner was not asked");
     }
 }

@@ -167,9 +167,14 @@ impl Refit {
         self.judged().map(Left::ratio).reduce(|worst, ratio| Some(worst?.max(ratio?))).flatten()
     }
 
-    /// Whether a position fit is far from the noise and came to no free minimum: what is missing may have led it anywhere.
+    /// Whether a position fit is far from the noise and was followed to no minimum: what is missing may have led it anywhere.
     pub(super) fn has_strayed(&self) -> bool {
-        !self.is_minimum() && self.cost().is_some_and(|cost| !cost.is_finite() || Watcher::is_poor(cost))
+        !self.is_minimum() && self.is_poor()
+    }
+
+    /// Whether a position fit is far from the noise.
+    pub(super) fn is_poor(&self) -> bool {
+        self.cost().is_some_and(|cost| !cost.is_finite() || Watcher::is_poor(cost))
     }
 
     /// Whether nothing but white noise is left.
@@ -338,26 +343,14 @@ impl Judge<'_> {
         if may_give_up && broke_down(&refit) { self.without_straying(start, &refit) } else { Ok(refit) }
     }
 
-    /// Cost per sample that a search from `start` comes to while its simulations are tethered as firmly as at first, with steps
-    /// as long as a screening's: that takes a small part of a fit's time, and what is missing shows there already. `None`
-    /// where it comes to nothing.
+    /// Cost per sample that a short search from `start` comes to on the firmest tether, with steps as long as a screening's:
+    /// that takes a small part of a fit's time, and what is missing shows there already. `None` where it comes to nothing.
     pub(super) fn on_first_tether(&self, start: &Model, stop: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
-        /// Linearisations.
-        const MOST: usize = 12;
-        let starts = Starts { believed: false, ..Starts::default() };
+        const LINEARISATIONS: usize = 12;
+        let runs = self.runs.iter().copied().filter(|run| run.role == Role::Fit);
+        let problem = position::PositionProblem::of_model(start, runs).ok()?;
         let options = position::Options { substeps: screening_substeps(self.runs), ..self.options };
-        let how = How { starts, tell_start: false, ..How::plain(self.error, options) };
-        let mut heard: Vec<(f64, f64)> = Vec::new();
-        let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
-            if stop() || heard.first().is_some_and(|(first, _)| told.tether < *first) {
-                return Watch::Stop;
-            }
-            heard.push((told.tether, told.cost));
-            if heard.len() < MOST { Watch::Continue } else { Watch::Stop }
-        };
-        // It is stopped, which is an error, unless it needs no tether.
-        let _ = identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch);
-        heard.last().map(|(_, cost)| *cost).filter(|cost| cost.is_finite())
+        position::on_first_tether(&problem, &options, LINEARISATIONS, &|| stop())
     }
 
     /// The model as it was given; where the fit that strayed only stayed there, since an earlier one had strayed already, as it
@@ -642,7 +635,7 @@ pub(super) mod tests {
         let far = [(100.0, 80.0), (30.0, 60.0), (30.0, 50.0), (10.0, 90.0), (10.0, 70.0), (3.0, 200.0)];
         assert_eq!(stopped(marks, &far), Some(1));
         assert_eq!(stopped(Marks { only_noise: false, ..marks }, &far), None);
-        let near = [(100.0, 14.0), (30.0, 14.0), (10.0, 90.0), (10.0, 14.0), (3.0, 80.0), (3.0, 1.0), (0.0, 90.0)];
+        let near = [(100.0, 80.0), (30.0, 14.0), (10.0, 90.0), (10.0, 14.0), (3.0, 80.0), (3.0, 1.0), (0.0, 90.0)];
         assert_eq!(stopped(marks, &near), None);
     }
 

@@ -421,6 +421,32 @@ pub fn resume(
     }
 }
 
+/// Cost per sample that a search of so many `linearisations` at most comes to while its simulations are pulled to the logs as
+/// firmly as a fit's are at first; `None` where it cannot be simulated.
+///
+/// A fit passes over this where the start is near its logs; this is for comparing starts.
+pub(crate) fn on_first_tether(
+    problem: &PositionProblem,
+    options: &Options,
+    linearisations: usize,
+    stop: &dyn Fn() -> bool,
+) -> Option<f64> {
+    let mut problem = problem.clone();
+    keep_what_occurs(&mut problem);
+    check(&problem).ok()?;
+    make_physical(&mut problem);
+    let evaluator = Evaluator::new(&problem).ok()?;
+    let mut region = region(&problem, &evaluator);
+    let x = evaluator.start(&problem);
+    let search = SEARCHES[0];
+    let coarse = evaluator.coarse_substeps(&x, options.substeps, search.tether());
+    let at = search.at(&evaluator, &x, coarse, options.substeps);
+    let limits = Limits { iterations: linearisations, ..search.limits(options, 0) };
+    let mut watch = |_: &Iteration| if stop() { Watch::Stop } else { Watch::Continue };
+    let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut watch);
+    outcome.quadratic.map(|quadratic| quadratic.cost / at.samples() as f64).filter(|cost| cost.is_finite())
+}
+
 /// Initial positions of a run that was not fitted, estimated from its log with all parameters held.
 ///
 /// The log's first sample shows the start only through its noise.

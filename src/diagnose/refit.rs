@@ -9,7 +9,7 @@ use super::{
     FEW_JOINTS,
     candidate::{Suspect, instance},
     excitation::moves,
-    screening_substeps, verdict,
+    verdict,
 };
 use crate::{
     compare::{Comparison, compare},
@@ -343,13 +343,16 @@ impl Judge<'_> {
         if may_give_up && broke_down(&refit) { self.without_straying(start, &refit) } else { Ok(refit) }
     }
 
-    /// Cost per sample that a short search from `start` comes to on the firmest tether, with steps as long as a screening's:
-    /// that takes a small part of a fit's time, and what is missing shows there already. `None` where it comes to nothing.
+    /// Cost per sample that a short search from `start` comes to on the firmest tether, with steps that may be longer than a
+    /// fit's: that takes a small part of a fit's time, and what is missing shows there already. `None` where it comes to
+    /// nothing.
     pub(super) fn on_first_tether(&self, start: &Model, stop: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
-        const LINEARISATIONS: usize = 12;
+        const LINEARISATIONS: usize = 16;
+        /// A third of what stiff friction may need: bristles that cannot be simulated with longer ones can with these.
+        const TIMES_LONGER: usize = 3;
         let runs = self.runs.iter().copied().filter(|run| run.role == Role::Fit);
         let problem = position::PositionProblem::of_model(start, runs).ok()?;
-        let options = position::Options { substeps: screening_substeps(self.runs), ..self.options };
+        let options = position::Options { substeps: self.options.substeps.div_ceil(TIMES_LONGER), ..self.options };
         position::on_first_tether(&problem, &options, LINEARISATIONS, &|| stop())
     }
 

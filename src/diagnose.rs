@@ -609,9 +609,9 @@ impl Work<'_> {
     }
 
     /// Another start for laws no larger than the best one (smaller, where that leaves only noise) that fell far short of it at
-    /// its joint, on a tether or in a fit, and for those whose fit came to nothing: a search that has lost its way comes to the same as a law that is
-    /// wrong. They start from the best one's values of the model's own parameters, then
-    /// from those that were believed before any fit.
+    /// its joint, on a tether or in a fit, and for those whose fit came to nothing: a search that has lost its way comes to
+    /// the same as a law that is wrong. They start from the best one's values of the model's own parameters, then from those
+    /// that were believed before any fit.
     fn again(
         &self,
         screening: &Screening<'_>,

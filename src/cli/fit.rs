@@ -133,6 +133,12 @@ impl From<Kind> for ErrorKind {
     }
 }
 
+/// A position fit's cost per sample where it leaves nothing but noise, with a margin of a tenth of the error.
+const COST_OF_NOISE: f64 = 0.5 * 1.1 * 1.1;
+/// A search from another start that after so many iterations without a tether costs so many times as much as the best is left.
+const FREE_TRIES: usize = 15;
+const FAR: f64 = 30.0;
+
 /// Fits, judges, writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
@@ -158,9 +164,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
     }
     let start = first.model;
+    let mut least = f64::INFINITY;
     let mut found = progress::shown(|told| {
         identify::identify_as(&start, &experiment, &runs, &how, state, &mut |progress, state| {
             told(progress);
+            least = progress.cost;
             let saved = state.map_or(Ok(()), |state| checkpoint.keep(state));
             if let Err(error) = saved {
                 unsaved = Some(error);
@@ -174,14 +182,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let is_minimum =
         |found: &Result<Identified, Error>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
-    // Further searches are not kept for a later call.
-    let search = |start: &Model, how: &How| {
-        progress::shown(|told| {
+    let is_interrupted = || interrupt.as_ref().is_some_and(Interrupt::is_asked);
+    // Further searches are not kept for a later call. One that stays far above the cost that another came to is left.
+    let search = |start: &Model, how: &How, least: f64| {
+        let (mut free, mut cost) = (0, f64::INFINITY);
+        let found = progress::shown(|told| {
             identify::identify_as(start, &experiment, &runs, how, State::default(), &mut |progress, _| {
                 told(progress);
-                if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
+                cost = progress.cost;
+                free += usize::from(progress.tether == 0.0);
+                let is_hopeless = free >= FREE_TRIES && cost > FAR * least;
+                if is_interrupted() || is_hopeless { Watch::Stop } else { Watch::Continue }
             })
-        })
+        });
+        (found, cost)
     };
     let cost = |found: &Result<Identified, Error>| match found {
         Ok(found) if found.status.may_update_model() => found.cost_after,
@@ -189,12 +203,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
     for other in first.others {
-        if (is_minimum(&found) && !first.is_narrow) || is_stopped(&found) || unsaved.is_some() {
+        let is_done = is_minimum(&found) && (!first.is_narrow || least <= COST_OF_NOISE);
+        if is_done || is_stopped(&found) || unsaved.is_some() {
             break;
         }
-        let next = search(&other, &how);
-        if is_stopped(&next) || cost(&next) < cost(&found) {
-            found = next;
+        let mark = if is_minimum(&found) { least } else { f64::INFINITY };
+        let (next, reached) = search(&other, &how, mark);
+        if is_interrupted() || cost(&next) < cost(&found) {
+            (found, least) = (next, reached);
         }
     }
     if let Some(error) = unsaved {
@@ -209,7 +225,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let may_fall_back = arguments.error.is_none() && how.method.is_none() && how.error != ErrorKind::Torque;
     if !found.status.may_update_model() && may_fall_back {
         let ended = found.status.as_str();
-        let other = search(&start, &How { error: ErrorKind::Torque, ..how.clone() });
+        let (other, _) = search(&start, &How { error: ErrorKind::Torque, ..how.clone() }, f64::INFINITY);
         // Where even that comes to nothing, the first fit says why.
         if let Ok(mut other) = other
             && other.status.may_update_model()

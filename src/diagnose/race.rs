@@ -20,7 +20,8 @@ pub(super) struct Reached {
     base: Option<f64>,
     /// Whether any suspect's was asked.
     is_asked: bool,
-    /// Those of suspects that came to anything. A tether pulls what a sensor shows wrongly away from where it is, so that none is told of sensors.
+    /// Those of suspects that came to anything. A tether pulls what a sensor shows wrongly away from where it is, so that none
+    /// is told of sensors.
     suspects: BTreeMap<Suspect, f64>,
 }
 
@@ -58,6 +59,9 @@ impl Work<'_> {
         let has_sensor = |score: &Score| score.estimate.effects.iter().any(|own| own.effect.place == Place::Sensor);
         let is_new = |score: &Score| !reached.knows(&score.suspect);
         let asked: Vec<&Score> = waiting.iter().filter(|score| is_new(score) && !has_sensor(score)).collect();
+        if asked.is_empty() {
+            return Ok(true);
+        }
         (self.tell)(&Event::Comparing(asked.len()));
         if reached.base.is_none() {
             reached.base = cost(base);
@@ -103,7 +107,8 @@ pub(super) fn ordered(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(
     noise_first(near, reached, unknowns)
 }
 
-/// Why a suspect is no rival of `winner`, which leaves only noise; `None` if it may be one, or the winner was found elsewhere.
+/// Why a suspect is no rival of `winner`, which leaves only noise; `None` if it may be one, or the winner was not asked beside
+/// it.
 pub(super) fn no_rival(suspect: &Suspect, winner: &Refit, reached: &Reached) -> Option<Refused> {
     /// What costs so many times as much as the winner is none.
     const FAR: f64 = 30.0;

@@ -33,7 +33,7 @@ use serde::{Deserialize, Serialize};
 pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
 pub use discover::{Discovered, DiscoveredTerm, discover};
 pub use estimate::{FirstEstimates, with_first_estimates};
-pub use refit::{Followed, Judge, Left, Marks, Own, Refit};
+pub use refit::{Followed, Judge, Left, Marks, Own, Refit, stays_far_above};
 pub use screen::{Score, Screen};
 pub use view::{Block, TetheredView, TorqueView, View};
 
@@ -499,8 +499,8 @@ impl Work<'_> {
         let mut may_ask_belief = self.judge.error == ErrorKind::Position;
         // Which is fitted first: where the model's own fit strayed, what comes near the logs on a tether, or what does so from
         // the values that were believed; else what is plainer than the most promising and leaves only noise on the tether.
-        let mut is_order_settled = !self.may_race();
-        if self.may_race() && refit.has_strayed() {
+        let mut is_order_settled = false;
+        if refit.has_strayed() {
             is_order_settled = self.race(base, &waiting, &mut reached)?;
             waiting = race::ordered(waiting, &reached, &unknowns);
             if reached.all_stay_far() {
@@ -509,14 +509,12 @@ impl Work<'_> {
                 waiting.retain(|score| !has_explained(&score.suspect, &fitted));
                 self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
             }
-        } else if self.may_race() {
+        } else {
             let first = waiting.first().map_or(0.0, unknowns);
             let mut smaller: Vec<Score> = waiting.iter().filter(|score| unknowns(score) < first).cloned().collect();
             smaller.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));
-            if !smaller.is_empty() {
-                self.race(base, &smaller, &mut reached)?;
-                waiting = race::noise_first(waiting, &reached, &unknowns);
-            }
+            self.race(base, &smaller, &mut reached)?;
+            waiting = race::noise_first(waiting, &reached, &unknowns);
         }
         while !waiting.is_empty() {
             let later = waiting.split_off(at_once.min(waiting.len()));
@@ -730,20 +728,16 @@ impl Work<'_> {
             return Ok(());
         }
         let mut promising = shortlist::of(&self.screened(screening, &start)?);
-        if self.may_race() {
-            promising.truncate(2 * MOST);
-            let mut reached = race::Reached::default();
-            self.race(&start, &promising, &mut reached)?;
-            let mut unasked: Vec<Score> = promising[..MOST.min(promising.len())].to_vec();
-            unasked.retain(|score| !reached.knows(&score.suspect));
-            promising = race::ordered(promising, &reached, &|score| self.judge.added_unknowns(&score.estimate, base));
-            promising.truncate(MOST);
-            // Of what no tether tells, the screening does.
-            unasked.retain(|score| promising.iter().all(|other| other.suspect != score.suspect));
-            promising.append(&mut unasked);
-        } else {
-            promising.truncate(MOST);
-        }
+        promising.truncate(2 * MOST);
+        let mut reached = race::Reached::default();
+        self.race(&start, &promising, &mut reached)?;
+        let mut unasked: Vec<Score> = promising[..MOST.min(promising.len())].to_vec();
+        unasked.retain(|score| !reached.knows(&score.suspect));
+        promising = race::ordered(promising, &reached, &|score| self.judge.added_unknowns(&score.estimate, base));
+        promising.truncate(MOST);
+        // Of what no tether tells, the screening does.
+        unasked.retain(|score| promising.iter().all(|other| other.suspect != score.suspect));
+        promising.append(&mut unasked);
         for score in promising {
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
             (self.tell)(&Event::Refitting(&score.suspect));

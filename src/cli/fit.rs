@@ -7,9 +7,9 @@ use std::time::Instant;
 use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
 use dynid::checkpoint::{self, CheckpointError, Identity};
-use dynid::diagnose::with_first_estimates;
+use dynid::diagnose::{self, with_first_estimates};
 use dynid::error::Error;
-use dynid::experiment::{Experiment, Run};
+use dynid::experiment::{Experiment, Role, Run};
 use dynid::fit::budget::Share;
 use dynid::fit::position::{Options, PositionFitError};
 use dynid::fit::sequence::Weighting;
@@ -135,9 +135,6 @@ impl From<Kind> for ErrorKind {
 
 /// A position fit's cost per sample where it leaves nothing but noise, with a margin of a tenth of the error.
 const COST_OF_NOISE: f64 = 0.5 * 1.1 * 1.1;
-/// A search from another start that after so many iterations without a tether costs so many times as much as the best is left.
-const FREE_TRIES: usize = 15;
-const FAR: f64 = 30.0;
 
 /// Fits, judges, writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
@@ -164,11 +161,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
     }
     let start = first.model;
-    let mut least = f64::INFINITY;
     let mut found = progress::shown(|told| {
         identify::identify_as(&start, &experiment, &runs, &how, state, &mut |progress, state| {
             told(progress);
-            least = progress.cost;
             let saved = state.map_or(Ok(()), |state| checkpoint.keep(state));
             if let Err(error) = saved {
                 unsaved = Some(error);
@@ -185,32 +180,36 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let is_interrupted = || interrupt.as_ref().is_some_and(Interrupt::is_asked);
     // Further searches are not kept for a later call. One that stays far above the cost that another came to is left.
     let search = |start: &Model, how: &How, least: f64| {
-        let (mut free, mut cost) = (0, f64::INFINITY);
-        let found = progress::shown(|told| {
+        let mut free = 0;
+        progress::shown(|told| {
             identify::identify_as(start, &experiment, &runs, how, State::default(), &mut |progress, _| {
                 told(progress);
-                cost = progress.cost;
                 free += usize::from(progress.tether == 0.0);
-                let is_hopeless = free >= FREE_TRIES && cost > FAR * least;
+                let is_hopeless = diagnose::stays_far_above(free, progress.cost, least);
                 if is_interrupted() || is_hopeless { Watch::Stop } else { Watch::Continue }
             })
-        });
-        (found, cost)
+        })
     };
     let cost = |found: &Result<Identified, Error>| match found {
         Ok(found) if found.status.may_update_model() => found.cost_after,
         _ => f64::INFINITY,
     };
+    let fitted = runs.iter().filter(|run| run.role == Role::Fit);
+    let samples: usize = fitted.map(|run| run.log.len().saturating_sub(run.n_cut()) * run.free.len()).sum();
+    // The torque error's noise is not known.
+    let cost_per_sample = |found: &Result<Identified, Error>| {
+        if how.error == ErrorKind::Torque { f64::INFINITY } else { cost(found) / samples as f64 }
+    };
     // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
     for other in first.others {
+        let least = cost_per_sample(&found);
         let is_done = is_minimum(&found) && (!first.is_narrow || least <= COST_OF_NOISE);
         if is_done || is_stopped(&found) || unsaved.is_some() {
             break;
         }
-        let mark = if is_minimum(&found) { least } else { f64::INFINITY };
-        let (next, reached) = search(&other, &how, mark);
+        let next = search(&other, &how, least);
         if is_interrupted() || cost(&next) < cost(&found) {
-            (found, least) = (next, reached);
+            found = next;
         }
     }
     if let Some(error) = unsaved {
@@ -225,7 +224,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let may_fall_back = arguments.error.is_none() && how.method.is_none() && how.error != ErrorKind::Torque;
     if !found.status.may_update_model() && may_fall_back {
         let ended = found.status.as_str();
-        let (other, _) = search(&start, &How { error: ErrorKind::Torque, ..how.clone() }, f64::INFINITY);
+        let other = search(&start, &How { error: ErrorKind::Torque, ..how.clone() }, f64::INFINITY);
         // Where even that comes to nothing, the first fit says why.
         if let Ok(mut other) = other
             && other.status.may_update_model()

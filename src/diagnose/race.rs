@@ -45,7 +45,7 @@ impl Reached {
 
 impl Work<'_> {
     /// Whether searches on a tether may decide an order: of the position error, where simulations of few joints are cheap.
-    pub(super) fn may_race(&self) -> bool {
+    fn may_race(&self) -> bool {
         let free = self.judge.runs.iter().map(|run| run.free.len()).max().unwrap_or(0);
         self.judge.error == ErrorKind::Position && free <= FEW_JOINTS
     }
@@ -59,7 +59,7 @@ impl Work<'_> {
         let has_sensor = |score: &Score| score.estimate.effects.iter().any(|own| own.effect.place == Place::Sensor);
         let is_new = |score: &Score| !reached.knows(&score.suspect);
         let asked: Vec<&Score> = waiting.iter().filter(|score| is_new(score) && !has_sensor(score)).collect();
-        if asked.is_empty() {
+        if asked.is_empty() || !self.may_race() {
             return Ok(true);
         }
         (self.tell)(&Event::Comparing(asked.len()));

@@ -230,8 +230,7 @@ struct Watcher {
 }
 
 impl Watcher {
-    /// A fit that can reach what another reached is not so far from it after so many iterations without a tether.
-    const TRIES: usize = 15;
+    /// What costs so many times as much is far.
     const FAR: f64 = 30.0;
     /// What leaves this many times the cost of noise is poor.
     const POOR: f64 = 16.0;
@@ -271,7 +270,8 @@ impl Watcher {
         let (rate, before) = std::mem::replace(&mut self.last, (tether, cost));
         let is_loosened = tether < rate;
         let is_no_rival = self.marks.only_noise && is_loosened && is_far(before) && is_far(cost);
-        if is_no_rival || (is_far(cost) && self.costs.len() >= Self::TRIES) {
+        let stays_far = self.marks.reached.is_some_and(|reached| stays_far_above(self.costs.len(), cost, reached));
+        if is_no_rival || stays_far {
             return Watch::Stop;
         }
         let Some(patience) = self.patience.filter(|_| Self::is_poor(cost)) else { return Watch::Continue };
@@ -285,6 +285,13 @@ impl Watcher {
         self.had_enough |= is_flat || is_hopeless;
         if is_flat || is_hopeless { Watch::Enough } else { Watch::Continue }
     }
+}
+
+/// Whether a search that after so many iterations without a tether has come to `cost` per sample stays far above the cost that
+/// another `reached`: one that can reach that is not so far from it after so many.
+pub fn stays_far_above(free_iterations: usize, cost: f64, reached: f64) -> bool {
+    const TRIES: usize = 15;
+    free_iterations >= TRIES && cost > Watcher::FAR * reached
 }
 
 /// How to refit.

@@ -184,8 +184,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         progress::shown(|told| {
             identify::identify_as(start, &experiment, &runs, how, State::default(), &mut |progress, _| {
                 told(progress);
-                free += usize::from(progress.tether == 0.0);
-                let is_hopeless = diagnose::stays_far_above(free, progress.cost, least);
+                // What further starts or configurations come to is not comparable, and stopping there would lose the first's end.
+                let is_first = progress.start == 0 && progress.configuration.is_none();
+                free += usize::from(is_first && progress.tether == 0.0);
+                let is_hopeless = is_first && diagnose::stays_far_above(free, progress.cost, least);
                 if is_interrupted() || is_hopeless { Watch::Stop } else { Watch::Continue }
             })
         })
@@ -196,10 +198,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let fitted = runs.iter().filter(|run| run.role == Role::Fit);
     let samples: usize = fitted.map(|run| run.log.len().saturating_sub(run.n_cut()) * run.free.len()).sum();
-    // The torque error's noise is not known.
-    let cost_per_sample = |found: &Result<Identified, Error>| {
-        if how.error == ErrorKind::Torque { f64::INFINITY } else { cost(found) / samples as f64 }
-    };
+    let cost_per_sample = |found: &Result<Identified, Error>| cost(found) / samples as f64;
     // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
     for other in first.others {
         let least = cost_per_sample(&found);
@@ -208,7 +207,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             break;
         }
         let next = search(&other, &how, least);
-        if is_interrupted() || cost(&next) < cost(&found) {
+        if (is_interrupted() && is_stopped(&next)) || cost(&next) < cost(&found) {
             found = next;
         }
     }

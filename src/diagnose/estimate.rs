@@ -105,7 +105,8 @@ pub struct FirstEstimates {
     pub model: Model,
     /// Other starts, should a fit from there come to no minimum; only where a single effect is new.
     pub others: Vec<Model>,
-    /// Whether the other starts should be tried even where the first leads to a minimum, for there are many near by.
+    /// Whether the other starts should be tried even where the first leads to a minimum that leaves more than noise, for there
+    /// are many near by.
     pub is_narrow: bool,
     /// The effects that got an estimate.
     pub labels: Vec<String>,

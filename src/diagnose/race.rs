@@ -51,7 +51,8 @@ impl Work<'_> {
     }
 
     /// What the searches of `waiting` come to that have not been asked: of the first ones, and unless one of those leaves only
-    /// noise, or `base` alone does, of all. Says whether there is nothing more to ask.
+    /// noise, or `base` alone does, of all. Says whether there is nothing more to ask; where searches may not decide, there
+    /// never is.
     pub(super) fn race(&self, base: &Model, waiting: &[Score], reached: &mut Reached) -> Result<bool, Error> {
         /// As many are first.
         const FIRST: usize = 2;

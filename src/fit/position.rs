@@ -37,7 +37,7 @@ use crate::{
     simulate::{self, Input, SimulationError},
     system::{System, SystemError},
 };
-use evaluate::Evaluator;
+use evaluate::{At, Evaluator};
 use searches::{SEARCHES, Search};
 
 /// One log with the equations that are to explain it.
@@ -460,22 +460,27 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     };
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
-    let mut x = evaluator.start(&problem);
-    for search in [Search::Coarse, Search::Corrected] {
-        let coarse = evaluator.coarse_substeps(&x, options.substeps, search.tether());
-        let at = search.at(&evaluator, &x, coarse, options.substeps);
+    let mut minimised = |at: &At<'_, '_>, x: &[f64]| {
         let limits = Limits { iterations: 20, tolerance: 1e-4 };
-        let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut |_| Watch::Continue);
-        if outcome.quadratic.is_none() {
-            return Err(at.why_not(&x));
-        }
-        x = outcome.x;
-        if coarse == options.substeps {
-            // There is nothing to correct.
-            break;
-        }
+        let outcome = sqp::minimise(at, &mut region, x, &limits, &mut |_| Watch::Continue);
+        if outcome.quadratic.is_some() { Ok(outcome.x) } else { Err(at.why_not(x)) }
+    };
+    let fine = options.substeps;
+    let few = |x: &[f64]| evaluator.coarse_substeps(x, fine, Search::Coarse.tether());
+    let start = evaluator.start(&problem);
+    let coarse = few(&start);
+    let every_step = Search::Coarse.at(&evaluator, &start, fine, fine);
+    if coarse == fine {
+        return minimised(&every_step, &start);
     }
-    Ok(x)
+    let Ok(near) = minimised(&Search::Coarse.at(&evaluator, &start, coarse, fine), &start) else {
+        return minimised(&every_step, &start);
+    };
+    let coarse = few(&near);
+    let corrected = Search::Corrected.at(&evaluator, &near, coarse, fine);
+    // A run's first seconds tell how few steps do; later it may be stiffer.
+    let is_rough = coarse < fine && corrected.is_rough(&near);
+    if is_rough { minimised(&every_step, &start) } else { minimised(&corrected, &near) }
 }
 
 /// A run against its log: estimates the initial positions, simulates, and tells the error of each free joint.

@@ -421,6 +421,28 @@ impl At<'_, '_> {
         self.corrections.get(run).map_or(&[], Vec::as_slice)
     }
 
+    /// Of what is corrected at `anchor`: whether few steps make something else of the whole runs than the stated step does, by
+    /// more than noise and by a large part of the error; or nothing at all.
+    pub(super) fn is_rough(&self, anchor: &[f64]) -> bool {
+        /// In units of the noise.
+        const MUCH: f64 = 4.0;
+        /// Of the error.
+        const SHARE: f64 = 0.3;
+        let Some(rough) = self.simulated(anchor).filter(|_| !self.corrections.is_empty()) else { return true };
+        let (mut changes, mut errors, mut count) = (0.0, 0.0, 0.0);
+        for ((ready, rough), corrections) in self.evaluator.ready.iter().zip(&rough).zip(&self.corrections) {
+            let n_free = ready.run.system.n_free();
+            let measured = &ready.run.position;
+            for (index, ((rough, correction), measured)) in rough.iter().zip(corrections).zip(measured).enumerate() {
+                let weight = ready.weights[index % n_free];
+                changes += (weight * correction).powi(2);
+                errors += (weight * (rough + correction - measured)).powi(2);
+                count += 1.0;
+            }
+        }
+        changes > MUCH * MUCH * count && changes > SHARE * SHARE * errors
+    }
+
     /// Cost of the data alone, without any prior.
     pub(super) fn data_cost(&self, x: &[f64]) -> Option<f64> {
         let ready = &self.evaluator.ready;

@@ -309,3 +309,26 @@ fn an_order_may_be_broken_by_rounding_only() {
     problem.unknowns[larger].value = value * (1.0 - 1e-3);
     assert!(matches!(check(&problem), Err(PositionFitError::StartUnequal { .. })));
 }
+
+/// Bristles whose time constant shortens with the speed: what few steps can follow while the joint is slow, they cannot when
+/// it is fast.
+#[test]
+fn a_run_that_is_stiff_only_later_is_judged_with_every_step() {
+    const STIFF: [f64; 6] = [30.0, 0.008, 0.006, 0.2, 0.022, 0.016];
+    let effects = effects(TRUTH[3], &SPRING_TRUTH, &STIFF);
+    let system = System::new(&PENDULUM, 1, TRUTH[..3].to_vec(), Vec::new(), &effects).unwrap();
+    let mut run = runs(5, 12.0).swap_remove(0);
+    for (t, command) in run.time.iter().zip(&mut run.command) {
+        *command = if *t < 8.0 { 0.0 } else { 0.005 * (12.0 * t).sin() };
+    }
+    let input = Input { time: &run.time, command: &run.command, hold: Hold::Zero };
+    let simulated = |substeps| {
+        simulate::simulate(&system, &input, &[-0.25], &simulate::Options { substeps, ..simulate::Options::default() })
+    };
+    assert!(simulated(evaluate::FEWEST_STEPS).is_err(), "few steps would do");
+    let mut noise = Random::new(6);
+    run.position = simulated(60).unwrap().q.iter().map(|q| q + 2e-4 * noise.normal()).collect();
+    run.system = system;
+    let judged = judge(&run, &Options { substeps: 60, ..Options::default() }).unwrap();
+    assert!(judged.rmse[0] < 1.05 * 2e-4, "{} rad", judged.rmse[0]);
+}

@@ -480,7 +480,8 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let corrected = Search::Corrected.at(&evaluator, &near, coarse, fine);
     // A run's first seconds tell how few steps do; later it may be stiffer.
     let is_rough = coarse < fine && corrected.is_rough(&near);
-    if is_rough { minimised(&every_step, &start) } else { minimised(&corrected, &near) }
+    let (at, from) = if is_rough { (every_step, start) } else { (corrected, near.clone()) };
+    minimised(&at, &from).or_else(|_| minimised(&Search::Coarse.at(&evaluator, &near, fine, fine), &near))
 }
 
 /// A run against its log: estimates the initial positions, simulates, and tells the error of each free joint.

@@ -421,8 +421,8 @@ impl At<'_, '_> {
         self.corrections.get(run).map_or(&[], Vec::as_slice)
     }
 
-    /// Of what is corrected at `anchor`: whether few steps make something else of the whole runs than the stated step does, by
-    /// more than noise and by a large part of the error; or nothing at all.
+    /// Of what is corrected at `anchor`: whether few steps make something else of the runs than the stated step does, by more than
+    /// noise and by a large part of the error; or nothing at all.
     pub(super) fn is_rough(&self, anchor: &[f64]) -> bool {
         /// In units of the noise.
         const MUCH: f64 = 4.0;
@@ -433,8 +433,9 @@ impl At<'_, '_> {
         for ((ready, rough), corrections) in self.evaluator.ready.iter().zip(&rough).zip(&self.corrections) {
             let n_free = ready.run.system.n_free();
             let measured = &ready.run.position;
-            for (index, ((rough, correction), measured)) in rough.iter().zip(corrections).zip(measured).enumerate() {
-                let weight = ready.weights[index % n_free];
+            let samples = rough.iter().zip(corrections).zip(measured).enumerate();
+            for (index, ((rough, correction), measured)) in samples.skip(ready.run.first_sample() * n_free) {
+                let weight = ready.weight(index / n_free, index % n_free);
                 changes += (weight * correction).powi(2);
                 errors += (weight * (rough + correction - measured)).powi(2);
                 count += 1.0;

@@ -325,10 +325,29 @@ fn a_run_that_is_stiff_only_later_is_judged_with_every_step() {
     let simulated = |substeps| {
         simulate::simulate(&system, &input, &[-0.25], &simulate::Options { substeps, ..simulate::Options::default() })
     };
-    assert!(simulated(evaluate::FEWEST_STEPS).is_err(), "few steps would do");
     let mut noise = Random::new(6);
     run.position = simulated(60).unwrap().q.iter().map(|q| q + 2e-4 * noise.normal()).collect();
-    run.system = system;
+    run.system = system.clone();
+    let alone = alone(&run);
+    let evaluator = Evaluator::new(&alone).unwrap();
+    let few = evaluator.coarse_substeps(&evaluator.start(&alone), 60, 0.0);
+    assert!(few < 60 && simulated(few).is_err(), "{few} steps do");
     let judged = judge(&run, &Options { substeps: 60, ..Options::default() }).unwrap();
     assert!(judged.rmse[0] < 1.05 * 2e-4, "{} rad", judged.rmse[0]);
+}
+
+#[test]
+fn few_steps_are_rough_where_they_end_elsewhere_or_nowhere() {
+    let alone = alone(&runs(7, 12.0)[1]);
+    let evaluator = Evaluator::new(&alone).unwrap();
+    let start = evaluator.start(&alone);
+    let is_rough = |few: usize| Search::Corrected.at(&evaluator, &start, few, 60).is_rough(&start);
+    assert!(is_rough(1) && !is_rough(30));
+    assert!(Search::Coarse.at(&evaluator, &start, 30, 60).is_rough(&start), "nothing was corrected");
+}
+
+/// One run, of which nothing but its initial position is unknown.
+fn alone(run: &FitRun) -> PositionProblem {
+    let (unknowns, known, inequalities) = (Vec::new(), BTreeMap::new(), Vec::new());
+    PositionProblem { runs: vec![run.clone()], unknowns, known, inequalities, prior: None }
 }

@@ -140,41 +140,57 @@ impl<'a> Evaluator<'a> {
     /// The fewest steps per sample that change no position by more than a small part of the noise, or of the error where
     /// that is somewhat larger: what is far from the log need not be far from it exactly. On a tether of rate `tether`
     /// [1/s] an error of one step is pulled back, so that fewer may do.
+    ///
+    /// The first seconds of the runs tell; all of them where so few steps lead astray later and `fine` ones do not.
     pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize, tether: f64) -> usize {
+        const FIRST_S: f64 = 5.0;
+        const ALL_S: f64 = f64::INFINITY;
+        let simulated = |horizon_s: f64, substeps: usize| {
+            self.at(Resolution { horizon_s, substeps, jacobian_substeps: substeps, tether }).simulated(x)
+        };
+        let fewest = |horizon_s: f64, reference: &[Vec<f64>]| {
+            let allowed = self.allowed(reference);
+            [FEWEST_STEPS, 6, 10, 15, 20, 30]
+                .into_iter()
+                .take_while(|substeps| *substeps < fine)
+                .find(|substeps| {
+                    simulated(horizon_s, *substeps).is_some_and(|coarse| self.are_close(reference, &coarse, allowed))
+                })
+                .unwrap_or(fine)
+        };
+        let Some(reference) = simulated(FIRST_S, fine) else { return fine };
+        let few = fewest(FIRST_S, &reference);
+        if few == fine || simulated(ALL_S, few).is_some() {
+            return few;
+        }
+        simulated(ALL_S, fine).map_or(few, |reference| fewest(ALL_S, &reference))
+    }
+
+    /// What integration with fewer steps may change a simulated position by, in units of the noise.
+    fn allowed(&self, reference: &[Vec<f64>]) -> f64 {
         /// Share of the noise that the integration may add: a numerical choice.
         const SHARE: f64 = 0.1;
         /// No error counts for more than this in units of the noise: the search would stumble over rougher simulations.
         const LARGE: f64 = 4.0;
-        let simulated = |substeps: usize| -> Option<Vec<Vec<f64>>> {
-            let resolution = Resolution { horizon_s: 5.0, substeps, jacobian_substeps: substeps, tether };
-            self.ready.par_iter().map(|ready| ready.simulate(x, resolution).ok()).collect()
-        };
-        let Some(reference) = simulated(fine) else { return fine };
         let (mut sum, mut count) = (0.0, 0.0);
-        for (ready, reference) in self.ready.iter().zip(&reference) {
+        for (ready, reference) in self.ready.iter().zip(reference) {
             let n_free = ready.run.system.n_free();
             for (index, (reference, measured)) in reference.iter().zip(&ready.run.position).enumerate() {
                 sum += ((reference - measured) * ready.weights[index % n_free]).powi(2);
                 count += 1.0;
             }
         }
-        let allowed = SHARE * (sum / f64::max(count, 1.0)).sqrt().clamp(1.0, LARGE);
-        for substeps in [FEWEST_STEPS, 6, 10, 15, 20, 30] {
-            if substeps >= fine {
-                break;
-            }
-            let Some(coarse) = simulated(substeps) else { continue };
-            let close = self.ready.iter().zip(&reference).zip(&coarse).all(|((ready, reference), coarse)| {
-                let n_free = ready.run.system.n_free();
-                reference.iter().zip(coarse).enumerate().all(|(index, (reference, coarse))| {
-                    (reference - coarse).abs() * ready.weights[index % n_free] <= allowed
-                })
-            });
-            if close {
-                return substeps;
-            }
-        }
-        fine
+        SHARE * (sum / f64::max(count, 1.0)).sqrt().clamp(1.0, LARGE)
+    }
+
+    /// Whether no simulated position of any run changes by more than `allowed`, in units of the noise.
+    fn are_close(&self, reference: &[Vec<f64>], coarse: &[Vec<f64>], allowed: f64) -> bool {
+        self.ready.iter().zip(reference).zip(coarse).all(|((ready, reference), coarse)| {
+            let n_free = ready.run.system.n_free();
+            reference.iter().zip(coarse).enumerate().all(|(index, (reference, coarse))| {
+                (reference - coarse).abs() * ready.weights[index % n_free] <= allowed
+            })
+        })
     }
 
     fn prior_cost(&self, x: &[f64]) -> f64 {

@@ -310,30 +310,69 @@ fn an_order_may_be_broken_by_rounding_only() {
     assert!(matches!(check(&problem), Err(PositionFitError::StartUnequal { .. })));
 }
 
-/// Bristles whose time constant shortens with the speed: what few steps can follow while the joint is slow, they cannot when
-/// it is fast.
-#[test]
-fn a_run_that_is_stiff_only_later_is_judged_with_every_step() {
+/// A run whose joint rests for eight seconds, its noise being 2e-4 rad. Its bristles' time constant shortens with the speed: what
+/// few steps can follow while the joint is slow, they cannot when it is fast.
+fn stiff_only_later() -> FitRun {
     const STIFF: [f64; 6] = [30.0, 0.008, 0.006, 0.2, 0.022, 0.016];
     let effects = effects(TRUTH[3], &SPRING_TRUTH, &STIFF);
-    let system = System::new(&PENDULUM, 1, TRUTH[..3].to_vec(), Vec::new(), &effects).unwrap();
     let mut run = runs(5, 12.0).swap_remove(0);
+    run.system = System::new(&PENDULUM, 1, TRUTH[..3].to_vec(), Vec::new(), &effects).unwrap();
     for (t, command) in run.time.iter().zip(&mut run.command) {
         *command = if *t < 8.0 { 0.0 } else { 0.005 * (12.0 * t).sin() };
     }
-    let input = Input { time: &run.time, command: &run.command, hold: Hold::Zero };
-    let simulated = |substeps| {
-        simulate::simulate(&system, &input, &[-0.25], &simulate::Options { substeps, ..simulate::Options::default() })
-    };
     let mut noise = Random::new(6);
-    run.position = simulated(60).unwrap().q.iter().map(|q| q + 2e-4 * noise.normal()).collect();
-    run.system = system.clone();
-    let alone = alone(&run);
-    let evaluator = Evaluator::new(&alone).unwrap();
-    let few = evaluator.coarse_substeps(&evaluator.start(&alone), 60, 0.0);
-    assert!(few < 60 && simulated(few).is_err(), "{few} steps do");
+    run.position = simulated(&run, 60).unwrap().into_iter().map(|q| q + 2e-4 * noise.normal()).collect();
+    run
+}
+
+fn simulated(run: &FitRun, substeps: usize) -> Result<Vec<f64>, SimulationError> {
+    let input = Input { time: &run.time, command: &run.command, hold: run.hold };
+    let options = simulate::Options { substeps, ..simulate::Options::default() };
+    simulate::simulate(&run.system, &input, &[-0.25], &options).map(|trajectory| trajectory.q)
+}
+
+#[test]
+fn a_run_that_is_stiff_only_later_takes_as_many_steps_as_it_needs_then() {
+    let run = stiff_only_later();
+    let steps = |run: &FitRun| {
+        let alone = alone(run);
+        let evaluator = Evaluator::new(&alone).unwrap();
+        evaluator.coarse_substeps(&evaluator.start(&alone), 60, 0.0)
+    };
+    let mut beginning = run.clone();
+    beginning.time.truncate(501);
+    beginning.command.truncate(501);
+    beginning.position.truncate(501);
+    let few = steps(&beginning);
+    assert!(few < 60 && simulated(&run, few).is_err(), "{few} steps do");
+    let enough = steps(&run);
+    assert!(enough > few && simulated(&run, enough).is_ok(), "{enough} steps do not");
     let judged = judge(&run, &Options { substeps: 60, ..Options::default() }).unwrap();
     assert!(judged.rmse[0] < 1.05 * 2e-4, "{} rad", judged.rmse[0]);
+}
+
+#[test]
+fn a_run_that_is_stiff_only_later_can_be_fitted_to() {
+    let run = stiff_only_later();
+    let values = run.system.effect_names().iter().cloned().zip(run.system.effect_parameters().iter().copied());
+    let (spring, known): (Vec<_>, Vec<_>) = values.partition(|(name, _)| name.contains("spring"));
+    let links = run.system.kernel().parameters.iter().map(|name| (*name).to_owned());
+    let known = known.into_iter().chain(links.zip(run.system.link_parameters().iter().copied())).collect();
+    let unknown = |(name, value): &(String, f64)| {
+        let start = 1.05 * value;
+        Unknown { name: name.clone(), value: start, expected: start, lower: -1.0, upper: 1.0 }
+    };
+    let unknowns = spring.iter().map(unknown).collect();
+    let problem = PositionProblem { runs: vec![run], unknowns, known, inequalities: Vec::new(), prior: None };
+    for start in [Start::Near, Start::Poor] {
+        let fit = fit(&problem, &Options { start, ..Options::default() }, &mut |_| Watch::Continue).unwrap();
+        assert_eq!(fit.status, FitStatus::Converged, "{start:?}");
+        assert!(fit.runs[0].rmse[0] < 1.05 * 2e-4, "{start:?}: {} rad", fit.runs[0].rmse[0]);
+        for ((name, value), estimate) in spring.iter().zip(&fit.parameters) {
+            assert_eq!(name, &estimate.name);
+            assert!((estimate.value - value).abs() < 0.02 * value.abs(), "{start:?}, {name}: {}", estimate.value);
+        }
+    }
 }
 
 #[test]

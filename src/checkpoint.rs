@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]

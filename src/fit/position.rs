@@ -478,7 +478,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     };
     let coarse = few(&near);
     let corrected = Search::Corrected.at(&evaluator, &near, coarse, fine);
-    // A run's first seconds tell how few steps do; later it may be stiffer.
+    // Few steps that do in a run's first seconds, and simulate the rest, may make something else of the rest.
     let is_rough = coarse < fine && corrected.is_rough(&near);
     let (at, from) = if is_rough { (every_step, start) } else { (corrected, near.clone()) };
     minimised(&at, &from).or_else(|_| minimised(&Search::Coarse.at(&evaluator, &near, fine, fine), &near))

@@ -141,29 +141,30 @@ impl<'a> Evaluator<'a> {
     /// that is somewhat larger: what is far from the log need not be far from it exactly. On a tether of rate `tether`
     /// [1/s] an error of one step is pulled back, so that fewer may do.
     ///
-    /// The first seconds of the runs tell; all of them where so few steps lead astray later and `fine` ones do not.
+    /// The first seconds of the runs tell. Where so few steps cannot simulate the runs to their end and `fine` ones can, the whole
+    /// runs do.
     pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize, tether: f64) -> usize {
         const FIRST_S: f64 = 5.0;
         const ALL_S: f64 = f64::INFINITY;
         let simulated = |horizon_s: f64, substeps: usize| {
             self.at(Resolution { horizon_s, substeps, jacobian_substeps: substeps, tether }).simulated(x)
         };
-        let fewest = |horizon_s: f64, reference: &[Vec<f64>]| {
+        let fewest = |horizon_s: f64, reference: &[Vec<f64>], above: usize| {
             let allowed = self.allowed(reference);
             [FEWEST_STEPS, 6, 10, 15, 20, 30]
                 .into_iter()
-                .take_while(|substeps| *substeps < fine)
+                .filter(|substeps| (above + 1..fine).contains(substeps))
                 .find(|substeps| {
                     simulated(horizon_s, *substeps).is_some_and(|coarse| self.are_close(reference, &coarse, allowed))
                 })
                 .unwrap_or(fine)
         };
         let Some(reference) = simulated(FIRST_S, fine) else { return fine };
-        let few = fewest(FIRST_S, &reference);
+        let few = fewest(FIRST_S, &reference, 0);
         if few == fine || simulated(ALL_S, few).is_some() {
             return few;
         }
-        simulated(ALL_S, fine).map_or(few, |reference| fewest(ALL_S, &reference))
+        simulated(ALL_S, fine).map_or(few, |reference| fewest(ALL_S, &reference, few))
     }
 
     /// What integration with fewer steps may change a simulated position by, in units of the noise.

@@ -421,7 +421,16 @@ pub fn resume(
     }
 }
 
-/// Cost per sample that a search of so many `linearisations` at most comes to while its simulations are pulled to the logs as
+/// Where a search came to while its simulations were pulled to the logs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct OnTether {
+    /// Cost per sample.
+    pub(crate) cost: f64,
+    /// No step made it smaller, though one promised to: the simulations may be too rough to search in.
+    pub(crate) is_stuck: bool,
+}
+
+/// What a search of so many `linearisations` at most comes to while its simulations are pulled to the logs as
 /// firmly as a fit's are at first; `None` where it cannot be simulated.
 ///
 /// A fit passes over this where the start is near its logs; this is for comparing starts.
@@ -430,7 +439,7 @@ pub(crate) fn on_first_tether(
     options: &Options,
     linearisations: usize,
     stop: &dyn Fn() -> bool,
-) -> Option<f64> {
+) -> Option<OnTether> {
     let mut problem = problem.clone();
     keep_what_occurs(&mut problem);
     check(&problem).ok()?;
@@ -444,7 +453,8 @@ pub(crate) fn on_first_tether(
     let limits = Limits { iterations: linearisations, ..search.limits(options, 0) };
     let mut watch = |_: &Iteration| if stop() { Watch::Stop } else { Watch::Continue };
     let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut watch);
-    outcome.quadratic.map(|quadratic| quadratic.cost / at.samples() as f64).filter(|cost| cost.is_finite())
+    let cost = outcome.quadratic?.cost / at.samples() as f64;
+    cost.is_finite().then_some(OnTether { cost, is_stuck: outcome.ended == Ended::Stuck })
 }
 
 /// Initial positions of a run that was not fitted, estimated from its log with all parameters held.

@@ -30,7 +30,9 @@ impl Reached {
     pub(super) fn all_stay_far(&self) -> bool {
         /// Cost per sample beyond which a search is not near.
         const NEAR: f64 = 10.0;
-        self.is_asked && !self.base.is_some_and(is_noise) && self.suspects.values().all(|cost| *cost > NEAR)
+        self.is_asked
+            && !self.base.is_some_and(verdict::is_nearly_noise)
+            && self.suspects.values().all(|cost| *cost > NEAR)
     }
 
     /// Whether a suspect's search is known.
@@ -39,7 +41,7 @@ impl Reached {
     }
 
     fn is_noise(&self, score: &Score) -> bool {
-        self.suspects.get(&score.suspect).is_some_and(|cost| is_noise(*cost))
+        self.suspects.get(&score.suspect).is_some_and(|cost| verdict::is_nearly_noise(*cost))
     }
 }
 
@@ -67,7 +69,7 @@ impl Work<'_> {
         if reached.base.is_none() {
             reached.base = cost(base);
         }
-        let is_followed = reached.base.is_some_and(is_noise);
+        let is_followed = reached.base.is_some_and(verdict::is_nearly_noise);
         let (first, others) = asked.split_at(FIRST.min(asked.len()));
         for some in [first, others] {
             if is_followed || waiting.iter().any(|score| reached.is_noise(score)) {
@@ -86,7 +88,7 @@ impl Work<'_> {
 /// `waiting` with those ahead that leave only noise on the tether where the model alone does not, the plainest first. The
 /// others keep their order.
 pub(super) fn noise_first(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(&Score) -> f64) -> Vec<Score> {
-    if reached.base.is_some_and(is_noise) {
+    if reached.base.is_some_and(verdict::is_nearly_noise) {
         return waiting;
     }
     let (mut ahead, others): (Vec<Score>, Vec<Score>) = waiting.into_iter().partition(|score| reached.is_noise(score));
@@ -121,13 +123,6 @@ pub(super) fn no_rival(suspect: &Suspect, winner: &Refit, reached: &Reached) -> 
         reason: "even with simulations that are held to the logs it stays far above what another effect reaches"
             .to_owned(),
     })
-}
-
-/// Whether a search, which was short and rough, came to what noise costs.
-fn is_noise(cost: f64) -> bool {
-    /// So many times as much.
-    const NEARLY: f64 = 1.5;
-    cost <= NEARLY * verdict::COST_AT_THE_FLOOR
 }
 
 #[cfg(test)]

@@ -351,21 +351,22 @@ impl Judge<'_> {
     }
 
     /// Cost per sample that a short search from `start` comes to on the firmest tether, with steps that may be longer than a
-    /// fit's: that takes a small part of a fit's time, and what is missing shows there already. Where such a search gets stuck
-    /// above the noise, its steps were too long for a law that jumps: it is told with those of a fit. `None` where it comes
-    /// to nothing.
+    /// fit's: that takes a small part of a fit's time, and what is missing shows there already. Where it gets stuck above the
+    /// noise, its steps may have been too long, for a law that jumps, say: it is made again with those of a fit, and the lower
+    /// cost counts. `None` where it comes to nothing.
     pub(super) fn on_first_tether(&self, start: &Model, stop: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
         const LINEARISATIONS: usize = 16;
         /// A third of what stiff friction may need: bristles that cannot be simulated with longer ones can with these.
         const TIMES_LONGER: usize = 3;
         let runs = self.runs.iter().copied().filter(|run| run.role == Role::Fit);
         let problem = position::PositionProblem::of_model(start, runs).ok()?;
-        let search = |substeps: usize| {
+        let search = |substeps: usize, above: usize| {
             let options = position::Options { substeps, ..self.options };
-            position::on_first_tether(&problem, &options, LINEARISATIONS, &|| stop())
+            position::on_first_tether(&problem, &options, above, LINEARISATIONS, &|| stop())
         };
-        let rough = search(self.options.substeps.div_ceil(TIMES_LONGER))?;
-        Some(cost_of(rough, || search(self.options.substeps)))
+        let rough = search(self.options.substeps.div_ceil(TIMES_LONGER), 0)?;
+        let again = || if stop() { None } else { search(self.options.substeps, rough.substeps) };
+        Some(cost_of(&rough, again))
     }
 
     /// The model as it was given; where the fit that strayed only stayed there, since an earlier one had strayed already, as it
@@ -439,8 +440,8 @@ impl Judge<'_> {
 }
 
 /// Cost of a search with long steps, or of the same with short ones where it got stuck above the noise.
-fn cost_of(rough: OnTether, fine: impl FnOnce() -> Option<OnTether>) -> f64 {
-    if !rough.is_stuck || rough.cost <= verdict::COST_AT_THE_FLOOR {
+fn cost_of(rough: &OnTether, fine: impl FnOnce() -> Option<OnTether>) -> f64 {
+    if !rough.is_stuck || verdict::is_nearly_noise(rough.cost) {
         return rough.cost;
     }
     fine().map_or(rough.cost, |fine| fine.cost.min(rough.cost))
@@ -626,14 +627,14 @@ pub(super) mod tests {
 
     #[test]
     fn a_search_that_long_steps_stop_above_the_noise_is_told_with_short_ones() {
-        let stuck = |cost| OnTether { cost, is_stuck: true };
-        let done = |cost| OnTether { cost, is_stuck: false };
+        let stuck = |cost| OnTether { cost, is_stuck: true, substeps: 20 };
+        let done = |cost| OnTether { cost, is_stuck: false, substeps: 60 };
         let never = || -> Option<OnTether> { panic!("short steps are not worth their time") };
-        assert_eq!(cost_of(done(26.0), never), 26.0);
-        assert_eq!(cost_of(stuck(0.5), never), 0.5);
-        assert_eq!(cost_of(stuck(26.0), || Some(done(0.27))), 0.27);
-        assert_eq!(cost_of(stuck(26.0), || Some(stuck(30.0))), 26.0);
-        assert_eq!(cost_of(stuck(26.0), || None), 26.0);
+        assert_eq!(cost_of(&done(26.0), never), 26.0);
+        assert_eq!(cost_of(&stuck(0.7), never), 0.7);
+        assert_eq!(cost_of(&stuck(26.0), || Some(done(0.27))), 0.27);
+        assert_eq!(cost_of(&stuck(26.0), || Some(stuck(30.0))), 26.0);
+        assert_eq!(cost_of(&stuck(26.0), || None), 26.0);
     }
 
     #[test]

@@ -426,17 +426,21 @@ pub fn resume(
 pub(crate) struct OnTether {
     /// Cost per sample.
     pub(crate) cost: f64,
-    /// No step made it smaller, though one promised to: the simulations may be too rough to search in.
+    /// Its last steps did not keep what they promised, or hardly so: the simulations may be too rough to search in.
     pub(crate) is_stuck: bool,
+    /// Integration steps per sample that it took.
+    pub(crate) substeps: usize,
 }
 
 /// What a search of so many `linearisations` at most comes to while its simulations are pulled to the logs as
-/// firmly as a fit's are at first; `None` where it cannot be simulated.
+/// firmly as a fit's are at first; `None` where it cannot be simulated, and where it takes no more than `above` integration steps
+/// per sample.
 ///
 /// A fit passes over this where the start is near its logs; this is for comparing starts.
 pub(crate) fn on_first_tether(
     problem: &PositionProblem,
     options: &Options,
+    above: usize,
     linearisations: usize,
     stop: &dyn Fn() -> bool,
 ) -> Option<OnTether> {
@@ -448,13 +452,16 @@ pub(crate) fn on_first_tether(
     let mut region = region(&problem, &evaluator);
     let x = evaluator.start(&problem);
     let search = SEARCHES[0];
-    let coarse = evaluator.coarse_substeps(&x, options.substeps, search.tether());
-    let at = search.at(&evaluator, &x, coarse, options.substeps);
+    let substeps = evaluator.coarse_substeps(&x, options.substeps, search.tether());
+    if substeps <= above {
+        return None;
+    }
+    let at = search.at(&evaluator, &x, substeps, options.substeps);
     let limits = Limits { iterations: linearisations, ..search.limits(options, 0) };
     let mut watch = |_: &Iteration| if stop() { Watch::Stop } else { Watch::Continue };
     let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut watch);
     let cost = outcome.quadratic?.cost / at.samples() as f64;
-    cost.is_finite().then_some(OnTether { cost, is_stuck: outcome.ended == Ended::Stuck })
+    cost.is_finite().then_some(OnTether { cost, is_stuck: outcome.ended == Ended::Stuck, substeps })
 }
 
 /// Initial positions of a run that was not fitted, estimated from its log with all parameters held.

@@ -3,7 +3,7 @@ use crate::fit::FitStatus;
 use crate::random::Random;
 use crate::system::{
     PlacedEffect,
-    tests::{GAIN, LUGRE, PENDULUM, SPRING, placed},
+    tests::{FRICTION_BIAS, GAIN, LUGRE, PENDULUM, SPRING, placed},
 };
 
 /// Inertia, gain, spring and LuGre friction of one joint, much like a wrist joint of a haptic device.
@@ -386,6 +386,38 @@ fn few_steps_are_rough_where_they_end_elsewhere_or_nowhere() {
     let is_rough = |few: usize| Search::Corrected.at(&evaluator, &start, few, 60).is_rough(&start);
     assert!(is_rough(1) && !is_rough(30));
     assert!(Search::Coarse.at(&evaluator, &start, 30, 60).is_rough(&start), "nothing was corrected");
+}
+
+#[test]
+fn a_search_on_the_first_tether_tells_where_long_steps_stop_it() {
+    let mut effects = effects(TRUTH[3], &SPRING_TRUTH, &LUGRE_TRUTH);
+    // Friction that jumps where the joint rests.
+    effects.push(placed(&FRICTION_BIAS, 0, None, &[3.0]));
+    let mut runs = runs(8, 12.0);
+    let mut noise = Random::new(9);
+    for run in &mut runs {
+        run.system = System::new(&PENDULUM, 1, TRUTH[..3].to_vec(), Vec::new(), &effects).unwrap();
+        run.position = simulated(run, 600).unwrap().into_iter().map(|q| q + 2e-5 * noise.normal()).collect();
+    }
+    let system = &runs[0].system;
+    let values = system.effect_names().iter().cloned().zip(system.effect_parameters().iter().copied());
+    let (wanted, known): (Vec<_>, Vec<_>) = values.partition(|(name, _)| !name.contains("Kp") && !name.contains("v_s"));
+    let links = system.kernel().parameters.iter().map(|name| (*name).to_owned());
+    let known = known.into_iter().chain(links.zip(TRUTH[..3].iter().copied())).collect();
+    let unknown = |(name, value): (String, f64)| {
+        let start = if name.contains("bias") { 1.3 * value } else { 1.02 * value };
+        Unknown { name, value: start, expected: start, lower: -20.0, upper: 20.0 }
+    };
+    let unknowns = wanted.into_iter().map(unknown).collect();
+    let problem = PositionProblem { runs, unknowns, known, inequalities: Vec::new(), prior: None };
+    let search = |substeps: usize, above: usize| {
+        on_first_tether(&problem, &Options { substeps, ..Options::default() }, above, 16, &|| false)
+    };
+    let long = search(4, 0).unwrap();
+    assert!(long.is_stuck && long.substeps == 4, "{long:?}");
+    assert_eq!(search(4, long.substeps), None, "the same search again");
+    let short = search(60, long.substeps).unwrap();
+    assert!(!short.is_stuck && short.substeps > 4, "{short:?}");
 }
 
 /// One run, of which nothing but its initial position is unknown.

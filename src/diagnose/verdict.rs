@@ -18,13 +18,6 @@ use crate::{
 const AT_THE_FLOOR: f64 = 1.05;
 /// Cost per sample and joint of a fit that leaves nothing but noise.
 pub(super) const COST_AT_THE_FLOOR: f64 = 0.5 * AT_THE_FLOOR * AT_THE_FLOOR;
-
-/// Whether a search, which was short, came to what noise costs per sample.
-pub(super) fn is_nearly_noise(cost: f64) -> bool {
-    /// So many times as much.
-    const NEARLY: f64 = 1.5;
-    cost <= NEARLY * COST_AT_THE_FLOOR
-}
 /// Below this multiple nothing is missing if what is left is white.
 pub(super) const NEAR_THE_FLOOR: f64 = 1.5;
 /// An effect explains what was left if no joint's error is above this multiple of its noise with it.
@@ -70,6 +63,13 @@ impl Judged {
         );
         Self { reason: Some(reason), ..self }
     }
+}
+
+/// Whether a search, which was short, came to what noise costs per sample.
+pub(super) fn is_nearly_noise(cost: f64) -> bool {
+    /// So many times as much.
+    const NEARLY: f64 = 1.5;
+    cost <= NEARLY * COST_AT_THE_FLOOR
 }
 
 /// Whether a refit leaves nothing but noise at any joint that is judged; there must be one.

@@ -373,14 +373,16 @@ pub fn resume(
     let mut ended = Ended::Converged;
     loop {
         let anchor = x;
-        if search.is_none() && stage < searches::FIRST_FREE {
-            let coarse = evaluator.coarse_substeps(&anchor, options.substeps, Search::Coarse.tether());
-            if searches::is_near(&evaluator, &anchor, coarse) {
-                stage = searches::FIRST_FREE;
-            }
+        let few = |search: Search| evaluator.coarse_substeps(&anchor, options.substeps, search.tether());
+        let may_be_near = search.is_none() && stage < searches::FIRST_FREE;
+        let near = may_be_near
+            .then(|| few(SEARCHES[searches::FIRST_FREE]))
+            .filter(|coarse| searches::is_near(&evaluator, &anchor, *coarse));
+        if near.is_some() {
+            stage = searches::FIRST_FREE;
         }
         let kind = SEARCHES[stage.min(searches::LAST)];
-        let coarse = evaluator.coarse_substeps(&anchor, options.substeps, kind.tether());
+        let coarse = near.unwrap_or_else(|| few(kind));
         let at = kind.at(&evaluator, &anchor, coarse, options.substeps);
         if kind == Search::Fine {
             let Some(quadratic) = sqp::Objective::quadratic(&at, &anchor) else {
@@ -432,8 +434,8 @@ pub(crate) struct OnTether {
     pub(crate) substeps: usize,
 }
 
-/// What a search of so many `linearisations` at most comes to while its simulations are pulled to the logs as
-/// firmly as a fit's are at first; `None` where it cannot be simulated, and where it takes no more than `above` integration steps
+/// What a search of so many `linearisations` at most comes to while its simulations are pulled to the logs as firmly as
+/// a fit's are at first; `None` where it cannot be simulated, and where it takes no more than `above` integration steps
 /// per sample.
 ///
 /// A fit passes over this where the start is near its logs; this is for comparing starts.
@@ -487,10 +489,10 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let start = evaluator.start(&problem);
     let coarse = few(&start);
     let every_step = Search::Coarse.at(&evaluator, &start, fine, fine);
-    if coarse == fine {
-        return minimised(&every_step, &start);
-    }
-    let Ok(near) = minimised(&Search::Coarse.at(&evaluator, &start, coarse, fine), &start) else {
+    let near = (coarse < fine)
+        .then(|| minimised(&Search::Coarse.at(&evaluator, &start, coarse, fine), &start))
+        .and_then(Result::ok);
+    let Some(near) = near else {
         return minimised(&every_step, &start);
     };
     let coarse = few(&near);

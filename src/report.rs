@@ -97,6 +97,21 @@ pub fn page(title: &str, sections: &[&dyn Section]) -> String {
     html
 }
 
+/// A sentence as HTML: what stands between backticks, as names do, is set as code.
+fn prose(sentence: &str) -> String {
+    let escaped = plot::escaped(sentence);
+    let parts: Vec<&str> = escaped.split('`').collect();
+    // A backtick without its other stays as it is.
+    if parts.len().is_multiple_of(2) {
+        return escaped;
+    }
+    let set = |(index, part): (usize, &&str)| match index % 2 {
+        0 => (*part).to_owned(),
+        _ => format!("<code>{part}</code>"),
+    };
+    parts.iter().enumerate().map(set).collect()
+}
+
 /// A number as people read it: four digits, an exponent only where it helps, a true minus sign.
 pub fn number(value: f64) -> String {
     if !value.is_finite() {
@@ -142,6 +157,13 @@ mod tests {
                 "\u{2014}"
             ]
         );
+    }
+
+    #[test]
+    fn names_between_backticks_are_set_as_code() {
+        assert_eq!(prose("`a<b` or `c` at 4"), "<code>a&lt;b</code> or <code>c</code> at 4");
+        assert_eq!(prose("a ` alone"), "a ` alone");
+        assert_eq!(prose("plain"), "plain");
     }
 
     #[test]

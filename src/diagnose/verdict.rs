@@ -481,6 +481,18 @@ fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
     })
 }
 
+/// What a named effect leaves, as a clause.
+fn left_with(worst_ratio: Option<f64>, torque_percent: Option<f64>) -> String {
+    match (worst_ratio, torque_percent) {
+        (Some(ratio), _) if ratio < EXPLAINED => format!("{ratio:.2} times the noise is left"),
+        (Some(ratio), _) => {
+            format!("{ratio:.1} times the noise is left at the worst joint, so it is not all that is missing")
+        }
+        (None, Some(percent)) => format!("{percent:.1} % of the torque is left"),
+        _ => "an error that is not known is left".to_owned(),
+    }
+}
+
 fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked], steps: &[Step]) -> Vec<String> {
     let left = |refit: &Refit| match (refit.worst_ratio(), refit.torque_percent_validate) {
         (Some(ratio), _) => format!("{ratio:.2} times the noise at the worst joint"),
@@ -499,13 +511,9 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
         ),
         Verdict::MissingEffect => {
             for ranked in found {
-                let with = match (ranked.worst_ratio_after, ranked.torque_percent_after) {
-                    (Some(ratio), _) => format!("{ratio:.2} times the noise"),
-                    (None, Some(percent)) => format!("{percent:.1} % of the torque"),
-                    _ => "an error that is not known".to_owned(),
-                };
+                let with = left_with(ranked.worst_ratio_after, ranked.torque_percent_after);
                 let law = ranked.suspect.law().map_or("", |law| law.title.as_str());
-                sentences.push(format!("Missing: {} ({law}); with it {with} is left.", ranked.suspect));
+                sentences.push(format!("Missing: {} ({law}); with it {with}.", ranked.suspect));
                 if !ranked.confounded_with.is_empty() {
                     let names: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
                     sentences.push(format!("It could as well be {}.", names.join(" or ")));
@@ -561,6 +569,14 @@ mod tests {
         assert_eq!(verdict([700.0, 5.0]), Verdict::MissingEffect);
         assert_eq!(verdict([700.0, 75.0]), Verdict::Unexplained, "a tenth of what was left is not nearly nothing");
         assert_eq!(verdict([20.0, 5.0]), Verdict::Unexplained, "both joints fell by as much: a better fit may do that");
+    }
+
+    #[test]
+    fn an_effect_that_leaves_more_than_noise_is_said_not_to_be_all() {
+        assert_eq!(left_with(Some(1.02), Some(9.0)), "1.02 times the noise is left");
+        let far = left_with(Some(701.63), Some(9.0));
+        assert_eq!(far, "701.6 times the noise is left at the worst joint, so it is not all that is missing");
+        assert_eq!(left_with(None, Some(10.84)), "10.8 % of the torque is left", "its noise is not known");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
-use super::{Section, number};
+use super::{Section, number, prose};
 use crate::plot::escaped;
 
 /// Candidates, the best first.
@@ -65,7 +65,7 @@ impl Section for Ranking<'_> {
             let _ = writeln!(html, "<p><strong>{verdict}</strong></p>");
         }
         for sentence in sentences(self.diagnosis) {
-            let _ = writeln!(html, "<p>{}</p>", escaped(&sentence));
+            let _ = writeln!(html, "<p>{}</p>", prose(&sentence));
         }
         let ranking = list(&self.diagnosis["ranking"]);
         if !ranking.is_empty() {
@@ -89,12 +89,12 @@ impl Section for Ranking<'_> {
                         told(&entry["change_in_std_errors"])
                     )
                 };
-                let _ = writeln!(html, "<li>{}</li>", escaped(&line));
+                let _ = writeln!(html, "<li>{}</li>", prose(&line));
             }
             html.push_str("</ul>\n");
         }
         for note in texts(&self.diagnosis["notes"]) {
-            let _ = writeln!(html, "<p class=\"note\">Note: {}</p>", escaped(&note));
+            let _ = writeln!(html, "<p class=\"note\">Note: {}</p>", prose(&note));
         }
         html
     }
@@ -140,7 +140,7 @@ fn evidence(index: usize, entry: &Value) -> String {
     for (heading, class, lines) in [("For", "good", pro), ("Against", "bad", contra)] {
         let _ = writeln!(html, "<div><strong class=\"{class}\">{heading}</strong>\n<ul>");
         for line in &lines {
-            let _ = writeln!(html, "<li>{}</li>", escaped(line));
+            let _ = writeln!(html, "<li>{}</li>", prose(line));
         }
         html.push_str(if lines.is_empty() { "<li class=\"faint\">nothing</li></ul></div>\n" } else { "</ul></div>\n" });
     }
@@ -157,7 +157,7 @@ fn evidence(index: usize, entry: &Value) -> String {
         let _ = writeln!(html, "<p class=\"note\">{}</p>", escaped(&values.join("; ")));
     }
     if let Some(experiment) = experiment {
-        let _ = writeln!(html, "<p>To tell them apart: {}</p>", escaped(experiment));
+        let _ = writeln!(html, "<p>To tell them apart: {}</p>", prose(experiment));
     }
     html
 }
@@ -171,7 +171,7 @@ mod tests {
     fn a_full_diagnosis_is_told_whole() {
         let diagnosis = json!({
             "verdict": "missing_effect",
-            "sentences": ["Joint 4 lacks <Coulomb> friction."],
+            "sentences": ["Joint 4 lacks <Coulomb> friction, `coulomb`."],
             "ranking": [{
                 "effect": "coulomb", "joint": 4, "rmse_validate_before": 0.1, "rmse_validate_after": 2e-4,
                 "torque_percent_before": 30.0, "torque_percent_after": 2.0, "delta_bic": -4000.0,
@@ -186,7 +186,7 @@ mod tests {
         });
         let html = Ranking { diagnosis: &diagnosis }.html();
         for part in [
-            "Joint 4 lacks &lt;Coulomb&gt; friction.",
+            "Joint 4 lacks &lt;Coulomb&gt; friction, <code>coulomb</code>.",
             "coulomb at joint 4",
             "stribeck at joint 4",
             "\u{2212}4000.0",

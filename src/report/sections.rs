@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Section, number};
+use super::{Section, number, prose};
 use crate::{
     experiment::Experiment,
     model::Model,
@@ -23,7 +23,7 @@ impl Section for Verdict {
 
     fn html(&self) -> String {
         self.sentences.iter().fold(String::new(), |mut html, sentence| {
-            let _ = writeln!(html, "<p>{}</p>", escaped(sentence));
+            let _ = writeln!(html, "<p>{}</p>", prose(sentence));
             html
         })
     }
@@ -45,7 +45,7 @@ impl Section for Sentences {
 
     fn html(&self) -> String {
         let lines: Vec<String> =
-            self.sentences.iter().map(|sentence| format!("<li>{}</li>", escaped(sentence))).collect();
+            self.sentences.iter().map(|sentence| format!("<li>{}</li>", prose(sentence))).collect();
         format!("<ul>\n{}\n</ul>\n", lines.join("\n"))
     }
 }

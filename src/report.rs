@@ -101,7 +101,7 @@ pub fn page(title: &str, sections: &[&dyn Section]) -> String {
 fn prose(sentence: &str) -> String {
     let escaped = plot::escaped(sentence);
     let parts: Vec<&str> = escaped.split('`').collect();
-    // A backtick without its other stays as it is.
+    // Where one has no other, nobody knows which: all stay as they are.
     if parts.len().is_multiple_of(2) {
         return escaped;
     }
@@ -163,6 +163,7 @@ mod tests {
     fn names_between_backticks_are_set_as_code() {
         assert_eq!(prose("`a<b` or `c` at 4"), "<code>a&lt;b</code> or <code>c</code> at 4");
         assert_eq!(prose("a ` alone"), "a ` alone");
+        assert_eq!(prose("`a` and ` alone"), "`a` and ` alone");
         assert_eq!(prose("plain"), "plain");
     }
 

@@ -14,7 +14,11 @@ use serde_json::{Value, json};
 fn diagnosis() -> Value {
     json!({
         "verdict": "missing_effect",
-        "sentences": ["Joint 4 lacks a part of joint 5's torque."],
+        "sentences": [
+            "Refitted, the model leaves 664 times the noise.",
+            "Missing: `input_coupling` from joint 5 to joint 4.",
+            "It could as well be `backlash` at joint 4."
+        ],
         "ranking": [{
             "effect": "input_coupling", "joint": 4, "from": 5, "rmse_validate_before": 0.098, "rmse_validate_after": 2.1e-4,
             "delta_bic": -5000.0, "confounded_with": [], "evidence_for": ["the error follows joint 5's torque"],
@@ -33,6 +37,8 @@ fn the_page_holds_everything_and_reaches_nothing() {
     let json: Value =
         serde_json::from_str(&told(folder.path(), &[&call[..], &["page.html", "--json"]].concat())).unwrap();
     assert_eq!(json["sentences"].as_array().unwrap().len(), 3, "{json}");
+    let answer = "Missing: `input_coupling` from joint 5 to joint 4. It could as well be `backlash` at joint 4.";
+    assert_eq!(json["sentences"][2], answer);
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     opens_with_no_network(&page);
     is_well_formed(&page);

@@ -81,6 +81,13 @@ fn read_diagnosis(path: &Path) -> anyhow::Result<Value> {
 }
 
 /// The way here, as far as the arguments tell it.
+/// What a diagnosis comes to: all that it says after its first sentence, which tells how far off the model was.
+fn answer(diagnosis: &Value) -> Option<String> {
+    let sentences = report::sentences(diagnosis);
+    let answer = if sentences.len() > 1 { &sentences[1..] } else { &sentences[..] };
+    (!answer.is_empty()).then(|| answer.join(" "))
+}
+
 fn commands(arguments: &Arguments) -> Vec<String> {
     let experiment = arguments.experiment.display();
     let models: Vec<String> = arguments.models.iter().map(|path| path.display().to_string()).collect();
@@ -224,8 +231,7 @@ impl<'a> Report<'a> {
                 (None, None) => format!("It has {} models before it.", self.models.len() - 1),
             });
         }
-        // The first sentence of a diagnosis says how far off the model was; the last one what that comes to.
-        let told = self.diagnosis.as_ref().and_then(|diagnosis| report::sentences(diagnosis).pop());
+        let told = self.diagnosis.as_ref().and_then(answer);
         sentences.push(match (told, self.findings.first()) {
             (Some(told), _) => told,
             (None, Some(finding)) => {

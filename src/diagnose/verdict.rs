@@ -486,7 +486,7 @@ fn left_with(worst_ratio: Option<f64>, torque_percent: Option<f64>) -> String {
     match (worst_ratio, torque_percent) {
         (Some(ratio), _) if ratio < EXPLAINED => format!("{ratio:.2} times the noise is left"),
         (Some(ratio), _) => {
-            format!("{ratio:.1} times the noise is left at the worst joint, so it is not all that is missing")
+            format!("{ratio:.1} times the noise is left at the worst joint, so that it is not the whole answer")
         }
         (None, Some(percent)) => format!("{percent:.1} % of the torque is left"),
         _ => "an error that is not known is left".to_owned(),
@@ -572,11 +572,16 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_that_leaves_more_than_noise_is_said_not_to_be_all() {
+    fn an_effect_that_leaves_more_than_noise_is_said_not_to_be_the_whole_answer() {
         assert_eq!(left_with(Some(1.02), Some(9.0)), "1.02 times the noise is left");
-        let far = left_with(Some(701.63), Some(9.0));
-        assert_eq!(far, "701.6 times the noise is left at the worst joint, so it is not all that is missing");
+        assert_eq!(left_with(Some(1.49), None), "1.49 times the noise is left");
+        let far = |ratio: &str| {
+            format!("{ratio} times the noise is left at the worst joint, so that it is not the whole answer")
+        };
+        assert_eq!(left_with(Some(1.5), None), far("1.5"));
+        assert_eq!(left_with(Some(701.63), Some(9.0)), far("701.6"));
         assert_eq!(left_with(None, Some(10.84)), "10.8 % of the torque is left", "its noise is not known");
+        assert_eq!(left_with(None, None), "an error that is not known is left");
     }
 
     #[test]

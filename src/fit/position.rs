@@ -375,14 +375,14 @@ pub fn resume(
         let anchor = x;
         let few = |search: Search| evaluator.coarse_substeps(&anchor, options.substeps, search.tether());
         let may_be_near = search.is_none() && stage < searches::FIRST_FREE;
-        let near = may_be_near
+        let steps_if_near = may_be_near
             .then(|| few(SEARCHES[searches::FIRST_FREE]))
             .filter(|coarse| searches::is_near(&evaluator, &anchor, *coarse));
-        if near.is_some() {
+        if steps_if_near.is_some() {
             stage = searches::FIRST_FREE;
         }
         let kind = SEARCHES[stage.min(searches::LAST)];
-        let coarse = near.unwrap_or_else(|| few(kind));
+        let coarse = steps_if_near.unwrap_or_else(|| few(kind));
         let at = kind.at(&evaluator, &anchor, coarse, options.substeps);
         if kind == Search::Fine {
             let Some(quadratic) = sqp::Objective::quadratic(&at, &anchor) else {
@@ -489,6 +489,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let start = evaluator.start(&problem);
     let coarse = few(&start);
     let every_step = Search::Coarse.at(&evaluator, &start, fine, fine);
+    // Where fewer steps do, with those first; where that comes to nothing, with every step.
     let near = (coarse < fine)
         .then(|| minimised(&Search::Coarse.at(&evaluator, &start, coarse, fine), &start))
         .and_then(Result::ok);

@@ -57,8 +57,8 @@ impl Section for Ranking<'_> {
         let mut html = String::new();
         let verdict = match self.diagnosis["verdict"].as_str() {
             Some("missing_effect") => "An effect is missing.",
-            Some("nothing_missing") => "Nothing is missing.",
-            Some("unexplained") => "None of the known effects explains what is left.",
+            Some("nothing_missing") => "Nothing is missing that the library knows.",
+            Some("unexplained") => "What is left is not explained.",
             _ => "",
         };
         if !verdict.is_empty() {

@@ -420,6 +420,23 @@ fn a_search_on_the_first_tether_tells_where_long_steps_stop_it() {
     assert!(!short.is_stuck && short.substeps > 4, "{short:?}");
 }
 
+#[test]
+fn a_start_that_is_near_its_logs_needs_no_tether() {
+    let is_led = |off: f64| {
+        let problem = problem(4, 8.0, off);
+        let mut tethers = Vec::new();
+        let mut watch = |progress: &Progress| {
+            tethers.push(progress.tether);
+            Watch::Stop
+        };
+        let stopped = fit(&problem, &Options::default(), &mut watch);
+        assert!(matches!(stopped, Err(PositionFitError::Interrupted { .. })), "{stopped:?}");
+        tethers.iter().any(|tether| *tether > 0.0)
+    };
+    assert!(!is_led(0.0), "the truth");
+    assert!(is_led(0.3));
+}
+
 /// One run, of which nothing but its initial position is unknown.
 fn alone(run: &FitRun) -> PositionProblem {
     let (unknowns, known, inequalities) = (Vec::new(), BTreeMap::new(), Vec::new());

@@ -7,6 +7,7 @@
 //! the position error of simulations on a tether. The best suspects are fitted for good, and what they leave of the
 //! held-out runs decides ([`Refit`]).
 
+mod beaten;
 mod blocks;
 mod candidate;
 mod discover;
@@ -500,6 +501,7 @@ impl Work<'_> {
         // Which is fitted first: where the model's own fit strayed, what comes near the logs on a tether, or what does so from
         // the values that were believed; else what is plainer than the most promising and leaves only noise on the tether.
         let mut is_order_settled = false;
+        let mut is_formula_asked = false;
         if refit.has_strayed() {
             is_order_settled = self.race(base, &waiting, &mut reached)?;
             waiting = race::ordered(waiting, &reached, &unknowns);
@@ -517,6 +519,14 @@ impl Work<'_> {
             waiting = race::noise_first(waiting, &reached, &unknowns);
         }
         while !waiting.is_empty() {
+            // Where nothing comes near the noise, not even on a tether, and a formula does far better, no fit will.
+            let may_be_none = (is_order_settled || !fitted.is_empty()) && reached.none_is_near_noise();
+            if may_be_none && !is_formula_asked && !fitted.iter().any(verdict::explains) {
+                is_formula_asked = true;
+                if self.is_formula_ahead(base, &scored) {
+                    waiting = beaten::without_hopeless(waiting, fitted.is_empty(), &reached, &mut failed);
+                }
+            }
             let later = waiting.split_off(at_once.min(waiting.len()));
             let least = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
             let only_noise = fitted.iter().any(verdict::reaches_the_floor);
@@ -751,16 +761,6 @@ impl Work<'_> {
             }
         }
         Ok(())
-    }
-
-    /// Whether a formula of one term, found without the library, leaves far less than the best effect of the library, which
-    /// does not leave mere noise: then that effect is only the nearest to what is missing.
-    fn is_beaten(&self, base: &Model, refit: &Refit, fitted: &[verdict::Judged]) -> Result<bool, Error> {
-        /// Of the squared torque error of the held-out runs.
-        const FAR_LESS: f64 = 0.5;
-        let Some(best) = verdict::best(fitted).filter(|best| !verdict::explains(best)) else { return Ok(false) };
-        let Some(joint) = verdict::helped_joint(refit, best) else { return Ok(false) };
-        Ok(discover::better_than(base, &best.parsed()?, self.judge.runs, joint, FAR_LESS).is_some())
     }
 
     /// Of suspects that one fold has judged, the best judged by all blocks; those that are not asked get no credit.

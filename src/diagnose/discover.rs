@@ -125,6 +125,14 @@ pub(super) fn better_than(
     ((1.0 - formula.explained_validate) * before < share * left).then_some(formula)
 }
 
+/// The largest share of a joint's squared torque error on the held-out runs that a formula of one term explains; `None` where
+/// none is worth writing.
+pub(super) fn explained_by_one_term(base: &Model, runs: &[&Run]) -> Option<f64> {
+    let (fit, held_out) = Sampled::of_roles(base, runs)?;
+    let of = |joint: usize| Some(Search::new(&fit, joint)?.best(&held_out, 1)?.1.explained_validate);
+    fit.joints().into_iter().filter_map(of).max_by(f64::total_cmp)
+}
+
 /// What a diagnosis says where a formula was found.
 pub(super) fn sentence(found: &Discovered) -> String {
     let is_command =

@@ -35,6 +35,14 @@ impl Reached {
             && self.suspects.values().all(|cost| *cost > NEAR)
     }
 
+    /// Whether searches were asked and none came near what noise costs, though some may have come near the logs.
+    pub(super) fn none_is_near_noise(&self) -> bool {
+        /// So many times as much is not near. (A search that is right but short costs up to twice as much.)
+        const FAR: f64 = 5.0;
+        let is_far = |cost: f64| cost > FAR * verdict::COST_AT_THE_FLOOR;
+        self.is_asked && self.base.is_none_or(is_far) && self.suspects.values().all(|cost| is_far(*cost))
+    }
+
     /// Whether a suspect's search is known.
     pub(super) fn knows(&self, suspect: &Suspect) -> bool {
         self.suspects.contains_key(suspect)
@@ -126,11 +134,11 @@ pub(super) fn no_rival(suspect: &Suspect, winner: &Refit, reached: &Reached) -> 
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::diagnose::refit::tests::empty;
 
-    fn score(effect: &str) -> Score {
+    pub(in crate::diagnose) fn score(effect: &str) -> Score {
         Score {
             suspect: Suspect { effect: effect.to_owned(), joint: Some(0), from: None },
             information: 0.0,
@@ -141,7 +149,7 @@ mod tests {
         }
     }
 
-    fn reached(base: Option<f64>, suspects: &[(&str, f64)]) -> Reached {
+    pub(in crate::diagnose) fn reached(base: Option<f64>, suspects: &[(&str, f64)]) -> Reached {
         let suspects = suspects.iter().map(|(effect, cost)| (score(effect).suspect, *cost)).collect();
         Reached { base, is_asked: true, suspects }
     }
@@ -169,6 +177,9 @@ mod tests {
         assert_eq!(names(&list), ["viscous", "lugre", "coulomb", "sensor_offset", "stribeck"]);
         assert!(!told.all_stay_far() && reached(None, &[("coulomb", 40.0)]).all_stay_far());
         assert!(!Reached::default().all_stay_far(), "none was asked");
+        assert!(!told.none_is_near_noise() && !Reached::default().none_is_near_noise());
+        assert!(reached(Some(13.0), &[("coulomb", 6.0)]).none_is_near_noise());
+        assert!(!reached(Some(2.0), &[("coulomb", 6.0)]).none_is_near_noise(), "the model alone is");
         assert!(!reached(Some(0.4), &[]).all_stay_far(), "the model alone is near");
     }
 

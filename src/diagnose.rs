@@ -502,6 +502,7 @@ impl Work<'_> {
         // the values that were believed; else what is plainer than the most promising and leaves only noise on the tether.
         let mut is_order_settled = false;
         let mut is_formula_asked = false;
+        let mut hopeless: Vec<Score> = Vec::new();
         if refit.has_strayed() {
             is_order_settled = self.race(base, &waiting, &mut reached)?;
             waiting = race::ordered(waiting, &reached, &unknowns);
@@ -519,12 +520,13 @@ impl Work<'_> {
             waiting = race::noise_first(waiting, &reached, &unknowns);
         }
         while !waiting.is_empty() {
-            // Where nothing comes near the noise, not even on a tether, and a formula does far better, no fit will.
-            let may_be_none = (is_order_settled || !fitted.is_empty()) && reached.none_is_near_noise();
-            if may_be_none && !is_formula_asked && !fitted.iter().any(verdict::explains) {
+            // Where nothing comes near the noise, not even on a tether, and a formula does far better, fits are not worth
+            // their time.
+            let is_asked = is_order_settled || !fitted.is_empty();
+            if !is_formula_asked && is_asked && reached.none_is_near_noise() && !fitted.iter().any(verdict::explains) {
                 is_formula_asked = true;
-                if self.is_formula_ahead(base, &scored) {
-                    waiting = beaten::without_hopeless(waiting, fitted.is_empty(), &reached, &mut failed);
+                if self.is_formula_ahead(base, refit, &scored) {
+                    (waiting, hopeless) = beaten::without_hopeless(waiting, !fitted.is_empty(), &reached);
                 }
             }
             let later = waiting.split_off(at_once.min(waiting.len()));
@@ -562,8 +564,13 @@ impl Work<'_> {
                 is_order_settled = self.race(base, &waiting, &mut reached)?;
                 waiting = race::ordered(waiting, &reached, &unknowns);
             }
+            // What explains the logs after all may have rivals among those that seemed hopeless.
+            if fitted.iter().any(verdict::explains) {
+                waiting.append(&mut hopeless);
+            }
             self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
         }
+        failed.extend(beaten::refused(hopeless, &fitted));
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         if may_ask_belief && !fitted.iter().any(verdict::explains) {
             self.as_believed(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &believed)?;

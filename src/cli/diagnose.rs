@@ -359,7 +359,7 @@ fn interrupted(path: &Path, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 7;
+const FORMAT: u32 = 8;
 
 /// Fits that are done, beside the model, for a diagnosis that is stopped.
 struct Kept {

@@ -108,10 +108,10 @@ pub fn discover(base: &Model, runs: &[&Run]) -> Option<Discovered> {
 }
 
 /// A formula of one term for what `base` leaves at `joint` that leaves less than `share` of the squared torque error which
-/// `explained`, a model that an effect was added to, leaves there on the held-out runs.
+/// any of `explained`, models that an effect was added to, leaves there on the held-out runs.
 pub(super) fn better_than(
     base: &Model,
-    explained: &Model,
+    explained: &[&Model],
     runs: &[&Run],
     joint: usize,
     share: f64,
@@ -119,18 +119,12 @@ pub(super) fn better_than(
     let (fit, held_out) = Sampled::of_roles(base, runs)?;
     let search = Search::new(&fit, joint)?;
     let (_, formula) = search.best(&held_out, 1)?;
-    let before = search.left(&held_out)?;
-    let (fit, held_out) = Sampled::of_roles(explained, runs)?;
-    let left = Search::new(&fit, joint)?.left(&held_out)?;
-    ((1.0 - formula.explained_validate) * before < share * left).then_some(formula)
-}
-
-/// The largest share of a joint's squared torque error on the held-out runs that a formula of one term explains; `None` where
-/// none is worth writing.
-pub(super) fn explained_by_one_term(base: &Model, runs: &[&Run]) -> Option<f64> {
-    let (fit, held_out) = Sampled::of_roles(base, runs)?;
-    let of = |joint: usize| Some(Search::new(&fit, joint)?.best(&held_out, 1)?.1.explained_validate);
-    fit.joints().into_iter().filter_map(of).max_by(f64::total_cmp)
+    let left = (1.0 - formula.explained_validate) * search.left(&held_out)?;
+    let is_better = |explained: &&Model| {
+        let (fit, held_out) = Sampled::of_roles(explained, runs)?;
+        Some(left < share * Search::new(&fit, joint)?.left(&held_out)?)
+    };
+    explained.par_iter().all(|explained| is_better(explained) == Some(true)).then_some(formula)
 }
 
 /// What a diagnosis says where a formula was found.

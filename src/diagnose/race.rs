@@ -37,10 +37,17 @@ impl Reached {
 
     /// Whether searches were asked and none came near what noise costs, though some may have come near the logs.
     pub(super) fn none_is_near_noise(&self) -> bool {
-        /// So many times as much is not near. (A search that is right but short costs up to twice as much.)
-        const FAR: f64 = 5.0;
-        let is_far = |cost: f64| cost > FAR * verdict::COST_AT_THE_FLOOR;
-        self.is_asked && self.base.is_none_or(is_far) && self.suspects.values().all(|cost| is_far(*cost))
+        self.is_asked
+            && self.base.is_none_or(is_far_above_noise)
+            && self.suspects.values().copied().all(is_far_above_noise)
+    }
+
+    /// Whether a suspect's search stayed far above what noise costs and was of little use: the model alone is not far above it.
+    pub(super) fn is_hopeless(&self, suspect: &Suspect) -> bool {
+        /// Share of what the model itself leaves.
+        const USEFUL: f64 = 0.1;
+        let cost = self.suspects.get(suspect).zip(self.base);
+        cost.is_some_and(|(cost, base)| is_far_above_noise(*cost) && *cost > USEFUL * base)
     }
 
     /// Whether a suspect's search is known.
@@ -51,6 +58,13 @@ impl Reached {
     fn is_noise(&self, score: &Score) -> bool {
         self.suspects.get(&score.suspect).is_some_and(|cost| verdict::is_nearly_noise(*cost))
     }
+}
+
+/// Whether a search that is short and right would have come to less.
+fn is_far_above_noise(cost: f64) -> bool {
+    /// So many times as much as noise costs.
+    const FAR: f64 = 5.0;
+    cost > FAR * verdict::COST_AT_THE_FLOOR
 }
 
 impl Work<'_> {
@@ -180,6 +194,10 @@ pub(super) mod tests {
         assert!(!told.none_is_near_noise() && !Reached::default().none_is_near_noise());
         assert!(reached(Some(13.0), &[("coulomb", 6.0)]).none_is_near_noise());
         assert!(!reached(Some(2.0), &[("coulomb", 6.0)]).none_is_near_noise(), "the model alone is");
+        let hopeless =
+            |base: Option<f64>, cost: f64| reached(base, &[("coulomb", cost)]).is_hopeless(&score("coulomb").suspect);
+        assert!(hopeless(Some(50.0), 6.0) && !hopeless(Some(70.0), 6.0) && !hopeless(Some(50.0), 2.0));
+        assert!(!hopeless(None, 6.0) && !reached(Some(50.0), &[]).is_hopeless(&score("coulomb").suspect));
         assert!(!reached(Some(0.4), &[]).all_stay_far(), "the model alone is near");
     }
 

@@ -42,12 +42,13 @@ impl Reached {
             && self.suspects.values().copied().all(is_far_above_noise)
     }
 
-    /// Whether a suspect's search stayed far above what noise costs and was of little use: the model alone is not far above it.
+    /// Whether a suspect's search stayed far above what noise costs and was of little use: the model alone, if its own search
+    /// came to anything, is not far above it.
     pub(super) fn is_hopeless(&self, suspect: &Suspect) -> bool {
         /// Share of what the model itself leaves.
         const USEFUL: f64 = 0.1;
-        let cost = self.suspects.get(suspect).zip(self.base);
-        cost.is_some_and(|(cost, base)| is_far_above_noise(*cost) && *cost > USEFUL * base)
+        let is_useful = |cost: f64| self.base.is_some_and(|base| cost <= USEFUL * base);
+        self.suspects.get(suspect).is_some_and(|cost| is_far_above_noise(*cost) && !is_useful(*cost))
     }
 
     /// Whether a suspect's search is known.
@@ -197,7 +198,8 @@ pub(super) mod tests {
         let hopeless =
             |base: Option<f64>, cost: f64| reached(base, &[("coulomb", cost)]).is_hopeless(&score("coulomb").suspect);
         assert!(hopeless(Some(50.0), 6.0) && !hopeless(Some(70.0), 6.0) && !hopeless(Some(50.0), 2.0));
-        assert!(!hopeless(None, 6.0) && !reached(Some(50.0), &[]).is_hopeless(&score("coulomb").suspect));
+        assert!(hopeless(None, 6.0), "it is not known of how little use the search was");
+        assert!(!reached(Some(50.0), &[]).is_hopeless(&score("coulomb").suspect), "it was not asked");
         assert!(!reached(Some(0.4), &[]).all_stay_far(), "the model alone is near");
     }
 

@@ -203,8 +203,9 @@ fn told(found: &Diagnosis, wall_seconds: f64) -> String {
     }
     if !found.refused.is_empty() {
         let _ = writeln!(text, "\nNo credit:");
-        for refused in &found.refused {
-            let _ = writeln!(text, "  {}: {}", refused.suspect, refused.reason);
+        for alike in found.refused.chunk_by(|one, next| one.reason == next.reason) {
+            let suspects: Vec<String> = alike.iter().map(|refused| refused.suspect.to_string()).collect();
+            let _ = writeln!(text, "  {}: {}", suspects.join(", "), alike[0].reason);
         }
     }
     if !found.moved.is_empty() {

@@ -65,8 +65,8 @@ pub(super) fn refused(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<I
     unfitted.map(|score| Refused {
         suspect: score.suspect,
         reason:
-            "even with simulations that are held to the logs it stays far above the noise, and a formula of one term \
-                 leaves far less of the torque error than the screening finds that an effect would"
+            "far above the noise even where simulations are held to the logs, while a formula of one term leaves far less of \
+             the torque error than the screening finds that an effect would"
                 .to_owned(),
     })
 }

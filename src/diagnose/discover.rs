@@ -119,10 +119,10 @@ pub(super) fn better_than(
     let (fit, held_out) = Sampled::of_roles(base, runs)?;
     let search = Search::new(&fit, joint)?;
     let (_, formula) = search.best(&held_out, 1)?;
-    let left = (1.0 - formula.explained_validate) * search.left(&held_out)?;
+    let left = (1.0 - formula.explained_validate) * search.own.left(&held_out, joint)?;
     let is_better = |explained: &&Model| {
         let (fit, held_out) = Sampled::of_roles(explained, runs)?;
-        Some(left < share * Search::new(&fit, joint)?.left(&held_out)?)
+        Some(left < share * Own::new(&fit)?.left(&held_out, joint)?)
     };
     explained.par_iter().all(|explained| is_better(explained) == Some(true)).then_some(formula)
 }
@@ -235,6 +235,11 @@ impl Sampled {
         self.blocks.iter().map(range).collect()
     }
 
+    /// The rows of a joint.
+    fn rows_of(&self, joint: usize) -> impl Iterator<Item = usize> {
+        self.blocks.iter().zip(self.rows()).filter(move |(block, _)| block.joint == joint).flat_map(|(_, rows)| rows)
+    }
+
     /// Run and slot of each block.
     fn places(&self) -> Vec<(usize, usize)> {
         let slots = |(index, run): (usize, &RunSignals)| (0..run.free.len()).map(move |slot| (index, slot)).collect();
@@ -260,13 +265,52 @@ impl Sampled {
     }
 }
 
+/// What the model's own parameters may take of the torque error.
+struct Own<'a> {
+    names: Vec<&'a String>,
+    prior: Vec<f64>,
+    weights: BTreeMap<usize, f64>,
+    /// Weighed: their columns and the error, over all rows.
+    columns: DMatrix<f64>,
+    error: DVector<f64>,
+}
+
+impl<'a> Own<'a> {
+    fn new(fit: &'a Sampled) -> Option<Self> {
+        let names: Vec<&String> = fit.own.keys().collect();
+        let prior: Vec<f64> = fit.own.values().map(|(spread, _)| spread.powi(-2)).collect();
+        let rows: usize = fit.blocks.iter().map(|block| block.values.len()).sum();
+        let plain = DMatrix::from_fn(rows, names.len(), |row, column| fit.own[names[column]].1[row]);
+        let problem = Weighed::new(&fit.blocks, &plain, &prior);
+        let is_regular = problem.is_regular();
+        let Weighed { weights, own, error, .. } = problem;
+        is_regular.then_some(Self { names, prior, weights, columns: own, error })
+    }
+
+    /// The torque error of `sampled`, over all rows, after these steps of the parameters.
+    fn taken_out(&self, sampled: &Sampled, steps: &DVector<f64>) -> Vec<f64> {
+        let columns: Vec<Option<&Vec<f64>>> =
+            self.names.iter().map(|name| sampled.own.get(*name).map(|(_, column)| column)).collect();
+        let taken = |row: usize| -> f64 {
+            columns.iter().zip(steps.iter()).filter_map(|(column, step)| Some((*column)?[row] * step)).sum()
+        };
+        let errors = sampled.blocks.iter().flat_map(|block| block.values.iter());
+        errors.enumerate().map(|(row, error)| error - taken(row)).collect()
+    }
+
+    /// Sum of squares of the joint's torque error in `sampled`, the parameters fitted to the runs to fit to.
+    fn left(&self, sampled: &Sampled, joint: usize) -> Option<f64> {
+        let information = regular(&self.columns.tr_mul(&self.columns), &self.prior)?;
+        let errors = self.taken_out(sampled, &information.solve(&self.columns.tr_mul(&self.error)));
+        Some(sampled.rows_of(joint).map(|row| errors[row] * errors[row]).sum())
+    }
+}
+
 /// The search at one joint.
 struct Search<'a> {
     fit: &'a Sampled,
     joint: usize,
-    names: Vec<&'a String>,
-    prior: Vec<f64>,
-    weights: BTreeMap<usize, f64>,
+    own: Own<'a>,
     independent: f64,
     terms: Vec<Term>,
     /// Weighed columns of the terms, over the joint's rows.
@@ -275,35 +319,16 @@ struct Search<'a> {
     shares: Vec<f64>,
     /// The rows of the joint.
     rows: Vec<usize>,
-    /// Weighed: own columns and the error, over all rows.
-    own: DMatrix<f64>,
-    error: DVector<f64>,
 }
 
 impl<'a> Search<'a> {
     fn new(fit: &'a Sampled, joint: usize) -> Option<Self> {
-        let names: Vec<&String> = fit.own.keys().collect();
-        let prior: Vec<f64> = fit.own.values().map(|(spread, _)| spread.powi(-2)).collect();
-        let ranges = fit.rows();
-        let n: usize = ranges.last()?.end;
-        let plain = DMatrix::from_fn(n, names.len(), |row, column| fit.own[names[column]].1[row]);
-        let problem = Weighed::new(&fit.blocks, &plain, &prior);
-        if !problem.is_regular() {
-            return None;
-        }
-        let Weighed { weights, own, error, .. } = problem;
-        let rows: Vec<usize> = fit
-            .blocks
-            .iter()
-            .zip(&ranges)
-            .filter(|(block, _)| block.joint == joint)
-            .flat_map(|(_, range)| range.clone())
-            .collect();
+        let own = Own::new(fit)?;
         let free: std::collections::BTreeSet<usize> =
             fit.runs.iter().flat_map(|run| run.free.iter().copied()).collect();
         let free: Vec<usize> = free.into_iter().collect();
         let terms = dictionary(joint, &free, &fit.kinds);
-        let weight = *weights.get(&joint)?;
+        let weight = *own.weights.get(&joint)?;
         let load = fit.column(&Term::load(), joint);
         let (columns, shares): (Vec<Vec<f64>>, Vec<f64>) = terms
             .par_iter()
@@ -316,33 +341,22 @@ impl<'a> Search<'a> {
                 )
             })
             .unzip();
-        let mut search = Self {
-            fit,
-            joint,
-            names,
-            prior,
-            weights,
-            independent: error.len() as f64 / PER_INDEPENDENT,
-            terms,
-            columns,
-            shares,
-            rows,
-            own,
-            error,
-        };
+        let independent = own.error.len() as f64 / PER_INDEPENDENT;
+        let rows = fit.rows_of(joint).collect();
+        let mut search = Self { fit, joint, own, independent, terms, columns, shares, rows };
         search.shorten()?;
         Some(search)
     }
 
     /// Keeps the candidates that a pass of plain forward selection finds telling.
     fn shorten(&mut self) -> Option<()> {
-        let n = self.error.len();
-        let mut basis = self.own.clone();
-        let mut prior = self.prior.clone();
+        let n = self.own.error.len();
+        let mut basis = self.own.columns.clone();
+        let mut prior = self.own.prior.clone();
         let mut kept: Vec<usize> = Vec::new();
         for _ in 0..TERMS {
             let information = regular(&basis.tr_mul(&basis), &prior)?;
-            let left = &self.error - &basis * information.solve(&basis.tr_mul(&self.error));
+            let left = &self.own.error - &basis * information.solve(&basis.tr_mul(&self.own.error));
             let part = DMatrix::from_fn(self.rows.len(), basis.ncols(), |row, column| basis[(self.rows[row], column)]);
             let mut gains: Vec<(f64, usize)> = self
                 .columns
@@ -404,26 +418,27 @@ impl<'a> Search<'a> {
 
     /// Of several pieces together.
     fn sum<'n>(&self, pieces: impl IntoIterator<Item = &'n Normal>) -> Normal {
-        let mut sum = Normal::zero(self.names.len(), self.terms.len());
+        let mut sum = Normal::zero(self.own.names.len(), self.terms.len());
         pieces.into_iter().for_each(|piece| sum.add(piece));
         sum
     }
 
     /// Sums over some rows; `joint` are those of the joint, counted among its own.
     fn normal(&self, all: &[usize], joint: &[usize]) -> Normal {
-        let own = DMatrix::from_fn(all.len(), self.own.ncols(), |row, column| self.own[(all[row], column)]);
-        let error = DVector::from_fn(all.len(), |row, _| self.error[all[row]]);
+        let Own { columns, error, .. } = &self.own;
+        let width = columns.ncols();
+        let own = DMatrix::from_fn(all.len(), width, |row, column| columns[(all[row], column)]);
+        let error_all = DVector::from_fn(all.len(), |row, _| error[all[row]]);
         let here = DMatrix::from_fn(joint.len(), self.columns.len(), |row, column| self.columns[column][joint[row]]);
-        let own_here =
-            DMatrix::from_fn(joint.len(), self.own.ncols(), |row, column| self.own[(self.rows[joint[row]], column)]);
-        let error_here = DVector::from_fn(joint.len(), |row, _| self.error[self.rows[joint[row]]]);
+        let own_here = DMatrix::from_fn(joint.len(), width, |row, column| columns[(self.rows[joint[row]], column)]);
+        let error_here = DVector::from_fn(joint.len(), |row, _| error[self.rows[joint[row]]]);
         Normal {
             own: own.tr_mul(&own),
             mixed: own_here.tr_mul(&here),
             candidates: here.tr_mul(&here),
-            own_signal: own.tr_mul(&error),
+            own_signal: own.tr_mul(&error_all),
             signal: here.tr_mul(&error_here),
-            squares: error.norm_squared(),
+            squares: error_all.norm_squared(),
         }
     }
 
@@ -438,14 +453,6 @@ impl<'a> Search<'a> {
         all.len() <= 1 || others.iter().any(|others| others.len() == all.len())
     }
 
-    /// Sum of squares of the joint's torque error in `sampled`, the model's own parameters fitted to the runs to fit to.
-    fn left(&self, sampled: &Sampled) -> Option<f64> {
-        let whole = self.sum(&self.pieces());
-        let steps = whole.own_steps(&self.prior, &[], &[])?;
-        let left = self.explained(sampled, &[], &[], &steps, &steps);
-        Some(left.shares.iter().map(|share| share.before).sum())
-    }
-
     fn choose(&self, reduced: &Reduced, independent: f64, most: usize) -> Choice {
         let complexity: Vec<f64> = self.terms.iter().map(Term::complexity).collect();
         let may_join = |chosen: &[usize]| self.may_join(chosen);
@@ -456,7 +463,7 @@ impl<'a> Search<'a> {
     fn best(&self, held_out: &Sampled, most: usize) -> Option<(f64, Discovered)> {
         let pieces = self.pieces();
         let whole = self.sum(&pieces);
-        let reduced = whole.reduced(&self.prior)?;
+        let reduced = whole.reduced(&self.own.prior)?;
         let choice = self.choose(&reduced, self.independent, most);
         let shares = self.stability(&pieces, &reduced, &choice.chosen, most);
         let chosen: Vec<(usize, f64)> =
@@ -466,8 +473,8 @@ impl<'a> Search<'a> {
             return None;
         }
         let (coefficients, inverse, _) = reduced.solve(&indices)?;
-        let without = whole.own_steps(&self.prior, &[], &[])?;
-        let with = whole.own_steps(&self.prior, &indices, &coefficients)?;
+        let without = whole.own_steps(&self.own.prior, &[], &[])?;
+        let with = whole.own_steps(&self.own.prior, &indices, &coefficients)?;
         let terms: Vec<(Term, f64)> =
             indices.iter().map(|&index| self.terms[index].clone()).zip(coefficients.iter().copied()).collect();
         let fitted = self.explained(self.fit, &indices, &coefficients, &without, &with);
@@ -475,7 +482,7 @@ impl<'a> Search<'a> {
         if !(judged.total() >= WORTH && judged.shares.iter().all(Share::is_good)) {
             return None;
         }
-        let noise = fitted.deviation * self.weights[&self.joint] * fitted.correlation.sqrt();
+        let noise = fitted.deviation * self.own.weights[&self.joint] * fitted.correlation.sqrt();
         let mut told: Vec<(DiscoveredTerm, &(Term, f64))> = Vec::new();
         for (place, ((own, (_, share)), coefficient)) in terms.iter().zip(&chosen).zip(&coefficients).enumerate() {
             told.push((
@@ -533,7 +540,7 @@ impl<'a> Search<'a> {
             .par_iter()
             .map(|half| {
                 self.sum(half.iter().map(|&piece| &pieces[piece]))
-                    .reduced(&self.prior)
+                    .reduced(&self.own.prior)
                     .map(|reduced| self.choose(&reduced, 0.5 * self.independent, most).chosen)
                     .unwrap_or_default()
             })
@@ -559,11 +566,7 @@ impl<'a> Search<'a> {
             |index: usize| without_share(sampled.column(&self.terms[index], self.joint), self.shares[index], &load);
         let columns: Vec<(Vec<f64>, f64)> =
             chosen.iter().zip(coefficients).map(|(index, coefficient)| (column(*index), *coefficient)).collect();
-        let own: Vec<Option<&Vec<f64>>> =
-            self.names.iter().map(|name| sampled.own.get(*name).map(|(_, column)| column)).collect();
-        let taken = |row: usize, steps: &DVector<f64>| -> f64 {
-            own.iter().zip(steps.iter()).filter_map(|(column, step)| Some((*column)?[row] * step)).sum()
-        };
+        let (before, after) = (self.own.taken_out(sampled, without), self.own.taken_out(sampled, with));
         let mut shares = Vec::new();
         let mut left = Vec::new();
         let mut own_row = 0;
@@ -572,11 +575,10 @@ impl<'a> Search<'a> {
                 continue;
             }
             let mut share = Share::default();
-            for (row, value) in range.zip(&block.values) {
+            for row in range {
                 let said: f64 = columns.iter().map(|(column, coefficient)| column[own_row] * coefficient).sum();
-                let before = value - taken(row, without);
-                let after = value - taken(row, with) - said;
-                share.before += before * before;
+                let after = after[row] - said;
+                share.before += before[row] * before[row];
                 share.after += after * after;
                 share.said += said * said;
                 left.push(after);

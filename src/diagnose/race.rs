@@ -42,13 +42,13 @@ impl Reached {
             && self.suspects.values().copied().all(is_far_above_noise)
     }
 
-    /// Whether a suspect's search stayed far above what noise costs and was of little use: the model alone, if its own search
-    /// came to anything, is not far above it.
+    /// Whether a suspect's search, where none came near noise, was of little use: the model alone, if its own search came to
+    /// anything, is not far above it.
     pub(super) fn is_hopeless(&self, suspect: &Suspect) -> bool {
         /// Share of what the model itself leaves.
         const USEFUL: f64 = 0.1;
         let is_useful = |cost: f64| self.base.is_some_and(|base| cost <= USEFUL * base);
-        self.suspects.get(suspect).is_some_and(|cost| is_far_above_noise(*cost) && !is_useful(*cost))
+        self.suspects.get(suspect).is_some_and(|cost| !is_useful(*cost))
     }
 
     /// Whether a suspect's search is known.

@@ -72,32 +72,32 @@ impl Section for Ranking<'_> {
             html.push_str(&table(ranking));
             ranking.iter().enumerate().for_each(|(index, entry)| html.push_str(&evidence(index, entry)));
         }
-        for (heading, key) in [("Refused", "refused"), ("Parameters that moved between runs", "moved")] {
-            let entries = list(&self.diagnosis[key]);
-            if entries.is_empty() {
-                continue;
-            }
-            let _ = writeln!(html, "<h3>{heading}</h3>\n<ul>");
-            for entry in entries {
-                let line = if key == "refused" {
-                    format!("{}: {}", placed(entry), entry["reason"].as_str().unwrap_or(""))
-                } else {
-                    format!(
-                        "{} in {}: {} standard errors",
-                        entry["parameter"].as_str().unwrap_or("?"),
-                        entry["run"].as_str().unwrap_or("?"),
-                        told(&entry["change_in_std_errors"])
-                    )
-                };
-                let _ = writeln!(html, "<li>{}</li>", prose(&line));
-            }
-            html.push_str("</ul>\n");
-        }
+        let refused =
+            list(&self.diagnosis["refused"]).chunk_by(|one, next| one["reason"] == next["reason"]).map(|alike| {
+                let suspects: Vec<String> = alike.iter().map(placed).collect();
+                format!("{}: {}", suspects.join(", "), alike[0]["reason"].as_str().unwrap_or(""))
+            });
+        html.push_str(&lines("Refused", refused));
+        let moved = list(&self.diagnosis["moved"]).iter().map(|entry| {
+            format!(
+                "{} in {}: {} standard errors",
+                entry["parameter"].as_str().unwrap_or("?"),
+                entry["run"].as_str().unwrap_or("?"),
+                told(&entry["change_in_std_errors"])
+            )
+        });
+        html.push_str(&lines("Parameters that moved between runs", moved));
         for note in texts(&self.diagnosis["notes"]) {
             let _ = writeln!(html, "<p class=\"note\">Note: {}</p>", prose(&note));
         }
         html
     }
+}
+
+/// Lines under a heading, where there are any.
+fn lines(heading: &str, lines: impl Iterator<Item = String>) -> String {
+    let items: String = lines.map(|line| format!("<li>{}</li>\n", prose(&line))).collect();
+    if items.is_empty() { items } else { format!("<h3>{heading}</h3>\n<ul>\n{items}</ul>\n") }
 }
 
 fn table(ranking: &[Value]) -> String {
@@ -180,7 +180,11 @@ mod tests {
                 "evidence_for": ["the error has the sign of the speed"], "evidence_against": [],
                 "experiment": "lock all but joint 4 and move slowly"
             }],
-            "refused": [{"effect": "backlash", "joint": 4, "reason": "no gain on held-out runs"}],
+            "refused": [
+                {"effect": "cogging", "joint": 4, "reason": "no gain on held-out runs"},
+                {"effect": "backlash", "joint": 4, "reason": "no gain on held-out runs"},
+                {"effect": "dahl", "joint": 4, "reason": "a parameter is at its bound"}
+            ],
             "moved": [{"parameter": "joint.4.spring.qeq", "run": "a.csv", "change_in_std_errors": 9.0}],
             "notes": ["no validate run for joint 3"]
         });
@@ -193,7 +197,8 @@ mod tests {
             "the error has the sign of the speed",
             "joint.4.coulomb.Fc = 0.01500 \u{b1} 1.000e\u{2212}4",
             "To tell them apart: lock all but",
-            "backlash at joint 4: no gain",
+            "<li>cogging at joint 4, backlash at joint 4: no gain on held-out runs</li>",
+            "<li>dahl at joint 4: a parameter",
             "joint.4.spring.qeq in a.csv: 9.000",
             "Note: no validate run",
         ] {

@@ -36,8 +36,8 @@ impl Work<'_> {
     }
 }
 
-/// `waiting`, and apart from it those that are hopeless on a tether. The first of them, from one start, is left where nothing
-/// was fitted yet: a fit says more of it than a tether.
+/// `waiting`, and apart from it those that are hopeless on a tether, where none is near noise. The first of them, from one
+/// start, is left where nothing was fitted yet: a fit says more of it than a tether.
 pub(super) fn without_hopeless(
     waiting: Vec<Score>,
     is_fitted: bool,

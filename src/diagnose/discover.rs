@@ -425,20 +425,21 @@ impl<'a> Search<'a> {
 
     /// Sums over some rows; `joint` are those of the joint, counted among its own.
     fn normal(&self, all: &[usize], joint: &[usize]) -> Normal {
-        let Own { columns, error, .. } = &self.own;
-        let width = columns.ncols();
-        let own = DMatrix::from_fn(all.len(), width, |row, column| columns[(all[row], column)]);
-        let error_all = DVector::from_fn(all.len(), |row, _| error[all[row]]);
+        let from = &self.own;
+        let width = from.columns.ncols();
+        let own = DMatrix::from_fn(all.len(), width, |row, column| from.columns[(all[row], column)]);
+        let error = DVector::from_fn(all.len(), |row, _| from.error[all[row]]);
         let here = DMatrix::from_fn(joint.len(), self.columns.len(), |row, column| self.columns[column][joint[row]]);
-        let own_here = DMatrix::from_fn(joint.len(), width, |row, column| columns[(self.rows[joint[row]], column)]);
-        let error_here = DVector::from_fn(joint.len(), |row, _| error[self.rows[joint[row]]]);
+        let own_here =
+            DMatrix::from_fn(joint.len(), width, |row, column| from.columns[(self.rows[joint[row]], column)]);
+        let error_here = DVector::from_fn(joint.len(), |row, _| from.error[self.rows[joint[row]]]);
         Normal {
             own: own.tr_mul(&own),
             mixed: own_here.tr_mul(&here),
             candidates: here.tr_mul(&here),
-            own_signal: own.tr_mul(&error_all),
+            own_signal: own.tr_mul(&error),
             signal: here.tr_mul(&error_here),
-            squares: error_all.norm_squared(),
+            squares: error.norm_squared(),
         }
     }
 

@@ -77,7 +77,7 @@ impl Section for Ranking<'_> {
                 let suspects: Vec<String> = alike.iter().map(placed).collect();
                 format!("{}: {}", suspects.join(", "), alike[0]["reason"].as_str().unwrap_or(""))
             });
-        html.push_str(&lines("Refused", refused));
+        html.push_str(&listed("Refused", refused));
         let moved = list(&self.diagnosis["moved"]).iter().map(|entry| {
             format!(
                 "{} in {}: {} standard errors",
@@ -86,7 +86,7 @@ impl Section for Ranking<'_> {
                 told(&entry["change_in_std_errors"])
             )
         });
-        html.push_str(&lines("Parameters that moved between runs", moved));
+        html.push_str(&listed("Parameters that moved between runs", moved));
         for note in texts(&self.diagnosis["notes"]) {
             let _ = writeln!(html, "<p class=\"note\">Note: {}</p>", prose(&note));
         }
@@ -94,9 +94,9 @@ impl Section for Ranking<'_> {
     }
 }
 
-/// Lines under a heading, where there are any.
-fn lines(heading: &str, lines: impl Iterator<Item = String>) -> String {
-    let items: String = lines.map(|line| format!("<li>{}</li>\n", prose(&line))).collect();
+/// Entries under a heading, where there are any.
+fn listed(heading: &str, entries: impl Iterator<Item = String>) -> String {
+    let items: String = entries.map(|line| format!("<li>{}</li>\n", prose(&line))).collect();
     if items.is_empty() { items } else { format!("<h3>{heading}</h3>\n<ul>\n{items}</ul>\n") }
 }
 

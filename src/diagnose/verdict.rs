@@ -445,10 +445,10 @@ fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
     if let Some((joint, gain, _)) = share(before, after) {
         evidence_for.push(format!("the squared held-out error of joint {joint} falls by {:.1} %", 100.0 * gain));
     }
-    evidence_for.push(format!(
-        "BIC changes by {:+.0} on the runs fitted to, {:.0} unknowns included",
-        judged.delta_bic, after.unknowns
-    ));
+    let counted = format!("{:.0}", after.unknowns);
+    let unknowns = if counted == "1" { "unknown" } else { "unknowns" };
+    evidence_for
+        .push(format!("BIC changes by {:+.0} on the runs fitted to, {counted} {unknowns} included", judged.delta_bic));
     match after.worst_ratio() {
         Some(ratio) if ratio < EXPLAINED => {
             evidence_for.push(format!("what is left is {ratio:.2} times the noise at the worst joint"));

@@ -3,7 +3,7 @@
 use std::{
     fs::{self, File},
     io::{self, Write},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 use crate::error::Error;
@@ -43,7 +43,9 @@ pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
     if fs::metadata(folder).map_err(unwritable)?.permissions().readonly() {
         return Err(unwritable(io::Error::other(format!("the folder {} is read-only", folder.display()))));
     }
-    Ok(())
+    // Permissions alone do not tell: the folder may be another user's, or on a read-only disk.
+    let tried = partial_of(path);
+    File::create(&tried).and_then(|_| fs::remove_file(&tried)).map_err(unwritable)
 }
 
 /// Writes a file whole: a reader sees the old content, or all of the new one.
@@ -52,8 +54,7 @@ pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
 /// [`Error::Exists`] unless forced; [`Error::Unwritable`], with nothing left behind.
 pub fn write_new(path: &Path, text: &str, overwrite: Overwrite) -> Result<(), Error> {
     check_output(path, overwrite)?;
-    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let partial = folder_of(path).join(format!(".{name}.{}.partial", std::process::id()));
+    let partial = partial_of(path);
     let written = write_all(&partial, text).and_then(|()| fs::rename(&partial, path));
     written.map_err(|source| {
         // The first error is the one to tell; a leftover that cannot be removed changes nothing.
@@ -66,6 +67,12 @@ fn write_all(path: &Path, text: &str) -> io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(text.as_bytes())?;
     file.sync_all()
+}
+
+/// Where a file is written before it takes its name.
+fn partial_of(path: &Path) -> PathBuf {
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    folder_of(path).join(format!(".{name}.{}.partial", std::process::id()))
 }
 
 fn folder_of(path: &Path) -> &Path {

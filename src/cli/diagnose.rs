@@ -1,5 +1,6 @@
 //! `dynid diagnose`: which physical effect is missing, and where.
 
+use std::ffi::OsStr;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -94,7 +95,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         ..Options::default()
     };
     let kept = Kept::new(arguments, &experiment, &model, &runs, &options);
-    check_output(&kept.path, Overwrite::Force)?;
+    if kept.path.is_none() {
+        eprintln!("note: no folder to keep fits in can be written: a stopped diagnosis will begin anew");
+    }
     let finished = kept.read();
     let so_far = Mutex::new(finished.clone());
     let unsaved: Mutex<Option<Error>> = Mutex::new(None);
@@ -123,7 +126,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let found = match found {
         Err(Error::PositionFit(PositionFitError::Interrupted { .. })) => {
             let count = so_far.lock().map_or(0, |so_far| so_far.len());
-            return Ok(interrupted(&kept.path, count));
+            return Ok(interrupted(kept.path.as_deref(), count));
         }
         found => found?,
     };
@@ -351,10 +354,16 @@ fn after_discovery(arguments: &Arguments, discovered: &Discovered) -> String {
     )
 }
 
-fn interrupted(path: &Path, count: usize) -> Outcome {
+fn interrupted(path: Option<&Path>, count: usize) -> Outcome {
+    let text = path.map_or_else(
+        || "stopped; its fits are lost: no folder in which to keep them could be written\n".to_owned(),
+        |path| format!("stopped; {count} fits are kept in {}: the same command goes on from there\n", path.display()),
+    );
+    let path = path.map(|path| path.display().to_string());
+    let fits = if path.is_some() { count } else { 0 };
     Outcome {
-        text: format!("stopped; {count} fits are kept in {}: the same command goes on from there\n", path.display()),
-        json: json!({ "interrupted": true, "checkpoint": path.display().to_string(), "fits": count }),
+        text,
+        json: json!({ "interrupted": true, "checkpoint": path, "fits": fits }),
         answer: Answer::Interrupted,
     }
 }
@@ -362,9 +371,10 @@ fn interrupted(path: &Path, count: usize) -> Outcome {
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
 const FORMAT: u32 = 8;
 
-/// Fits that are done, beside the model, for a diagnosis that is stopped.
+/// Fits that are done, for a diagnosis that is stopped.
 struct Kept {
-    path: PathBuf,
+    /// Where; nowhere if no folder can be written.
+    path: Option<PathBuf>,
     identity: String,
 }
 
@@ -391,30 +401,71 @@ impl Kept {
             let _ = write!(text, "\n{effect:?}");
         }
         let identity = sha256_hex(text.as_bytes());
-        let mut name = arguments.model.as_ref().unwrap_or(&arguments.experiment).as_os_str().to_owned();
-        name.push(format!(".diagnosis-{}.checkpoint", &identity[..8]));
-        Self { path: PathBuf::from(name), identity }
+        let path = place(arguments.model.as_ref().unwrap_or(&arguments.experiment), &identity);
+        Self { path, identity }
     }
 
     /// What an earlier, stopped diagnosis of the same left.
     fn read(&self) -> Finished {
-        let file = std::fs::read_to_string(&self.path).ok().and_then(|text| toml::from_str::<File>(&text).ok());
+        let text = self.path.as_ref().and_then(|path| std::fs::read_to_string(path).ok());
+        let file = text.and_then(|text| toml::from_str::<File>(&text).ok());
         file.filter(|file| file.identity == self.identity).map(|file| file.fits).unwrap_or_default()
     }
 
     fn write(&self, fits: &Finished) -> Result<(), Error> {
+        let Some(path) = &self.path else { return Ok(()) };
         let file = File { identity: self.identity.clone(), fits: fits.clone() };
         let unwritable = |reason: String| Error::Unwritable {
-            path: self.path.clone(),
+            path: path.clone(),
             source: std::io::Error::new(std::io::ErrorKind::InvalidData, reason),
         };
         let text = toml::to_string(&file).map_err(|error| unwritable(error.to_string()))?;
         let text =
             format!("# Fits of a stopped diagnosis; the same `dynid diagnose` goes on from it and removes it.\n{text}");
-        write_new(&self.path, &text, Overwrite::Force)
+        write_new(path, &text, Overwrite::Force)
     }
 
     fn remove(&self) -> Result<(), Error> {
-        dynid::checkpoint::remove(&self.path).map_err(|source| Error::Unwritable { path: self.path.clone(), source })
+        let Some(path) = &self.path else { return Ok(()) };
+        dynid::checkpoint::remove(path).map_err(|source| Error::Unwritable { path: path.clone(), source })
+    }
+}
+
+/// Where to keep fits: beside the input, or in the working folder, since logs are often kept where nothing can be written.
+fn place(input: &Path, identity: &str) -> Option<PathBuf> {
+    let beside = |path: &OsStr| {
+        let mut name = path.to_owned();
+        name.push(format!(".diagnosis-{}.checkpoint", &identity[..8]));
+        PathBuf::from(name)
+    };
+    let places = [Some(beside(input.as_os_str())), input.file_name().map(beside)];
+    places.into_iter().flatten().find(|path| check_output(path, Overwrite::Force).is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fits_are_kept_beside_the_input_or_in_the_working_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let input = folder.path().join("believed.toml");
+        assert_eq!(
+            place(&input, "0123456789"),
+            Some(folder.path().join("believed.toml.diagnosis-01234567.checkpoint"))
+        );
+        let missing = folder.path().join("no/believed.toml");
+        assert_eq!(place(&missing, "0123456789"), Some(PathBuf::from("believed.toml.diagnosis-01234567.checkpoint")));
+    }
+
+    #[test]
+    fn what_is_kept_nowhere_is_said_to_be_lost() {
+        let kept = Kept { path: None, identity: "0123456789".to_owned() };
+        kept.write(&Finished::default()).unwrap();
+        assert!(kept.read().is_empty());
+        kept.remove().unwrap();
+        let outcome = interrupted(None, 3);
+        assert!(outcome.text.contains("its fits are lost"), "{}", outcome.text);
+        assert_eq!(outcome.json["fits"], 0);
     }
 }

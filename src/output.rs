@@ -24,7 +24,8 @@ impl Overwrite {
     }
 }
 
-/// Fails early where [`write_new`] would fail late, so that no work is lost: the output exists, or its folder does not.
+/// Fails early where [`write_new`] would fail late, so that no work is lost: the output exists, its folder does not, or no
+/// file can be made in it (one is, and is removed again).
 ///
 /// # Errors
 /// [`Error::Exists`], [`Error::Unwritable`].
@@ -45,7 +46,7 @@ pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
     }
     // Permissions alone do not tell: the folder may be another user's, or on a read-only disk.
     let tried = partial_of(path);
-    File::create(&tried).and_then(|_| fs::remove_file(&tried)).map_err(unwritable)
+    File::create(&tried).map(drop).and_then(|()| fs::remove_file(&tried)).map_err(unwritable)
 }
 
 /// Writes a file whole: a reader sees the old content, or all of the new one.
@@ -97,6 +98,17 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), "two");
         let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
         assert_eq!(left.len(), 1, "no partial file is left");
+    }
+
+    #[test]
+    fn a_folder_that_takes_no_file_is_told_before_the_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        check_output(&path, Overwrite::Refuse).unwrap();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "the trial leaves nothing");
+        // Not even root makes a file where a folder has its name.
+        fs::create_dir(partial_of(&path)).unwrap();
+        assert!(matches!(check_output(&path, Overwrite::Refuse), Err(Error::Unwritable { .. })));
     }
 
     #[test]

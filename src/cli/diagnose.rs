@@ -1,6 +1,5 @@
 //! `dynid diagnose`: which physical effect is missing, and where.
 
-use std::ffi::OsStr;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -95,12 +94,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         ..Options::default()
     };
     let kept = Kept::new(arguments, &experiment, &model, &runs, &options);
-    if kept.path.is_none() {
-        eprintln!("note: no folder to keep fits in can be written: a stopped diagnosis will begin anew");
+    if !kept.is_possible() {
+        eprintln!(
+            "note: neither the folder of {} nor the working folder can be written to: if this diagnosis is stopped, it begins \
+             anew",
+            kept.input.display()
+        );
     }
     let finished = kept.read();
+    if !finished.is_empty() {
+        eprintln!("note: goes on from {} of a stopped diagnosis", fits(finished.len()));
+    }
     let so_far = Mutex::new(finished.clone());
-    let unsaved: Mutex<Option<Error>> = Mutex::new(None);
     let interrupt = Interrupt::listen()?;
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -110,23 +115,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             && let Ok(mut so_far) = so_far.lock()
         {
             so_far.insert((*key).to_owned(), (*refit).clone());
-            if let Err(error) = kept.write(&so_far)
-                && let Ok(mut unsaved) = unsaved.lock()
-            {
-                *unsaved = Some(error);
-            }
+            // A fit that cannot be kept is still good for this diagnosis.
+            let _ = kept.write(&so_far);
         }
     };
-    let stop = || interrupt.is_asked() || unsaved.lock().is_ok_and(|unsaved| unsaved.is_some());
+    let stop = || interrupt.is_asked();
     let found = diagnose::diagnose(&model, &experiment, &runs, &options, &finished, &tell, &stop);
     bar.finish_and_clear();
-    if let Ok(Some(error)) = unsaved.into_inner() {
-        return Err(error.into());
-    }
     let found = match found {
         Err(Error::PositionFit(PositionFitError::Interrupted { .. })) => {
-            let count = so_far.lock().map_or(0, |so_far| so_far.len());
-            return Ok(interrupted(kept.path.as_deref(), count));
+            let so_far = so_far.into_inner().unwrap_or_default();
+            return Ok(interrupted(kept.write(&so_far), so_far.len()));
         }
         found => found?,
     };
@@ -168,7 +167,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let _ = writeln!(text, "written: {}", save.display());
     }
     text.push_str(&next(arguments, &found));
-    kept.remove()?;
+    for left in kept.remove() {
+        let _ = writeln!(text, "note: {} is of no more use, but could not be removed", left.display());
+    }
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
@@ -354,11 +355,20 @@ fn after_discovery(arguments: &Arguments, discovered: &Discovered) -> String {
     )
 }
 
+fn fits(count: usize) -> String {
+    if count == 1 { "1 fit".to_owned() } else { format!("{count} fits") }
+}
+
+/// What a diagnosis says that was stopped after `count` fits, which are kept in `path`.
 fn interrupted(path: Option<&Path>, count: usize) -> Outcome {
-    let text = path.map_or_else(
-        || "stopped; its fits are lost: no folder in which to keep them could be written\n".to_owned(),
-        |path| format!("stopped; {count} fits are kept in {}: the same command goes on from there\n", path.display()),
-    );
+    let text = match path {
+        _ if count == 0 => "stopped before a fit was done: the same command begins anew\n".to_owned(),
+        Some(path) => {
+            let are = if count == 1 { "is" } else { "are" };
+            format!("stopped; {} {are} kept in {}: the same command goes on from there\n", fits(count), path.display())
+        }
+        None => format!("stopped; {} lost, since no folder could be written to\n", fits(count)),
+    };
     let path = path.map(|path| path.display().to_string());
     let fits = if path.is_some() { count } else { 0 };
     Outcome {
@@ -373,8 +383,10 @@ const FORMAT: u32 = 8;
 
 /// Fits that are done, for a diagnosis that is stopped.
 struct Kept {
-    /// Where; nowhere if no folder can be written.
-    path: Option<PathBuf>,
+    /// What is diagnosed: the model, or the experiment where none is given.
+    input: PathBuf,
+    /// Where they may be, the first that can be written to being the one to take.
+    places: Vec<PathBuf>,
     identity: String,
 }
 
@@ -401,71 +413,108 @@ impl Kept {
             let _ = write!(text, "\n{effect:?}");
         }
         let identity = sha256_hex(text.as_bytes());
-        let path = place(arguments.model.as_ref().unwrap_or(&arguments.experiment), &identity);
-        Self { path, identity }
+        let input = arguments.model.as_ref().unwrap_or(&arguments.experiment).clone();
+        let places = places(&input, Path::new(""), &identity);
+        Self { input, places, identity }
     }
 
-    /// What an earlier, stopped diagnosis of the same left.
+    /// Whether there is a place that can be written to.
+    fn is_possible(&self) -> bool {
+        self.places.iter().any(|path| check_output(path, Overwrite::Force).is_ok())
+    }
+
+    /// What an earlier, stopped diagnosis of the same left, wherever it could be kept then.
     fn read(&self) -> Finished {
-        let text = self.path.as_ref().and_then(|path| std::fs::read_to_string(path).ok());
-        let file = text.and_then(|text| toml::from_str::<File>(&text).ok());
-        file.filter(|file| file.identity == self.identity).map(|file| file.fits).unwrap_or_default()
+        let file = |path: &PathBuf| toml::from_str::<File>(&std::fs::read_to_string(path).ok()?).ok();
+        let files = self.places.iter().filter_map(file).filter(|file| file.identity == self.identity);
+        files.flat_map(|file| file.fits).collect()
     }
 
-    fn write(&self, fits: &Finished) -> Result<(), Error> {
-        let Some(path) = &self.path else { return Ok(()) };
-        let file = File { identity: self.identity.clone(), fits: fits.clone() };
-        let unwritable = |reason: String| Error::Unwritable {
-            path: path.clone(),
-            source: std::io::Error::new(std::io::ErrorKind::InvalidData, reason),
-        };
-        let text = toml::to_string(&file).map_err(|error| unwritable(error.to_string()))?;
+    /// Where the fits are kept now, if there are any and a place takes them.
+    fn write(&self, fits: &Finished) -> Option<&Path> {
+        if fits.is_empty() {
+            return None;
+        }
+        let text = toml::to_string(&File { identity: self.identity.clone(), fits: fits.clone() }).ok()?;
         let text =
             format!("# Fits of a stopped diagnosis; the same `dynid diagnose` goes on from it and removes it.\n{text}");
-        write_new(path, &text, Overwrite::Force)
+        let written = self.places.iter().find(|path| write_new(path, &text, Overwrite::Force).is_ok());
+        written.map(PathBuf::as_path)
     }
 
-    fn remove(&self) -> Result<(), Error> {
-        let Some(path) = &self.path else { return Ok(()) };
-        dynid::checkpoint::remove(path).map_err(|source| Error::Unwritable { path: path.clone(), source })
+    /// Removes them; returns what could not be removed.
+    fn remove(&self) -> Vec<&Path> {
+        let left = self.places.iter().filter(|path| dynid::checkpoint::remove(path).is_err());
+        left.map(PathBuf::as_path).collect()
     }
 }
 
-/// Where to keep fits: beside the input, or in the working folder, since logs are often kept where nothing can be written.
-fn place(input: &Path, identity: &str) -> Option<PathBuf> {
-    let beside = |path: &OsStr| {
-        let mut name = path.to_owned();
-        name.push(format!(".diagnosis-{}.checkpoint", &identity[..8]));
-        PathBuf::from(name)
-    };
-    let places = [Some(beside(input.as_os_str())), input.file_name().map(beside)];
-    places.into_iter().flatten().find(|path| check_output(path, Overwrite::Force).is_ok())
+/// Where fits may be kept: beside the input, or in the working folder `here`, since logs often lie where nothing can be
+/// written.
+fn places(input: &Path, here: &Path, identity: &str) -> Vec<PathBuf> {
+    let name = input.file_name().unwrap_or_default().to_string_lossy();
+    let name = format!("{name}.diagnosis-{}.checkpoint", &identity[..8]);
+    let mut places = vec![input.with_file_name(&name), here.join(&name)];
+    places.dedup();
+    places
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
+    use dynid::diagnose::Followed;
+    use dynid::fit::FitStatus;
+
     use super::*;
+
+    const IDENTITY: &str = "0123456789";
+
+    /// Makes sure that nobody, not even root, can write a file there.
+    fn block(path: &Path) {
+        fs::create_dir(path).unwrap();
+    }
+
+    fn some_fits(folder: &Path) -> (Kept, Finished) {
+        let (logs, here) = (folder.join("logs"), folder.join("here"));
+        fs::create_dir(&logs).unwrap();
+        fs::create_dir(&here).unwrap();
+        let input = logs.join("experiment.toml");
+        let places = places(&input, &here, IDENTITY);
+        let refit = serde_json::from_value(json!({
+            "suspect": null, "model": "", "status": FitStatus::Converged, "followed": Followed::ToItsEnd, "parameters": [],
+            "unknowns": 0.0, "rmse_fit": null, "rmse_validate": null, "torque_percent_fit": null,
+            "torque_percent_validate": null, "left": []
+        }));
+        let fits = Finished::from([("the model itself".to_owned(), refit.unwrap())]);
+        (Kept { input, places, identity: IDENTITY.to_owned() }, fits)
+    }
 
     #[test]
     fn fits_are_kept_beside_the_input_or_in_the_working_folder() {
         let folder = tempfile::tempdir().unwrap();
-        let input = folder.path().join("believed.toml");
-        assert_eq!(
-            place(&input, "0123456789"),
-            Some(folder.path().join("believed.toml.diagnosis-01234567.checkpoint"))
-        );
-        let missing = folder.path().join("no/believed.toml");
-        assert_eq!(place(&missing, "0123456789"), Some(PathBuf::from("believed.toml.diagnosis-01234567.checkpoint")));
+        let (kept, fits) = some_fits(folder.path());
+        let [beside, here] = kept.places.as_slice() else { panic!("two places") };
+        assert!(kept.is_possible() && kept.read().is_empty());
+        assert_eq!(kept.write(&fits), Some(beside.as_path()));
+        fs::remove_file(beside).unwrap();
+        block(beside);
+        assert!(kept.is_possible());
+        assert_eq!(kept.write(&fits), Some(here.as_path()));
+        fs::remove_dir(beside).unwrap();
+        assert_eq!(kept.read().len(), 1, "what is kept here is found when the other can be written again");
+        assert!(kept.remove().is_empty() && !here.exists());
     }
 
     #[test]
     fn what_is_kept_nowhere_is_said_to_be_lost() {
-        let kept = Kept { path: None, identity: "0123456789".to_owned() };
-        kept.write(&Finished::default()).unwrap();
-        assert!(kept.read().is_empty());
-        kept.remove().unwrap();
-        let outcome = interrupted(None, 3);
-        assert!(outcome.text.contains("its fits are lost"), "{}", outcome.text);
+        let folder = tempfile::tempdir().unwrap();
+        let (kept, fits) = some_fits(folder.path());
+        kept.places.iter().for_each(|path| block(path));
+        assert!(!kept.is_possible());
+        let outcome = interrupted(kept.write(&fits), fits.len());
+        assert_eq!(outcome.text, "stopped; 1 fit lost, since no folder could be written to\n");
         assert_eq!(outcome.json["fits"], 0);
+        assert!(kept.write(&Finished::default()).is_none(), "no fits, no file");
     }
 }

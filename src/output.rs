@@ -30,6 +30,15 @@ impl Overwrite {
 /// # Errors
 /// [`Error::Exists`], [`Error::Unwritable`].
 pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
+    check_place(path, overwrite)?;
+    // Permissions alone do not tell: the folder may be another user's, or on a read-only disk.
+    let tried = partial_of(path);
+    let trial = File::create(&tried).map(drop).and_then(|()| fs::remove_file(&tried));
+    trial.map_err(|source| Error::Unwritable { path: path.to_owned(), source })
+}
+
+/// What can be known without writing.
+fn check_place(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
     let unwritable = |source| Error::Unwritable { path: path.to_owned(), source };
     if path.is_dir() {
         return Err(unwritable(io::Error::other("it is a folder")));
@@ -44,9 +53,7 @@ pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
     if fs::metadata(folder).map_err(unwritable)?.permissions().readonly() {
         return Err(unwritable(io::Error::other(format!("the folder {} is read-only", folder.display()))));
     }
-    // Permissions alone do not tell: the folder may be another user's, or on a read-only disk.
-    let tried = partial_of(path);
-    File::create(&tried).map(drop).and_then(|()| fs::remove_file(&tried)).map_err(unwritable)
+    Ok(())
 }
 
 /// Writes a file whole: a reader sees the old content, or all of the new one.
@@ -54,7 +61,7 @@ pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
 /// # Errors
 /// [`Error::Exists`] unless forced; [`Error::Unwritable`], with nothing left behind.
 pub fn write_new(path: &Path, text: &str, overwrite: Overwrite) -> Result<(), Error> {
-    check_output(path, overwrite)?;
+    check_place(path, overwrite)?;
     let partial = partial_of(path);
     let written = write_all(&partial, text).and_then(|()| fs::rename(&partial, path));
     written.map_err(|source| {

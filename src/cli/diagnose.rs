@@ -95,10 +95,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let kept = Kept::new(arguments, &experiment, &model, &runs, &options);
     if !kept.is_possible() {
+        let places: Vec<String> = kept.places.iter().map(|path| path.display().to_string()).collect();
         eprintln!(
-            "note: neither the folder of {} nor the working folder can be written to: if this diagnosis is stopped, it begins \
-             anew",
-            kept.input.display()
+            "note: fits cannot be kept in {}: if this diagnosis is stopped, it begins anew",
+            places.join(", nor in ")
         );
     }
     let finished = kept.read();
@@ -383,8 +383,6 @@ const FORMAT: u32 = 8;
 
 /// Fits that are done, for a diagnosis that is stopped.
 struct Kept {
-    /// What is diagnosed: the model, or the experiment where none is given.
-    input: PathBuf,
     /// Where they may be, the first that can be written to being the one to take.
     places: Vec<PathBuf>,
     identity: String,
@@ -413,9 +411,8 @@ impl Kept {
             let _ = write!(text, "\n{effect:?}");
         }
         let identity = sha256_hex(text.as_bytes());
-        let input = arguments.model.as_ref().unwrap_or(&arguments.experiment).clone();
-        let places = places(&input, Path::new(""), &identity);
-        Self { input, places, identity }
+        let input = arguments.model.as_ref().unwrap_or(&arguments.experiment);
+        Self { places: places(input, Path::new(""), &identity), identity }
     }
 
     /// Whether there is a place that can be written to.
@@ -479,15 +476,14 @@ mod tests {
         let (logs, here) = (folder.join("logs"), folder.join("here"));
         fs::create_dir(&logs).unwrap();
         fs::create_dir(&here).unwrap();
-        let input = logs.join("experiment.toml");
-        let places = places(&input, &here, IDENTITY);
+        let places = places(&logs.join("experiment.toml"), &here, IDENTITY);
         let refit = serde_json::from_value(json!({
             "suspect": null, "model": "", "status": FitStatus::Converged, "followed": Followed::ToItsEnd, "parameters": [],
             "unknowns": 0.0, "rmse_fit": null, "rmse_validate": null, "torque_percent_fit": null,
             "torque_percent_validate": null, "left": []
         }));
         let fits = Finished::from([("the model itself".to_owned(), refit.unwrap())]);
-        (Kept { input, places, identity: IDENTITY.to_owned() }, fits)
+        (Kept { places, identity: IDENTITY.to_owned() }, fits)
     }
 
     #[test]

@@ -102,8 +102,9 @@ fn listed(heading: &str, entries: impl Iterator<Item = String>) -> String {
 
 fn table(ranking: &[Value]) -> String {
     let mut html = String::from(
-        "<div class=\"wide\"><table class=\"prose\">\n<tr><th></th><th class=\"word\">effect</th><th>position before</th><th>after</th>\
-         <th>torque % before</th><th>after</th><th>\u{394} BIC</th><th class=\"word\">cannot be told from</th></tr>\n",
+        "<div class=\"wide\"><table class=\"prose\">\n<tr><th></th><th class=\"word\">effect</th>\
+         <th>position before</th><th>after</th><th>torque % before</th><th>after</th><th>\u{394} BIC</th>\
+         <th class=\"word\">cannot be told from</th></tr>\n",
     );
     for (index, entry) in ranking.iter().enumerate() {
         let confounded: Vec<String> = list(&entry["confounded_with"]).iter().map(placed).collect();

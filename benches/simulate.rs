@@ -5,7 +5,7 @@ mod shared;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use dynid::simulate::{Hold, Input, Options, simulate};
+use dynid_dynamics::{simulate::Hold, simulate::Input, simulate::Options, simulate::simulate};
 
 fn all_joints(criterion: &mut Criterion) {
     let system = match shared::all_joints() {

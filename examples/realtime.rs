@@ -13,11 +13,11 @@
 
 use std::time::{Duration, Instant};
 
-use dynid::control::{Compensation, Estimator, PlaneWall, Shares};
-use dynid::kinematics::Kinematics;
-use dynid::model::Model;
-use dynid::system::System;
-use dynid::wall::{self, Setting, space};
+use dynid_control::{Compensation, Estimator, PlaneWall, Shares};
+use dynid_dynamics::kinematics::Kinematics;
+use dynid_dynamics::system::System;
+use dynid_haptics::{wall, wall::Setting, wall::space};
+use dynid_user_model::Model;
 
 const SAMPLE_S: f64 = 1e-3;
 const QUANTUM: f64 = 1e-4;
@@ -61,11 +61,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let device = dynid_model::device("freedom6s").ok_or("the device is not in the library")?;
     let free: Vec<usize> = (0..JOINTS).collect();
     let model = Model::of_device(device);
-    let system = System::of_model(&model, &free, |_| 0.0)?;
+    let system = model.system(&free, |_| 0.0)?;
     // A plane in space before the handle.
     let mut place = space::Setting::shipped()?;
     place.sampling.sample_s = SAMPLE_S;
-    let kinematics = Kinematics::of_model(&model, &free, &place.posture)?;
+    let kinematics = model.kinematics(&free, &place.posture)?;
     let felt = (place.wall(&wall::shipped("fuzzy")?)?, place.lever);
     let first_plane = PlaneWall::new(&system, kinematics, place.plane, felt, &place.torque_limits)?;
     let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S)?;

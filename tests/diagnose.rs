@@ -9,14 +9,14 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use assert_cmd::Command;
-use dynid::diagnose::{Diagnosis, Event, Finished, Options, Verdict, diagnose, suspects};
-use dynid::error::Error;
-use dynid::experiment::{Experiment, Run};
-use dynid::identify::ErrorKind;
-use dynid::model::Model;
+use dynid::Error;
+use dynid_diagnose::{Diagnosis, Event, Finished, Options, Verdict, diagnose, suspects};
+use dynid_identify::identify::ErrorKind;
+use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Parameter;
 use dynid_plant::hidden::{Case, Kind, table, trial};
 use dynid_plant::recipe::{self, Recipe};
+use dynid_user_model::Model;
 use serde_json::Value;
 use tempfile::TempDir;
 

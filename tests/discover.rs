@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use dynid::diagnose::{Discovered, discover};
-use dynid::experiment::{Experiment, Run};
-use dynid::model::Model;
+use dynid_diagnose::{Discovered, discover};
+use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Effect;
 use dynid_plant::recipe::{self, Recipe};
+use dynid_user_model::Model;
 use tempfile::TempDir;
 
 /// What is found of an arm of two joints with this effect on top of what the model has.

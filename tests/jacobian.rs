@@ -1,12 +1,9 @@
 //! The exact derivatives of simulated positions against central differences, on a whole device.
 
-use dynid::{
-    fit::sensitivity::{self, Columns, Lumps},
-    model::Model,
-    simulate::{self, Hold, Input, Options},
-    system::System,
-};
+use dynid_dynamics::{simulate, simulate::Hold, simulate::Input, simulate::Options, system::System};
+use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_plant::random::Noise;
+use dynid_user_model::Model;
 use rayon::prelude::*;
 
 /// Every joint is free.
@@ -64,7 +61,7 @@ impl Case {
     fn new(seed: u64) -> Self {
         let mut noise = Noise::new(seed);
         let model = model(&mut noise);
-        let system = System::of_model(&model, &ALL, |_| 0.0).expect("a configuration of the device");
+        let system = model.system(&ALL, |_| 0.0).expect("a configuration of the device");
         let time: Vec<f64> = (0..SAMPLES).map(|k| 0.01 * k as f64).collect();
         let command = command(&time, &mut noise);
         let q0 = ALL.iter().map(|_| 0.2 * noise.uniform() - 0.1).collect();

@@ -1,17 +1,14 @@
 //! Every effect of the library at work: it vanishes at its null, and simulated positions have exact derivatives by its
 //! parameters, in open loop and on a tether of samples, held or straight commands.
 
-use dynid::{
-    fit::sensitivity::{self, Columns, Lumps},
-    model::Model,
-    simulate::{
-        self, Hold, Input, Options, SimulationError,
-        control::{self, Controller, Filter},
-    },
-    system::System,
+use dynid_dynamics::{
+    simulate, simulate::Hold, simulate::Input, simulate::Options, simulate::SimulationError, simulate::control,
+    simulate::control::Controller, simulate::control::Filter, system::System,
 };
+use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_model::{Effect, Scope};
 use dynid_plant::random::Noise;
+use dynid_user_model::Model;
 
 #[path = "library_effects/values.rs"]
 mod values;
@@ -79,7 +76,7 @@ struct Case {
 
 impl Case {
     fn new(effect: &Effect, hold: Hold) -> Self {
-        let system = System::of_model(&model(effect), &FREE, |_| 0.0).expect("a configuration of the device");
+        let system = model(effect).system(&FREE, |_| 0.0).expect("a configuration of the device");
         let time: Vec<f64> = (0..SAMPLES).map(|k| STEP_S * k as f64).collect();
         let command = time.iter().flat_map(|t| [3.0 * (11.0 * t + 0.4).cos(), 3.0 * (17.0 * t).sin() - 0.4]).collect();
         Self { system, time, command, hold }
@@ -162,10 +159,8 @@ fn every_effect_vanishes_at_its_null() {
         without.effects.remove(index);
         for hold in [Hold::Zero, Hold::Linear] {
             let run = |model: &Model| {
-                let case = Case {
-                    system: System::of_model(model, &FREE, |_| 0.0).expect("a configuration"),
-                    ..Case::new(effect, hold)
-                };
+                let case =
+                    Case { system: model.system(&FREE, |_| 0.0).expect("a configuration"), ..Case::new(effect, hold) };
                 simulate::simulate(&case.system, &case.input(), &Case::START, &OPTIONS).expect("it stays bounded").q
             };
             let (with, without) = (run(&with), run(&without));
@@ -337,7 +332,7 @@ fn a_payload_is_a_part_of_the_last_link_that_its_joint_moves() {
             };
             for configuration in &device.configurations {
                 let system = |model: &Model| {
-                    System::of_model(model, &configuration.free, |joint| 0.3 + 0.2 * joint as f64).expect("complete")
+                    model.system(&configuration.free, |joint| 0.3 + 0.2 * joint as f64).expect("complete")
                 };
                 let with = system(&with);
                 let mut without = system(&without);

@@ -7,10 +7,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use assert_cmd::Command;
-use dynid::model::Model;
-use dynid::plan::base::base_parameters;
 use dynid_generated::Kernel;
+use dynid_plan::base::base_parameters;
 use dynid_plant::random::Noise;
+use dynid_user_model::Model;
 use nalgebra::DMatrix;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -61,7 +61,7 @@ fn algebra_and_numbers_agree_on_what_appears() {
     assert!(!dynid_generated::kernels().is_empty());
     for kernel in dynid_generated::kernels() {
         let by_numbers = appearing(kernel);
-        let by_algebra = dynid::plan::appearing(kernel);
+        let by_algebra = dynid_plan::appearing(kernel);
         assert_eq!(by_numbers, by_algebra, "{} configuration {}", kernel.device, kernel.configuration);
     }
 }

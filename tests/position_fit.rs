@@ -3,19 +3,15 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use dynid::{
-    experiment::{Experiment, Role},
-    fit::{
-        position::{self, FitRun, Options, PositionFit, PositionProblem},
-        sqp::Watch,
-    },
-    model::Model,
-};
+use dynid_identify::{position, position::FitRun, position::Options, position::PositionFit, position::PositionProblem};
+use dynid_logs::{experiment::Experiment, experiment::Role};
+use dynid_optimise::sqp::Watch;
 use dynid_plant::{
     effects::EffectEntry,
     random::Noise,
     recipe::{Cosine, Recipe, RunEntry},
 };
+use dynid_user_model::Model;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 

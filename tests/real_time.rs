@@ -6,11 +6,11 @@
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};
 use std::cell::Cell;
 
-use dynid::control::{Compensation, Estimator, Law, PlaneWall, Shares, Wall};
-use dynid::kinematics::Kinematics;
-use dynid::model::{EffectInstance, Model};
-use dynid::system::System;
-use dynid::wall::{self, Setting, space};
+use dynid_control::{Compensation, Estimator, Law, PlaneWall, Shares, Wall};
+use dynid_dynamics::kinematics::Kinematics;
+use dynid_dynamics::system::System;
+use dynid_haptics::{wall, wall::Setting, wall::space};
+use dynid_user_model::{EffectInstance, Model};
 
 /// Counts what each thread asks for.
 struct Counting;
@@ -75,7 +75,7 @@ fn walls(model: &Model, system: &System) -> Vec<(Wall, PlaneWall)> {
     (setting.sample_s, place.sampling.sample_s) = (SAMPLE_S, SAMPLE_S);
     let made = wall::library().map(|(name, _)| {
         let file = wall::shipped(name).expect("shipped");
-        let kinematics = Kinematics::of_model(model, &place.free, &place.posture).expect("an end point");
+        let kinematics = model.kinematics(&place.free, &place.posture).expect("an end point");
         let felt = (place.wall(&file).expect("a wall"), place.lever);
         let plane = PlaneWall::new(system, kinematics, place.plane, felt, &place.torque_limits).expect("a plane");
         (file.wall(&setting).expect("a wall"), plane)
@@ -87,7 +87,7 @@ const SAMPLE_S: f64 = 1e-3;
 
 fn ticks(model: &Model, readings: impl Fn(u32, usize) -> f64) -> (u64, Vec<f64>) {
     const JOINTS: usize = 6;
-    let system = System::of_model(model, &[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
+    let system = model.system(&[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
     let mut walls = walls(model, &system);
     let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S).expect("a model that can be carried");
     let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, 1e-4, 1);
@@ -123,7 +123,7 @@ fn the_counter_counts() {
 #[test]
 fn walls_of_every_kind_are_ticked() {
     let model = model();
-    let system = System::of_model(&model, &[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
+    let system = model.system(&[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
     let walls = walls(&model, &system);
     let any = |is: &dyn Fn(&Wall) -> bool| walls.iter().any(|(at_joint, plane)| is(at_joint) && is(plane.wall()));
     assert!(any(&|wall| matches!(wall.law(), Law::Linear(_))) && any(&|wall| matches!(wall.law(), Law::Rules(_))));

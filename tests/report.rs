@@ -134,13 +134,13 @@ fn the_terms_of_the_torque_add_up_to_the_command() {
         fs::write(folder.path().join(name), text).unwrap();
     }
     let experiment =
-        dynid::experiment::Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices())
+        dynid_logs::experiment::Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices())
             .unwrap();
-    let mut model = dynid::model::Model::load(&folder.path().join("believed.toml")).unwrap();
+    let mut model = dynid_user_model::Model::load(&folder.path().join("believed.toml")).unwrap();
     model.add_effect("input_coupling", Some(4), Some(5)).unwrap();
     model.set_value("joint.4.input_coupling.5.gain", -0.3).unwrap();
     model.add_effect("coulomb", Some(5), None).unwrap();
-    let joints = dynid::torque::terms(&model, &experiment.runs[0]).unwrap();
+    let joints = dynid_torque::terms(&model, &experiment.runs[0]).unwrap();
     assert_eq!(joints.len(), 2);
     for joint in joints {
         let names: Vec<&str> = joint.terms.iter().map(|(name, _)| name.as_str()).collect();

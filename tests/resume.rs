@@ -5,14 +5,14 @@ mod wrist;
 use std::fs;
 use std::path::Path;
 
-use dynid::checkpoint::{self, Identity};
-use dynid::error::Error;
-use dynid::experiment::{Experiment, Run};
-use dynid::fit::position::{Options, PositionFitError};
-use dynid::fit::sqp::Watch;
-use dynid::fit::starts::Starts;
-use dynid::identify::{ErrorKind, How, State, identify_as};
-use dynid::model::Model;
+use dynid::Error;
+use dynid_identify::starts::Starts;
+use dynid_identify::{checkpoint, checkpoint::Identity};
+use dynid_identify::{identify::ErrorKind, identify::How, identify::State, identify::identify_as};
+use dynid_identify::{position::Options, position::PositionFitError};
+use dynid_logs::{experiment::Experiment, experiment::Run};
+use dynid_optimise::sqp::Watch;
+use dynid_user_model::Model;
 use wrist::folder;
 
 fn experiment(folder: &Path) -> Experiment {

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use assert_cmd::Command;
-use dynid::control::{Law, LinearLaw, Shares, Wall};
-use dynid::kinematics::Kinematics;
-use dynid::model::Model;
-use dynid::report::SpaceReport;
-use dynid::wall::space::{self, Case, Contact, Setting, contact};
-use dynid::wall::{self, Approach, Measures};
+use dynid_control::{Law, LinearLaw, Shares, Wall};
+use dynid_dynamics::kinematics::Kinematics;
+use dynid_haptics::{wall, wall::Approach, wall::Measures};
+use dynid_haptics::{wall::space, wall::space::Case, wall::space::Contact, wall::space::Setting, wall::space::contact};
 use dynid_model::Parameter;
 use dynid_plant::Mechanism;
+use dynid_report::SpaceReport;
+use dynid_user_model::Model;
 
 fn dynid() -> Command {
     Command::cargo_bin("dynid").expect("the program")
@@ -166,7 +166,7 @@ fn what_settles_is_in_equilibrium() {
     let (_, told) = played(&model, &setting, "pd_tuned", Some(Shares::WEIGHT));
     let last = told.q.len() - 1;
     let (hand, normal) = (&setting.people.typical, setting.plane.normal);
-    let mut arm = Kinematics::of_model(&model, &setting.free, &setting.posture).expect("an end point");
+    let mut arm = model.kinematics(&setting.free, &setting.posture).expect("an end point");
     let (start, axes) = (arm.position(), arm.rotation());
     let away = setting.plane.distance(start);
     arm.move_to(&told.q[last]);
@@ -291,7 +291,7 @@ fn a_reached_limit_is_told_and_the_force_keeps_its_direction() {
     let largest = coupling.torque.iter().copied().fold(0.0, f64::max);
     assert!((largest - 0.02).abs() < 1e-12 && coupling.torque.iter().all(|torque| *torque <= 0.02 + 1e-12));
     // What acts from a tick on was asked for a tick before it, at the positions that were shown then.
-    let mut arm = Kinematics::of_model(&model, &setting.free, &setting.posture).expect("an end point");
+    let mut arm = model.kinematics(&setting.free, &setting.posture).expect("an end point");
     let mut shortened = 0;
     for tick in 1..told.q.len() {
         let quantum = setting.sampling.position_quantum;
@@ -358,12 +358,12 @@ fn the_start_is_that_of_the_model() {
     let lengths: Vec<String> = model.names().into_iter().filter(|name| name.starts_with("length.")).collect();
     assert!(!lengths.is_empty());
     let postured = ["posture = [0.20, -0.41, 0.14, 0.0, 0.0, 0.0]", "posture = [0.3, 1.2]"];
-    let place = Kinematics::of_model(&model, &[0, 1], &[0.3, 1.2]).expect("an end point").position();
+    let place = model.kinematics(&[0, 1], &[0.3, 1.2]).expect("an end point").position();
     for name in &lengths {
         let value = model.parameter(name).expect("a length").value;
         model.set_value(name, 2.0 * value).expect("a length");
     }
-    let far = Kinematics::of_model(&model, &[0, 1], &[0.3, 1.2]).expect("an end point").position();
+    let far = model.kinematics(&[0, 1], &[0.3, 1.2]).expect("an end point").position();
     // The plane is across the way from the one end point to the other, between them; its normal points to the farther.
     let way = [0, 1, 2].map(|k| far[k] - place[k]);
     let length = way.iter().map(|own| own * own).sum::<f64>().sqrt();

@@ -2,13 +2,10 @@
 
 use std::fs;
 
-use dynid::{
-    compare::compare,
-    experiment::{Experiment, Run},
-    fit::{FitStatus, position::Options},
-    identify::{ErrorKind, identify},
-    model::Model,
-};
+use dynid_identify::{FitStatus, identify::ErrorKind, identify::identify, position::Options};
+use dynid_judge::compare::compare;
+use dynid_logs::{experiment::Experiment, experiment::Run};
+use dynid_user_model::Model;
 
 /// A two-link arm that hangs and is shaken. Truth: links 5 % off the device file, friction a third.
 const RECIPE: &str = r#"

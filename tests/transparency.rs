@@ -1,10 +1,8 @@
 //! What a hand feels of a device whose controller carries it by a model that is not quite right.
 
-use dynid::{
-    felt::{Options, survey},
-    model::{FitRecord, Model},
-};
+use dynid_haptics::{felt::Options, felt::survey};
 use dynid_plant::random::Noise;
+use dynid_user_model::{FitRecord, Model};
 
 /// The device's own model, its joints' effects and its links' masses and inertias up to this share off.
 fn off_by(share: f64, seed: u64) -> Model {
@@ -49,7 +47,7 @@ fn models_off_by_their_standard_errors_leave_more() {
     let (small, large) = (of(0.01), of(0.1));
     assert_eq!(small, of(0.01));
     assert_eq!(small.joints[0].drawn.len(), 3);
-    let left = |survey: &dynid::felt::Survey| survey.joints[0].worst(0.0, 2.0).damping_drawn.expect("drawn");
+    let left = |survey: &dynid_haptics::felt::Survey| survey.joints[0].worst(0.0, 2.0).damping_drawn.expect("drawn");
     assert!(left(&large) > left(&small), "{} {}", left(&large), left(&small));
 }
 

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use assert_cmd::Command;
-use dynid::control::{FilteredVelocity, Law, LinearLaw, Wall};
-use dynid::model::Model;
-use dynid::simulate::control::Filter;
-use dynid::wall::{self, Approach, Case, Measures, Setting, contact};
+use dynid_control::{FilteredVelocity, Law, LinearLaw, Wall};
+use dynid_dynamics::simulate::control::Filter;
+use dynid_haptics::{wall, wall::Approach, wall::Case, wall::Measures, wall::Setting, wall::contact};
+use dynid_user_model::Model;
 
 fn dynid() -> Command {
     Command::cargo_bin("dynid").expect("the program")

@@ -65,7 +65,7 @@ fn the_page_holds_everything_and_reaches_nothing() {
     for part in ["fuzzy less pd", "@media print", "dynid wall report --hands 3 --wall pd,fuzzy --out page.html"] {
         assert!(page.contains(part), "{part}");
     }
-    for (name, text) in dynid::wall::SHIPPED.iter().filter(|(name, _)| ["pd", "fuzzy"].contains(name)) {
+    for (name, text) in dynid_haptics::wall::SHIPPED.iter().filter(|(name, _)| ["pd", "fuzzy"].contains(name)) {
         let digest = dynid_model::sha256_hex(text.as_bytes());
         assert!(page.contains(&format!("<dt>wall {name}</dt><dd>sha256 {digest}</dd>")), "{name}");
     }
@@ -129,7 +129,7 @@ fn what_makes_no_page_is_refused_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let put = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
     put("mine.html", "mine");
-    put("pd.toml", dynid::wall::SHIPPED[0].1);
+    put("pd.toml", dynid_haptics::wall::SHIPPED[0].1);
     put("broken.toml", "title = \"x\"\ntorque_per_unit = 1\n");
     let bad = |arguments: &[&str]| refused(folder.path(), arguments);
     let told = bad(&["--out", "mine.html"]);

@@ -6,7 +6,7 @@
 #[path = "../shared/mod.rs"]
 mod shared;
 
-use dynid::simulate::{Hold, Input, Options, simulate};
+use dynid_dynamics::{simulate::Hold, simulate::Input, simulate::Options, simulate::simulate};
 use serde_json::json;
 
 fn main() -> anyhow::Result<()> {

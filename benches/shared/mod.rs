@@ -2,12 +2,9 @@
 #![allow(dead_code)] // each includer takes its part
 
 use anyhow::{Context, Result};
-use dynid::{
-    fit::position::{FitRun, PositionProblem},
-    model::Model,
-    simulate::{self, Hold, Input},
-    system::System,
-};
+use dynid_dynamics::{simulate, simulate::Hold, simulate::Input, system::System};
+use dynid_identify::{position::FitRun, position::PositionProblem};
+use dynid_user_model::Model;
 
 /// Where the simulation of all joints starts [rad].
 pub const START: [f64; 6] = [0.0, 0.15, -0.05, 0.35, -0.25, -0.4];
@@ -26,7 +23,7 @@ const CHIRPS: [[f64; 5]; 6] = [
 pub fn all_joints() -> Result<System> {
     let model = Model::of_device(dynid_model::device("freedom6s").context("the library has the Freedom 6S")?);
     let free: Vec<usize> = (0..model.device.joints.len()).collect();
-    Ok(System::of_model(&model, &free, |_| 0.0)?)
+    Ok(model.system(&free, |_| 0.0)?)
 }
 
 /// Times and commands of 60 s at 100 Hz.
@@ -65,7 +62,7 @@ impl Noise {
 
 /// A log that `model` explains, with the model's own system.
 fn log(model: &Model) -> Result<FitRun> {
-    let system = System::of_model(model, &[JOINT], |_| 0.0)?;
+    let system = model.system(&[JOINT], |_| 0.0)?;
     let time: Vec<f64> = (0..=6000).map(|k| f64::from(k) * 0.01).collect();
     let mut command = vec![0.0; time.len() * system.n_joints()];
     for (row, t) in command.chunks_exact_mut(system.n_joints()).zip(&time) {

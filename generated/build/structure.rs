@@ -4,12 +4,13 @@ use std::error::Error;
 use std::fmt::Write;
 
 use dynid_model::Device;
-use toml::{Table, Value};
+use toml_edit::{DocumentMut, Item, Table, Value};
 
 /// The device's entry, as an expression of type `Structure`.
 pub fn entry(device: &Device, text: &str) -> Result<String, Box<dyn Error>> {
     let id = &device.id;
-    let table: Table = text.parse().map_err(|error| format!("generated/{id}/structure.toml: {error}"))?;
+    let table: DocumentMut =
+        text.parse().map_err(|error: toml_edit::TomlError| format!("generated/{id}/structure.toml: {error}"))?;
     read(id, &table).ok_or_else(|| {
         format!("generated/{id}/structure.toml is incomplete; run `cargo xtask gen --device {id}`").into()
     })
@@ -41,6 +42,6 @@ fn read(id: &str, table: &Table) -> Option<String> {
     Some(entry)
 }
 
-fn names(value: &Value) -> Option<Vec<&str>> {
+fn names(value: &Item) -> Option<Vec<&str>> {
     value.as_array()?.iter().map(Value::as_str).collect()
 }

@@ -4,10 +4,10 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::{anyhow, bail};
-use dynid::model::{Added, Model};
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::number;
+use dynid_files::{Overwrite, check_output, write_new};
 use dynid_model::Parameter;
+use dynid_text::number;
+use dynid_user_model::{Added, Model};
 use serde_json::json;
 
 use super::{Answer, Outcome};

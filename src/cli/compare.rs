@@ -5,13 +5,17 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use clap::ValueEnum;
-use dynid::compare::{Comparison, Finding, JointComparison, RunComparison, compare, locate::locate};
-use dynid::experiment::{Experiment, Run};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::plot::{self, Panel};
-use dynid::report::{self, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict, number};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_judge::{
+    compare::Comparison, compare::Finding, compare::JointComparison, compare::RunComparison, compare::compare,
+    compare::locate::locate,
+};
+use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::{Device, JointKind};
+use dynid_report::{self as report, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict};
+use dynid_report::{plot, plot::Panel};
+use dynid_text::number;
+use dynid_user_model::Model;
 use serde_json::Value;
 
 use super::table::{Align, Table};

@@ -6,15 +6,15 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
-use dynid::diagnose::{self, Diagnosis, Discovered, Event, Finished, Options, Ranked, Verdict};
-use dynid::error::Error;
-use dynid::experiment::{Experiment, Run};
-use dynid::fit::position::PositionFitError;
-use dynid::identify::ErrorKind;
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::number;
+use dynid::Error;
+use dynid_diagnose::{self as diagnose, Diagnosis, Discovered, Event, Finished, Options, Ranked, Verdict};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_identify::identify::ErrorKind;
+use dynid_identify::position::PositionFitError;
+use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::sha256_hex;
+use dynid_text::number;
+use dynid_user_model::Model;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -441,7 +441,7 @@ impl Kept {
 
     /// Removes them; returns what could not be removed.
     fn remove(&self) -> Vec<&Path> {
-        let left = self.places.iter().filter(|path| dynid::checkpoint::remove(path).is_err());
+        let left = self.places.iter().filter(|path| dynid_identify::checkpoint::remove(path).is_err());
         left.map(PathBuf::as_path).collect()
     }
 }
@@ -460,8 +460,8 @@ fn places(input: &Path, here: &Path, identity: &str) -> Vec<PathBuf> {
 mod tests {
     use std::fs;
 
-    use dynid::diagnose::Followed;
-    use dynid::fit::FitStatus;
+    use dynid_diagnose::Followed;
+    use dynid_identify::FitStatus;
 
     use super::*;
 

@@ -6,16 +6,19 @@ use std::path::PathBuf;
 
 use anyhow::{anyhow, bail};
 use clap::ValueEnum;
-use dynid::excite::fourier::{self, Limits};
-use dynid::excite::information::{BaseRegressor, Drive, Expected, Path, needed_torque};
-use dynid::excite::wave::Wave;
-use dynid::excite::{Excitation, times};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::plot::{self, Curve};
-use dynid::simulate::{self, Hold, Input};
-use dynid::system::System;
+use dynid_dynamics::system::System;
+use dynid_dynamics::{simulate, simulate::Hold, simulate::Input};
+use dynid_excite::wave::Wave;
+use dynid_excite::{Excitation, times};
+use dynid_excite::{fourier, fourier::Limits};
+use dynid_excite::{
+    information::BaseRegressor, information::Drive, information::Expected, information::Path,
+    information::needed_torque,
+};
+use dynid_files::{Overwrite, check_output, write_new};
 use dynid_model::{Device, JointKind, NamedInput, Quantity, inputs};
+use dynid_report::{plot, plot::Curve};
+use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};
@@ -268,7 +271,7 @@ fn plan(arguments: &Arguments, model: &Model) -> anyhow::Result<Planned> {
             "--duration {duration_s} s holds less than two samples of {sample_s} s; give a longer one, or a higher --rate"
         );
     }
-    let system = System::of_model(model, &free, |joint| pose[joint])?;
+    let system = model.system(&free, |joint| pose[joint])?;
     match (input, arguments.signal) {
         (Some(input), _) => {
             check_nyquist(input.highest_frequency(duration_s) / (2.0 * PI), sample_s)?;

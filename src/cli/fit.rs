@@ -6,19 +6,21 @@ use std::time::Instant;
 
 use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
-use dynid::checkpoint::{self, CheckpointError, Identity};
-use dynid::diagnose::{self, with_first_estimates};
-use dynid::error::Error;
-use dynid::experiment::{Experiment, Role, Run};
-use dynid::fit::budget::Share;
-use dynid::fit::position::{Options, PositionFitError};
-use dynid::fit::sequence::Weighting;
-use dynid::fit::sqp::Watch;
-use dynid::fit::starts::Starts;
-use dynid::identify::{self, ErrorKind, Found, How, Identified, State};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::number;
+use dynid::Error;
+use dynid_diagnose::{self as diagnose, with_first_estimates};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_identify::sequence::Weighting;
+use dynid_identify::starts::Starts;
+use dynid_identify::{checkpoint, checkpoint::CheckpointError, checkpoint::Identity};
+use dynid_identify::{
+    identify, identify::ErrorKind, identify::Found, identify::How, identify::Identified, identify::State,
+};
+use dynid_identify::{position::Options, position::PositionFitError};
+use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
+use dynid_optimise::sqp::Watch;
+use dynid_text::number;
+use dynid_user_model::Model;
+use dynid_user_model::Share;
 use serde_json::{Value, json};
 
 use super::inputs::{self, Outside};
@@ -239,7 +241,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         // The parent is what the user handed in, not the estimate that the search began with.
         record.parent_digest = model.digest();
     }
-    let judged = dynid::compare::compare(&found.model, &runs)?;
+    let judged = dynid_judge::compare::compare(&found.model, &runs)?;
 
     let may_write = found.status.may_update_model();
     if may_write {

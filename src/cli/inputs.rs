@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::bail;
-use dynid::experiment::{Experiment, Run};
-use dynid::fit::position::made_physical;
-use dynid::model::Model;
+use dynid_identify::position::made_physical;
+use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Device;
+use dynid_user_model::Model;
 
 /// An experiment with all its logs.
 pub fn experiment(path: &Path) -> anyhow::Result<Experiment> {

@@ -4,12 +4,13 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use dynid::experiment::{Experiment, Run};
-use dynid::ladder::{FORMULA, Ladder, Lineage, ladder};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::plot::steps;
-use dynid::report::{self, number};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_judge::{ladder::FORMULA, ladder::Ladder, ladder::Lineage, ladder::ladder};
+use dynid_logs::{experiment::Experiment, experiment::Run};
+use dynid_report as report;
+use dynid_report::plot::steps;
+use dynid_text::number;
+use dynid_user_model::Model;
 
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs};

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use dynid::model::Model;
-use dynid::plan::base::{BaseParameters, base_parameters};
-use dynid::plan::flat::{FlatDirection, flat_directions};
-use dynid::plan::{self, NOWHERE, Plan, Unreachable};
 use dynid_model::Link;
+use dynid_plan::{self as plan, NOWHERE, Plan, Unreachable};
+use dynid_plan::{base::BaseParameters, base::base_parameters};
+use dynid_plan::{flat::FlatDirection, flat::flat_directions};
+use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};

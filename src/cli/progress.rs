@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use dynid::identify::Progress;
-use dynid::report::number;
+use dynid_identify::identify::Progress;
+use dynid_text::number;
 use indicatif::ProgressBar;
 
 /// Runs `work` with somebody to tell its progress to.

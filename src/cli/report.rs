@@ -3,17 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use dynid::compare::{Finding, locate::locate};
-use dynid::experiment::{Experiment, Role, Run};
-use dynid::fit::position::FitRun;
-use dynid::ladder::{Ladder, Rung};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::quality;
-use dynid::report::{
-    self, DataQuality, Figures, LadderSection, Provenance, Ranking, Section, Sheet, TorqueTerms, Verdict, Where, number,
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_identify::position::FitRun;
+use dynid_judge::{compare::Finding, compare::locate::locate};
+use dynid_judge::{ladder::Ladder, ladder::Rung};
+use dynid_logs::quality;
+use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
+use dynid_report::{
+    self as report, DataQuality, Figures, LadderSection, Provenance, Ranking, Section, Sheet, TorqueTerms, Verdict,
+    Where,
 };
-use dynid::torque;
+use dynid_text::number;
+use dynid_torque as torque;
+use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::compare::{Shown, run_panels};
@@ -133,7 +135,7 @@ impl<'a> Report<'a> {
         commands: Vec<String>,
     ) -> anyhow::Result<Self> {
         let runs: Vec<&Run> = experiment.runs.iter().collect();
-        let ladder = dynid::ladder::ladder(models, &runs)?;
+        let ladder = dynid_judge::ladder::ladder(models, &runs)?;
         let Some(((_, subject), rung)) = models.last().zip(ladder.rungs.last()) else { bail!("no model") };
         let findings = locate(subject, &runs, &rung.comparison);
         let before = models.len().checked_sub(2).map(|before| (&models[before].1, &ladder.rungs[before].comparison));

@@ -4,12 +4,12 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
-use dynid::compare;
-use dynid::experiment::{Experiment, Run};
-use dynid::fit::position::{self, FitRun, Options, RunError};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::simulate::{self, Input};
+use dynid_dynamics::{simulate, simulate::Input};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_identify::{position, position::FitRun, position::Options, position::RunError};
+use dynid_judge::compare;
+use dynid_logs::{experiment::Experiment, experiment::Run};
+use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};

@@ -4,9 +4,10 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::{self, Budget, Models, Provenance, Section, number};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_report::{self as report, Budget, Models, Provenance, Section};
+use dynid_text::number;
+use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};

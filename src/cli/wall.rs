@@ -9,12 +9,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
-use dynid::control::{Law, Wall};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::{Provenance, Section, WallReport, number, told_damping};
-use dynid::wall::{self, Case, Goal, Measures, OwnDamping, Setting, Told, WallFile};
+use dynid_control::{Law, Wall};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_haptics::{
+    wall, wall::Case, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting, wall::Told, wall::WallFile,
+};
 use dynid_model::Device;
+use dynid_report::{Provenance, Section, WallReport, told_damping};
+use dynid_text::number;
+use dynid_user_model::Model;
 use serde_json::json;
 
 use super::table::{Align, Table};
@@ -566,7 +569,7 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
     sections.push(Box::new(came_from(command, &arguments.place, wall::SETTING, &model, &asked)?));
     let shown: Vec<&dyn Section> = sections.iter().map(Box::as_ref).collect();
     let title = format!("Touch a wall: joint {} of {}", setting.joint, setting.device.title);
-    write_new(&arguments.out, &dynid::report::page(&title, &shown), overwrite)?;
+    write_new(&arguments.out, &dynid_report::page(&title, &shown), overwrite)?;
     let sentences = report.sentences();
     let titles: Vec<&str> = shown.iter().map(|section| section.title()).collect();
     let text = format!("{}\nwritten: {}\n", sentences.join("\n"), arguments.out.display());

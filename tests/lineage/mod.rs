@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::Output;
 
 use assert_cmd::Command;
-use dynid::model::Model;
 use dynid::tour::FILES;
+use dynid_user_model::Model;
 use tempfile::TempDir;
 
 /// The program in `folder`, told to do so.

@@ -4,12 +4,12 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use dynid::control::{Holding, Shares, largest_inertia_share};
-use dynid::felt::{Felt, JointFelt, Options, Survey, survey};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::plot::steps::{Steps, standalone};
-use dynid::wall::{Hand, Setting};
+use dynid_control::{Holding, Shares, largest_inertia_share};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_haptics::{felt::Felt, felt::JointFelt, felt::Options, felt::Survey, felt::survey};
+use dynid_haptics::{wall::Hand, wall::Setting};
+use dynid_report::{plot::steps::Steps, plot::steps::standalone};
+use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::super::inputs::of_device;

@@ -4,13 +4,14 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use dynid::control::{Shares, Wall};
-use dynid::model::Model;
-use dynid::output::{Overwrite, check_output, write_new};
-use dynid::report::{Section, SpaceReport, number, told_carried};
-use dynid::wall::space::{self, Case, Setting};
-use dynid::wall::{WallFile, median};
+use dynid_control::{Shares, Wall};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_haptics::{wall::WallFile, wall::median};
+use dynid_haptics::{wall::space, wall::space::Case, wall::space::Setting};
 use dynid_model::JointKind;
+use dynid_report::{Section, SpaceReport, told_carried};
+use dynid_text::number;
+use dynid_user_model::Model;
 use serde_json::json;
 
 use super::super::inputs;
@@ -96,7 +97,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         sections.push(Box::new(came_from(command, place, space::SETTING, &model, &arguments.wall)?));
         let shown: Vec<&dyn Section> = sections.iter().map(Box::as_ref).collect();
         let title = format!("Touch a plane: {}", setting.device.title);
-        write_new(out, &dynid::report::page(&title, &shown), overwrite)?;
+        write_new(out, &dynid_report::page(&title, &shown), overwrite)?;
         let _ = writeln!(text, "written: {}", out.display());
     }
     let json = json!({ "cases": cases, "carried": carried.map(|own| json!({ "inertia": own.inertia, "friction": own.friction })) });

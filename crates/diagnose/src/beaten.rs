@@ -1,0 +1,104 @@
+//! Where a formula that was found without the library leaves far less than its effects do, those are not what is missing.
+
+use super::{Refit, Refused, Score, Scored, Work, discover, race, verdict};
+use crate::DiagnoseError;
+use dynid_user_model::Model;
+
+impl Work<'_> {
+    /// Whether a formula of one term leaves far less than the best effect of the library, which does not leave mere noise:
+    /// then that effect is only the nearest to what is missing.
+    pub(super) fn is_beaten(
+        &self,
+        base: &Model,
+        refit: &Refit,
+        fitted: &[verdict::Judged],
+    ) -> Result<bool, DiagnoseError> {
+        /// Of the squared torque error of the held-out runs.
+        const FAR_LESS: f64 = 0.5;
+        let Some(best) = verdict::best(fitted).filter(|best| !verdict::explains(best)) else { return Ok(false) };
+        let Some(joint) = verdict::helped_joint(refit, best) else { return Ok(false) };
+        Ok(discover::better_than(base, &[&best.parsed()?], self.judge.runs, joint, FAR_LESS).is_some())
+    }
+
+    /// Whether a formula of one term leaves far less of the torque error, at the joint where `refit` leaves most, than any of
+    /// the suspects that the screening finds most telling, at the values that it finds.
+    pub(super) fn is_formula_ahead(&self, base: &Model, refit: &Refit, scored: &[Scored]) -> bool {
+        /// Of the squared torque error of the held-out runs. The screening, which is linear, may see less in a law than a fit
+        /// would.
+        const FAR_LESS: f64 = 0.25;
+        /// As many suspects are compared.
+        const COMPARED: usize = 6;
+        /// Share of the squared position error on a tether; what explains more has its fit.
+        const NEARLY_ALL: f64 = 0.95;
+        let ratios = refit.judged().filter_map(|left| Some((left.ratio()?, left.joint)));
+        let Some((_, joint)) = ratios.max_by(|a, b| a.0.total_cmp(&b.0)) else { return false };
+        if scored.iter().filter_map(|(_, position)| position.as_ref()).any(|score| score.explained > NEARLY_ALL) {
+            return false;
+        }
+        let mut telling: Vec<&Score> = scored.iter().filter_map(|(torque, _)| torque.as_ref()).collect();
+        telling.sort_by(|a, b| b.explained.total_cmp(&a.explained).then(a.suspect.cmp(&b.suspect)));
+        let estimates: Vec<&Model> = telling.iter().take(COMPARED).map(|score| &score.estimate).collect();
+        !estimates.is_empty() && discover::better_than(base, &estimates, self.judge.runs, joint, FAR_LESS).is_some()
+    }
+}
+
+/// `waiting`, and apart from it those that are hopeless on a tether, where none is near noise. The first of them, from one
+/// start, is left where nothing was fitted yet: a fit says more of it than a tether.
+pub(super) fn without_hopeless(
+    waiting: Vec<Score>,
+    is_fitted: bool,
+    reached: &race::Reached,
+) -> (Vec<Score>, Vec<Score>) {
+    let mut is_first_left = is_fitted;
+    let (mut left, mut hopeless) = (Vec::new(), Vec::new());
+    for mut score in waiting {
+        if !reached.is_hopeless(&score.suspect) {
+            left.push(score);
+        } else if is_first_left {
+            hopeless.push(score);
+        } else {
+            is_first_left = true;
+            score.others.clear();
+            left.push(score);
+        }
+    }
+    (left, hopeless)
+}
+
+/// Those that are hopeless and were not fitted, with the reason.
+pub(super) fn refused(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<Item = Refused> {
+    let unfitted = hopeless.into_iter().filter(|score| !super::is_fitted(&score.suspect, fitted));
+    unfitted.map(|score| Refused {
+        suspect: score.suspect,
+        reason:
+            "far above the noise even where simulations are held to the logs, while a formula of one term leaves far less of \
+             the torque error than the screening finds that an effect would"
+                .to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{race::tests::reached, race::tests::score, refit::tests::empty};
+
+    fn names(list: &[Score]) -> Vec<&str> {
+        list.iter().map(|score| score.suspect.effect.as_str()).collect()
+    }
+
+    /// `viscous` comes far nearer than the model alone, and no tether tells of the sensor.
+    #[test]
+    fn what_stays_far_on_a_tether_is_set_apart_but_for_the_first_of_all() {
+        let told = reached(Some(130.0), &[("lugre", 90.0), ("coulomb", 80.0), ("viscous", 7.0)]);
+        let mut waiting = ["sensor_offset", "lugre", "coulomb", "viscous"].map(score).to_vec();
+        waiting.iter_mut().for_each(|score| score.others = vec![score.estimate.clone()]);
+        let (left, hopeless) = without_hopeless(waiting.clone(), false, &told);
+        assert_eq!((names(&left), names(&hopeless)), (vec!["sensor_offset", "lugre", "viscous"], vec!["coulomb"]));
+        assert_eq!(left.iter().map(|score| score.others.len()).collect::<Vec<_>>(), [1, 0, 1]);
+        let (left, hopeless) = without_hopeless(waiting, true, &told);
+        assert_eq!((names(&left), names(&hopeless)), (vec!["sensor_offset", "viscous"], vec!["lugre", "coulomb"]));
+        let fitted = Refit { suspect: Some(score("lugre").suspect), ..empty() };
+        let told: Vec<Refused> = refused(hopeless, &[fitted]).collect();
+        assert_eq!(told.iter().map(|refused| refused.suspect.effect.as_str()).collect::<Vec<_>>(), ["coulomb"]);
+    }
+}

@@ -1,0 +1,346 @@
+//! What could be missing, where, and with which values it is tried.
+
+use dynid_model::effect::Measure;
+use dynid_model::{Effect, Origin, Parameter, Place, Scope};
+use dynid_signal::statistics::rms;
+use serde::{Deserialize, Serialize};
+
+use dynid_logs::{experiment::Run, motion::Motion};
+use dynid_user_model::{EffectInstance, Model};
+
+/// An effect at a place, suspected to be missing.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Suspect {
+    /// Id of the effect.
+    pub effect: String,
+    /// The joint it would act on; `None` for an effect of the whole device.
+    pub joint: Option<usize>,
+    /// The other joint of a pair.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<usize>,
+}
+
+impl std::fmt::Display for Suspect {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(&dynid_model::instance::instance_name(&self.effect, self.joint, self.from))
+    }
+}
+
+impl Suspect {
+    /// The effect of the library.
+    pub fn law(&self) -> Option<&'static Effect> {
+        dynid_model::effect(&self.effect)
+    }
+
+    /// Whether its law takes the place of the other's, being more general, at the same place.
+    pub(super) fn contains(&self, other: &Self) -> bool {
+        let is_replaced = |law: &Effect| law.replaces.iter().any(|smaller| smaller.id == other.effect);
+        (self.joint, self.from) == (other.joint, other.from) && self.law().is_some_and(is_replaced)
+    }
+}
+
+/// Every effect at every place where `model` could take it and a free joint of `runs` would feel it.
+///
+/// Of a pair that acts on both joints alike only one order is listed, and of joints that move the same last link only one has
+/// a body that joins it.
+pub fn suspects(model: &Model, runs: &[&Run]) -> Vec<Suspect> {
+    let n_joints = model.device.joints.len();
+    let is_free = |joint: usize| runs.iter().any(|run| run.free.contains(&joint));
+    let both_free =
+        |one: usize, other: usize| runs.iter().any(|run| run.free.contains(&one) && run.free.contains(&other));
+    let commanded = |joint: usize, from: usize| {
+        runs.iter()
+            .any(|run| run.free.contains(&joint) && run.log.tau[from].iter().any(|tau| *tau != run.log.tau[from][0]))
+    };
+    let mut found = Vec::new();
+    for effect in dynid_model::effects() {
+        let mut places = Vec::new();
+        match effect.scope {
+            Scope::Device => places.push((None, None)),
+            Scope::Joint => {
+                places.extend((0..n_joints).filter(|joint| is_free(*joint)).map(|joint| (Some(joint), None)))
+            }
+            Scope::Pair => {
+                for joint in (0..n_joints).filter(|joint| is_free(*joint)) {
+                    for from in (0..n_joints).filter(|from| *from != joint) {
+                        let felt = match effect.place {
+                            Place::Actuator => commanded(joint, from),
+                            _ => both_free(joint, from) && (!is_symmetric(effect) || joint < from),
+                        };
+                        if felt {
+                            places.push((Some(joint), Some(from)));
+                        }
+                    }
+                }
+            }
+        }
+        for (joint, from) in places {
+            let there = |joint, from| {
+                model.effects.iter().any(|own| own.effect.id == effect.id && own.joint == joint && own.from == from)
+            };
+            if is_symmetric(effect) && there(from, joint) {
+                continue;
+            }
+            if let Some(link) = joint.and_then(|joint| joined_link(model, effect, joint)) {
+                let joins = |id: &str, joint: Option<usize>| {
+                    id == effect.id && joint.and_then(|joint| joined_link(model, effect, joint)) == Some(link)
+                };
+                // Beside one that is known, and held at its values, there may be another.
+                let is_open = |own: &EffectInstance| own.parameters.iter().any(|parameter| !parameter.fixed);
+                if found.iter().any(|other: &Suspect| joins(&other.effect, other.joint))
+                    || model.effects.iter().any(|own| joins(&own.effect.id, own.joint) && is_open(own))
+                {
+                    continue;
+                }
+            }
+            if model.clone().add_effect(&effect.id, joint, from).is_ok() {
+                found.push(Suspect { effect: effect.id.clone(), joint, from });
+            }
+        }
+    }
+    found
+}
+
+/// Whether a pair's effect is the same with its joints exchanged.
+pub(super) fn is_symmetric(effect: &Effect) -> bool {
+    effect.scope == Scope::Pair
+        && (effect.place == Place::Link || effect.outputs.iter().any(|(name, _)| name == "torque_from"))
+}
+
+/// The link, from 0, that an effect at `joint` is a body of; `None` if it is none. At every joint that moves this link last
+/// it is the same effect.
+pub(super) fn joined_link(model: &Model, effect: &Effect, joint: usize) -> Option<usize> {
+    let is_body = effect.scope == Scope::Joint
+        && effect.place == Place::Link
+        && effect.outputs.iter().all(|(name, _)| name != "inertia");
+    is_body.then(|| model.device.last_link_moved_by(joint)).flatten()
+}
+
+/// Those whose model is none of those before.
+pub(super) fn distinct<T>(items: Vec<T>, model: impl Fn(&T) -> &Model) -> Vec<T> {
+    let mut seen = Vec::new();
+    let is_new = |item: &T| {
+        let digest = model(item).digest();
+        let is_new = !seen.contains(&digest);
+        seen.push(digest);
+        is_new
+    };
+    items.into_iter().filter(is_new).collect()
+}
+
+/// What the logs show of a joint: the sizes that tried values are multiples of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sizes {
+    speed: f64,
+    middle: f64,
+    half_range: f64,
+    command: f64,
+    acceleration: f64,
+    torque: f64,
+    duration: f64,
+}
+
+impl Sizes {
+    /// Of `joint` in the runs where it is free; their motions are in the order of the runs.
+    pub fn of(model: &Model, runs: &[&Run], motions: &[Motion], joint: usize) -> Self {
+        /// Positions beyond this share at either end are not typical.
+        const TAIL: f64 = 0.01;
+        let mut positions = Vec::new();
+        let (mut speeds, mut accelerations, mut commands) = (Vec::new(), Vec::new(), Vec::new());
+        let mut duration = 0.0_f64;
+        for (run, motion) in runs.iter().zip(motions) {
+            let Some(slot) = run.free.iter().position(|free| *free == joint) else { continue };
+            positions.extend(motion.q[slot].iter().copied());
+            speeds.extend(motion.dq[slot].iter().copied());
+            accelerations.extend(motion.ddq[slot].iter().copied());
+            commands.extend(motion.command[joint].iter().copied());
+            duration = duration.max(motion.len() as f64 * motion.grid.step);
+        }
+        positions.sort_by(f64::total_cmp);
+        let quantile = |share: f64| {
+            positions.get((share * positions.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(0.0)
+        };
+        let (low, high) = (quantile(TAIL), quantile(1.0 - TAIL));
+        let command = rms(&commands);
+        let gain = model.effects_at(joint).find_map(|own| own.value("Kp")).unwrap_or(1.0);
+        Self {
+            speed: rms(&speeds),
+            middle: 0.5 * (low + high),
+            half_range: 0.5 * (high - low),
+            command,
+            acceleration: rms(&accelerations),
+            torque: command * gain.abs(),
+            duration,
+        }
+    }
+
+    fn value(&self, of: Measure, at: f64) -> f64 {
+        let per = |torque: f64, by: f64| if by > 0.0 { torque / by } else { 0.0 };
+        at * match of {
+            Measure::Value => 1.0,
+            Measure::Speed => self.speed,
+            Measure::Position => return self.middle + at * self.half_range,
+            Measure::PerRange => return per(2.0 * self.half_range, at),
+            Measure::Range => 2.0 * self.half_range,
+            Measure::Command => self.command,
+            Measure::Torque => self.torque,
+            Measure::Stiffness => per(self.torque, 2.0 * self.half_range),
+            Measure::Compliance => per(2.0 * self.half_range, self.torque),
+            Measure::Damping => per(self.torque, self.speed),
+            Measure::Inertia => per(self.torque, self.acceleration),
+            Measure::Duration => self.duration,
+        }
+    }
+}
+
+/// A model with a suspect in it at one choice of the values that no linear step finds.
+#[derive(Debug, Clone)]
+pub struct Probe {
+    /// The model; amplitudes are where the effect does nothing.
+    pub model: Model,
+    /// Parameters in which the effect is linear: the steps to take.
+    pub steps: Vec<Step>,
+    /// Names of the values that were tried.
+    pub tried: Vec<String>,
+    /// Parameters to be multiplied by one factor, the torque of the law being proportional to all of them together; empty
+    /// where the law is not so.
+    pub scaled: Vec<String>,
+}
+
+/// A linear step of a parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// Its name.
+    pub name: String,
+    /// Where it starts.
+    pub from: f64,
+    /// How far a unit goes.
+    pub unit: f64,
+    /// How many units it may go down, and up.
+    pub range: (f64, f64),
+}
+
+impl Probe {
+    /// The model with the probe's steps taken so many units each, and its scaled parameters multiplied by `factor`, all
+    /// within their bounds.
+    pub fn at(&self, factor: f64, units: &[f64]) -> Model {
+        let mut model = self.model.clone();
+        let mut set = |name: &str, value: f64| {
+            if let Some(Parameter { lower, upper, .. }) = model.parameter(name) {
+                // The name is the model's own.
+                let _ = model.set_value(name, value.clamp(lower, upper));
+            }
+        };
+        for name in &self.scaled {
+            if let Some(parameter) = self.model.parameter(name) {
+                set(name, factor * parameter.value);
+            }
+        }
+        for (step, units) in self.steps.iter().zip(units) {
+            set(&step.name, step.from + units * step.unit);
+        }
+        keep_orders(&mut model);
+        model
+    }
+}
+
+/// The suspect as it stands in a model that has it.
+pub(super) fn instance<'m>(model: &'m Model, suspect: &Suspect) -> Option<&'m EffectInstance> {
+    let Suspect { effect, joint, from } = suspect;
+    model.effects.iter().find(|own| own.effect.id == *effect && own.joint == *joint && own.from == *from)
+}
+
+/// All that a suspect is tried with.
+pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
+    let Suspect { effect: id, joint, from } = suspect;
+    let mut with = model.clone();
+    if with.add_effect(id, *joint, *from).is_err() {
+        return Vec::new();
+    }
+    let Some(instance) = instance(&with, suspect).cloned() else { return Vec::new() };
+    let effect = instance.effect;
+    let carried = |symbol: &str| model.hands_over(effect, symbol, *joint, *from);
+    let mut shapes: Vec<(usize, Vec<f64>)> = Vec::new();
+    let mut amplitudes = Vec::new();
+    for (index, parameter) in effect.parameters.iter().enumerate() {
+        if parameter.origin == Origin::Numerical && parameter.scan.is_none() {
+            continue;
+        }
+        match (&parameter.scan, parameter.null) {
+            (Some(scan), _) if !carried(&parameter.symbol) => {
+                let Parameter { lower, upper, .. } = instance.parameters[index];
+                let mut values: Vec<f64> =
+                    scan.at.iter().map(|at| sizes.value(scan.of, *at).clamp(lower, upper)).collect();
+                values.dedup();
+                shapes.push((index, values));
+            }
+            (None, Some(null)) => {
+                if !carried(&parameter.symbol) {
+                    let _ = with.set_value(&instance.parameter_name(index), null);
+                }
+                amplitudes.push(index);
+            }
+            _ => {}
+        }
+    }
+    let proportional = shapes.iter().any(|(index, _)| is_torque(&effect.parameters[*index].unit))
+        && !shapes.iter().any(|(index, _)| {
+            let unit = &effect.parameters[*index].unit;
+            !is_torque(unit) && (unit.contains("N*m") || unit.contains("command") || unit.contains("kg"))
+        });
+    let scaled: Vec<String> = shapes
+        .iter()
+        .filter(|(index, _)| proportional && is_torque(&effect.parameters[*index].unit))
+        .map(|(index, _)| instance.parameter_name(*index))
+        .collect();
+    let tried: Vec<String> = shapes.iter().map(|(index, _)| instance.parameter_name(*index)).collect();
+    let mut models = vec![with];
+    for (index, values) in &shapes {
+        let name = instance.parameter_name(*index);
+        models = models
+            .into_iter()
+            .flat_map(|model| values.iter().map(move |value| (model.clone(), *value)).collect::<Vec<_>>())
+            .map(|(mut model, value)| {
+                let _ = model.set_value(&name, value);
+                model
+            })
+            .collect();
+    }
+    for model in &mut models {
+        keep_orders(model);
+    }
+    let step = |model: &Model, index: usize| {
+        let name = instance.parameter_name(index);
+        let Parameter { value, lower, upper, .. } = model.parameter(&name)?;
+        let initial = effect.parameters[index].initial;
+        let typical = if initial == value { 0.1 * value.abs().max(0.1) } else { initial - value };
+        let unit = if value + typical <= upper && value + typical >= lower { typical } else { -typical };
+        let ends = ((lower - value) / unit, (upper - value) / unit);
+        Some(Step { name, from: value, unit, range: (ends.0.min(ends.1), ends.0.max(ends.1)) })
+    };
+    models
+        .into_iter()
+        .map(|model| Probe {
+            steps: amplitudes.iter().filter_map(|index| step(&model, *index)).collect(),
+            model,
+            tried: tried.clone(),
+            scaled: scaled.clone(),
+        })
+        .collect()
+}
+
+/// Whether a unit is one of torque, alone or over or times something kinematic.
+fn is_torque(unit: &str) -> bool {
+    unit.starts_with("N*m") && !unit.contains("command")
+}
+
+/// Raises what an effect wants not to be below another value.
+pub(super) fn keep_orders(model: &mut Model) {
+    for (larger, smaller) in dynid_identify::orders(model) {
+        if let (Some(large), Some(small)) = (model.parameter(&larger), model.parameter(&smaller))
+            && large.value < small.value
+        {
+            let _ = model.set(&larger, Parameter { value: small.value, upper: large.upper.max(small.value), ..large });
+        }
+    }
+}

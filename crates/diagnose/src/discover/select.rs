@@ -1,0 +1,284 @@
+//! Which few of many columns explain a signal: by normal equations, from which the own parameters are taken out first.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use crate::screen::regular;
+
+/// Sums of products over some rows: own parameters, candidate columns and the signal itself. They add.
+#[derive(Debug, Clone)]
+pub(super) struct Normal {
+    /// Own by own.
+    pub(super) own: DMatrix<f64>,
+    /// Own by candidates.
+    pub(super) mixed: DMatrix<f64>,
+    /// Candidates by candidates.
+    pub(super) candidates: DMatrix<f64>,
+    /// Own by signal.
+    pub(super) own_signal: DVector<f64>,
+    /// Candidates by signal.
+    pub(super) signal: DVector<f64>,
+    /// Signal by signal.
+    pub(super) squares: f64,
+}
+
+impl Normal {
+    pub(super) fn zero(own: usize, candidates: usize) -> Self {
+        Self {
+            own: DMatrix::zeros(own, own),
+            mixed: DMatrix::zeros(own, candidates),
+            candidates: DMatrix::zeros(candidates, candidates),
+            own_signal: DVector::zeros(own),
+            signal: DVector::zeros(candidates),
+            squares: 0.0,
+        }
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.own += &other.own;
+        self.mixed += &other.mixed;
+        self.candidates += &other.candidates;
+        self.own_signal += &other.own_signal;
+        self.signal += &other.signal;
+        self.squares += other.squares;
+    }
+
+    /// With the own parameters taken out (Schur complement); `prior` is added to their diagonal. `None` where they cannot
+    /// be.
+    pub(super) fn reduced(&self, prior: &[f64]) -> Option<Reduced> {
+        let information = regular(&self.own, prior)?;
+        let taken = information.solve(&self.mixed);
+        let gram = &self.candidates - self.mixed.tr_mul(&taken);
+        let signal = &self.signal - taken.tr_mul(&self.own_signal);
+        let squares = self.squares - self.own_signal.dot(&information.solve(&self.own_signal));
+        let whole = self.candidates.diagonal();
+        Some(Reduced { gram, signal, squares: squares.max(f64::MIN_POSITIVE), whole })
+    }
+
+    /// The own parameters' steps when the candidates of `chosen` have these coefficients.
+    pub(super) fn own_steps(&self, prior: &[f64], chosen: &[usize], coefficients: &[f64]) -> Option<DVector<f64>> {
+        let mut right = self.own_signal.clone();
+        for (index, coefficient) in chosen.iter().zip(coefficients) {
+            right -= self.mixed.column(*index) * *coefficient;
+        }
+        Some(regular(&self.own, prior)?.solve(&right))
+    }
+}
+
+/// Normal equations of the candidates alone.
+#[derive(Debug, Clone)]
+pub(super) struct Reduced {
+    gram: DMatrix<f64>,
+    signal: DVector<f64>,
+    pub(super) squares: f64,
+    whole: DVector<f64>,
+}
+
+/// What is chosen and what it leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Choice {
+    /// Candidates, in the order of their choice.
+    pub(super) chosen: Vec<usize>,
+    /// `n ln(after / before)` and what the terms cost: below 0 they are worth it.
+    pub(super) score: f64,
+}
+
+/// What a choice is judged by.
+pub(super) struct Rules<'a> {
+    /// Independent samples.
+    pub(super) independent: f64,
+    /// How much each candidate asks one to believe, in factors.
+    pub(super) complexity: &'a [f64],
+    /// Whether these may stand in one formula.
+    pub(super) may_join: &'a dyn Fn(&[usize]) -> bool,
+    /// At most so many terms.
+    pub(super) most: usize,
+}
+
+/// What a factor must gain beyond its coefficient.
+const PER_FACTOR: f64 = 4.0;
+/// Less gain is chance.
+const LEAST: f64 = 6.0;
+/// A candidate of which the own parameters leave less than this share of the squares is theirs.
+const OWN: f64 = 1e-4;
+
+impl Reduced {
+    /// Whether anything is left of a candidate once the own parameters have taken their part.
+    pub(super) fn is_new(&self, index: usize) -> bool {
+        self.gram[(index, index)] > OWN * self.whole[index] && self.whole[index] > 0.0
+    }
+
+    /// Squared correlation of two candidates, the own parameters taken out.
+    pub(super) fn likeness(&self, one: usize, two: usize) -> f64 {
+        let product = self.gram[(one, one)] * self.gram[(two, two)];
+        if product > 0.0 { self.gram[(one, two)].powi(2) / product } else { 0.0 }
+    }
+
+    /// Coefficients of these candidates, the inverse of their information, and the squares that they leave.
+    pub(super) fn solve(&self, chosen: &[usize]) -> Option<(Vec<f64>, DMatrix<f64>, f64)> {
+        let n = chosen.len();
+        // In units of each column, so that no unit is small.
+        let sizes: Vec<f64> = chosen.iter().map(|&index| self.gram[(index, index)].sqrt()).collect();
+        if sizes.iter().any(|size| size.is_nan() || *size <= 0.0) {
+            return None;
+        }
+        let gram = DMatrix::from_fn(n, n, |a, b| self.gram[(chosen[a], chosen[b])] / sizes[a] / sizes[b]);
+        let right = DVector::from_fn(n, |a, _| self.signal[chosen[a]] / sizes[a]);
+        let information = Cholesky::new(gram)?;
+        // Columns that are nearly one another's sum have coefficients that mean nothing.
+        if information.l_dirty().diagonal().iter().any(|pivot| pivot * pivot < 1e-3) {
+            return None;
+        }
+        let amounts = information.solve(&right);
+        let left = (self.squares - amounts.dot(&right)).max(1e-12 * self.squares);
+        let mut inverse = information.inverse();
+        for a in 0..n {
+            for b in 0..n {
+                inverse[(a, b)] /= sizes[a] * sizes[b];
+            }
+        }
+        Some((amounts.iter().zip(&sizes).map(|(amount, size)| amount / size).collect(), inverse, left))
+    }
+
+    fn score(&self, chosen: &[usize], rules: &Rules<'_>) -> Option<f64> {
+        if chosen.is_empty() {
+            return Some(0.0);
+        }
+        let (.., left) = self.solve(chosen)?;
+        let cost: f64 = chosen
+            .iter()
+            .map(|&index| rules.independent.max(2.0).ln() + PER_FACTOR * (rules.complexity[index] - 1.0))
+            .sum();
+        Some(rules.independent * (left / self.squares).ln() + cost)
+    }
+
+    /// Forward selection with exchanges: each step adds the candidate that scores best (of two, all pairs are tried), then tries
+    /// every exchange of one and every removal, until nothing is gained.
+    pub(super) fn select(&self, rules: &Rules<'_>) -> Choice {
+        let usable: Vec<usize> = (0..self.signal.len()).filter(|&index| self.is_new(index)).collect();
+        let mut best = Choice { chosen: Vec::new(), score: 0.0 };
+        while best.chosen.len() < rules.most {
+            let longer = usable.iter().filter(|index| !best.chosen.contains(index)).filter_map(|&index| {
+                let mut chosen = best.chosen.clone();
+                chosen.push(index);
+                self.judged(chosen, rules)
+            });
+            let mut next = longer.min_by(|a, b| a.score.total_cmp(&b.score));
+            if best.chosen.len() == 1 {
+                // The best two need not hold the best one: an offset of a signal asks for both terms of it.
+                let pairs = usable.iter().enumerate().flat_map(|(place, &one)| {
+                    usable[place + 1..].iter().filter_map(move |&two| self.judged(vec![one, two], rules))
+                });
+                next = next.into_iter().chain(pairs).min_by(|a, b| a.score.total_cmp(&b.score));
+            }
+            let Some(next) = next else { break };
+            let next = self.exchanged(next, &usable, rules);
+            if next.score > best.score - LEAST {
+                break;
+            }
+            best = next;
+        }
+        best
+    }
+
+    fn judged(&self, chosen: Vec<usize>, rules: &Rules<'_>) -> Option<Choice> {
+        if !(rules.may_join)(&chosen) {
+            return None;
+        }
+        let score = self.score(&chosen, rules)?;
+        Some(Choice { chosen, score })
+    }
+
+    fn exchanged(&self, mut best: Choice, usable: &[usize], rules: &Rules<'_>) -> Choice {
+        /// Rounds of exchanges; more than a few are never needed.
+        const ROUNDS: usize = 6;
+        for _ in 0..ROUNDS {
+            let before = best.score;
+            for place in 0..best.chosen.len() {
+                let others = usable.iter().filter(|index| !best.chosen.contains(index)).filter_map(|&index| {
+                    let mut chosen = best.chosen.clone();
+                    chosen[place] = index;
+                    self.judged(chosen, rules)
+                });
+                if let Some(other) = others.min_by(|a, b| a.score.total_cmp(&b.score))
+                    && other.score < best.score
+                {
+                    best = other;
+                }
+            }
+            for place in (0..best.chosen.len()).rev() {
+                let mut chosen = best.chosen.clone();
+                chosen.remove(place);
+                if let Some(fewer) = self.judged(chosen, rules)
+                    && fewer.score < best.score
+                {
+                    best = fewer;
+                }
+            }
+            if best.score >= before {
+                break;
+            }
+        }
+        best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+
+    use super::{Normal, Rules};
+    use dynid_random::Random;
+
+    /// Rows of two own columns, 30 candidates and a signal of two of these, an own one and noise.
+    fn normal(noise: f64) -> Normal {
+        let mut random = Random::new(11);
+        let rows = 400;
+        let own = DMatrix::from_fn(rows, 2, |_, _| random.normal());
+        let mut candidates = DMatrix::from_fn(rows, 30, |_, _| random.normal());
+        // One that the own parameters have already, and a near copy of a true one.
+        let copy = own.column(0).clone_owned();
+        candidates.set_column(3, &copy);
+        let near = candidates.column(7) + 0.3 * candidates.column(8);
+        candidates.set_column(9, &near);
+        let noises = DVector::from_fn(rows, |_, _| noise * random.normal());
+        let signal = own.column(0) * 5.0 + candidates.column(7) * 0.8 - candidates.column(20) * 0.5 + noises;
+        Normal {
+            own: own.tr_mul(&own),
+            mixed: own.tr_mul(&candidates),
+            candidates: candidates.tr_mul(&candidates),
+            own_signal: own.tr_mul(&signal),
+            signal: candidates.tr_mul(&signal),
+            squares: signal.norm_squared(),
+        }
+    }
+
+    #[test]
+    fn two_of_thirty_are_found_with_their_coefficients() {
+        let complexity = [1.0; 30];
+        let rules = Rules { independent: 400.0, complexity: &complexity, may_join: &|_| true, most: 3 };
+        let normal = normal(0.2);
+        let reduced = normal.reduced(&[0.0; 2]).expect("own columns are independent");
+        assert!(!reduced.is_new(3), "the own parameters say it already");
+        let choice = reduced.select(&rules);
+        assert_eq!(choice.chosen, [7, 20]);
+        let (coefficients, inverse, left) = reduced.solve(&choice.chosen).expect("independent");
+        for (place, truth) in [0.8, -0.5].into_iter().enumerate() {
+            let deviation = 0.2 * inverse[(place, place)].sqrt();
+            assert!((coefficients[place] - truth).abs() < 4.0 * deviation, "{coefficients:?}");
+        }
+        // chi-squared of 400 - 4 degrees: 396 +- 28
+        assert!((left / 0.04 - 396.0).abs() < 4.0 * 28.2, "{left}");
+        let steps = normal.own_steps(&[0.0; 2], &choice.chosen, &coefficients).expect("independent");
+        assert!((steps[0] - 5.0).abs() < 0.05 && steps[1].abs() < 0.05, "{steps}");
+        let alone = Rules { may_join: &|chosen| !chosen.contains(&20), ..rules };
+        assert!(!reduced.select(&alone).chosen.contains(&20), "a rule is a rule");
+    }
+
+    #[test]
+    fn noise_is_not_explained() {
+        let complexity = [1.0; 30];
+        let rules = Rules { independent: 400.0, complexity: &complexity, may_join: &|_| true, most: 3 };
+        let reduced = normal(1e4).reduced(&[0.0; 2]).expect("own columns are independent");
+        assert_eq!(reduced.select(&rules).chosen, [0; 0]);
+    }
+}

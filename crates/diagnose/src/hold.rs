@@ -1,0 +1,61 @@
+//! How does the command run between samples? Where an experiment has it stand still from sample to sample and the logs say
+//! that it does not, every effect of the drive path would be fitted to half a sample's delay.
+
+use super::{
+    Refit, Screen, Work,
+    estimate::{moving, tethered},
+};
+use crate::DiagnoseError;
+use dynid_dynamics::simulate::Hold;
+use dynid_identify::identify::ErrorKind;
+use dynid_logs::experiment::Run;
+use dynid_user_model::Model;
+
+/// The squared error of what is screened must fall by this share before a fit is tried, and that of the fit in the end.
+const WORTH: f64 = 0.3;
+
+/// Whether every command of `work` stands still between samples and something is left that this may explain.
+pub(super) fn is_in_question(work: &Work<'_>, base: &Refit) -> bool {
+    let stands = |run: &&Run| run.settings.hold == Hold::Zero && run.settings.controller.is_none();
+    let is_near = base.worst_ratio().is_none_or(|ratio| ratio < super::verdict::NEAR_THE_FLOOR);
+    work.judge.error == ErrorKind::Position && !is_near && work.judge.runs.iter().all(stands)
+}
+
+/// Whether the runs of `work`, whose command stands still between samples, may be better taken as `straight` has them.
+pub(super) fn may_be_straight(work: &Work<'_>, straight: &Work<'_>, base: &Refit) -> Result<bool, DiagnoseError> {
+    let model = base.parsed()?;
+    let (Some(standing), Some(straight)) = (left(&model, work.judge.runs), left(&model, straight.judge.runs)) else {
+        return Ok(false);
+    };
+    Ok(straight < (1.0 - WORTH) * standing)
+}
+
+/// Whether the model, refitted with straight lines, leaves so much less that they are to be believed.
+pub(super) fn is_worth_it(standing: &Refit, straight: &Refit) -> bool {
+    let squares = |refit: &Refit| refit.judged().map(|left| left.squares).sum::<f64>();
+    straight.is_finite() && !straight.was_given_up() && squares(straight) < (1.0 - WORTH) * squares(standing)
+}
+
+/// What a diagnosis says of it.
+pub(super) fn note(standing: &Refit, straight: &Refit) -> String {
+    let error = |refit: &Refit| refit.rmse_validate.map_or_else(|| "?".to_owned(), dynid_text::number);
+    format!(
+        "the logs show a command that runs straight from sample to sample, not one that stands still between them: with it the \
+         refitted model leaves {} of the held-out runs instead of {}, and all that follows takes it so; say hold = \"linear\" \
+         in the experiment",
+        error(straight),
+        error(standing)
+    )
+}
+
+/// The run with a command that runs straight from sample to sample.
+pub(super) fn with_line(run: &Run) -> Run {
+    let mut run = run.clone();
+    run.settings.hold = Hold::Linear;
+    run
+}
+
+/// Squared error of simulations on a tether, the model's own parameters free.
+fn left(model: &Model, runs: &[&Run]) -> Option<f64> {
+    Some(Screen::new(&tethered(model, runs)?, model, &moving(model))?.squares())
+}

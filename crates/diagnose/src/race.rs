@@ -1,0 +1,225 @@
+//! Which suspects are fitted first, where it is not plain.
+//!
+//! A law that is wrong may take many times as long to fit as the one that is right: what is missing leads its simulations
+//! astray. A search whose simulations are held to the logs as firmly as at first takes a small part of a fit's time and
+//! tells them apart already, though it proves nothing. So it decides the order, and who is no rival of what leaves only
+//! noise; fits and held-out runs decide the rest.
+
+use std::collections::BTreeMap;
+
+use dynid_model::Place;
+use rayon::prelude::*;
+
+use super::{Event, FEW_JOINTS, Refit, Refused, Score, Suspect, Work, verdict};
+use crate::DiagnoseError;
+use dynid_identify::identify::ErrorKind;
+use dynid_user_model::Model;
+
+/// Costs per sample that searches came to on the first tether.
+#[derive(Debug, Default)]
+pub(super) struct Reached {
+    /// The model's own.
+    base: Option<f64>,
+    /// Whether any suspect's was asked.
+    is_asked: bool,
+    /// Those of suspects that came to anything. A tether pulls what a sensor shows wrongly away from where it is, so that none
+    /// is told of sensors.
+    suspects: BTreeMap<Suspect, f64>,
+}
+
+impl Reached {
+    /// Whether searches were asked and none came near the logs.
+    pub(super) fn all_stay_far(&self) -> bool {
+        /// Cost per sample beyond which a search is not near.
+        const NEAR: f64 = 10.0;
+        self.is_asked
+            && !self.base.is_some_and(verdict::is_nearly_noise)
+            && self.suspects.values().all(|cost| *cost > NEAR)
+    }
+
+    /// Whether searches were asked and none came near what noise costs, though some may have come near the logs.
+    pub(super) fn none_is_near_noise(&self) -> bool {
+        self.is_asked
+            && self.base.is_none_or(is_far_above_noise)
+            && self.suspects.values().copied().all(is_far_above_noise)
+    }
+
+    /// Whether a suspect's search was of little use: the model alone, if its own search came to anything, is not far above
+    /// it. Only where none is near noise ([`none_is_near_noise`](Self::none_is_near_noise)) does that say anything.
+    pub(super) fn is_hopeless(&self, suspect: &Suspect) -> bool {
+        /// Share of what the model itself leaves.
+        const USEFUL: f64 = 0.1;
+        let is_useful = |cost: f64| self.base.is_some_and(|base| cost <= USEFUL * base);
+        self.suspects.get(suspect).is_some_and(|cost| !is_useful(*cost))
+    }
+
+    /// Whether a suspect's search is known.
+    pub(super) fn knows(&self, suspect: &Suspect) -> bool {
+        self.suspects.contains_key(suspect)
+    }
+
+    fn is_noise(&self, score: &Score) -> bool {
+        self.suspects.get(&score.suspect).is_some_and(|cost| verdict::is_nearly_noise(*cost))
+    }
+}
+
+/// Whether a search that is short and right would have come to less.
+fn is_far_above_noise(cost: f64) -> bool {
+    /// So many times as much as noise costs.
+    const FAR: f64 = 5.0;
+    cost > FAR * verdict::COST_AT_THE_FLOOR
+}
+
+impl Work<'_> {
+    /// Whether searches on a tether may decide an order: of the position error, where simulations of few joints are cheap.
+    fn may_race(&self) -> bool {
+        let free = self.judge.runs.iter().map(|run| run.free.len()).max().unwrap_or(0);
+        self.judge.error == ErrorKind::Position && free <= FEW_JOINTS
+    }
+
+    /// What the searches of `waiting` come to that have not been asked: of the first ones, and unless one of those leaves only
+    /// noise, or `base` alone does, of all. Says whether there is nothing more to ask; where searches may not decide, there
+    /// never is.
+    pub(super) fn race(&self, base: &Model, waiting: &[Score], reached: &mut Reached) -> Result<bool, DiagnoseError> {
+        /// As many are first.
+        const FIRST: usize = 2;
+        let cost = |start: &Model| self.judge.on_first_tether(start, self.stop);
+        let has_sensor = |score: &Score| score.estimate.effects.iter().any(|own| own.effect.place == Place::Sensor);
+        let is_new = |score: &Score| !reached.knows(&score.suspect);
+        let asked: Vec<&Score> = waiting.iter().filter(|score| is_new(score) && !has_sensor(score)).collect();
+        if asked.is_empty() || !self.may_race() {
+            return Ok(true);
+        }
+        (self.tell)(&Event::Comparing(asked.len()));
+        if reached.base.is_none() {
+            reached.base = cost(base);
+        }
+        let is_followed = reached.base.is_some_and(verdict::is_nearly_noise);
+        let (first, others) = asked.split_at(FIRST.min(asked.len()));
+        for some in [first, others] {
+            if is_followed || waiting.iter().any(|score| reached.is_noise(score)) {
+                return Ok(is_followed || some.is_empty());
+            }
+            reached.is_asked |= !some.is_empty();
+            let costs: Vec<Option<f64>> = some.par_iter().map(|score| cost(&score.estimate)).collect();
+            self.asked_to_stop()?;
+            let told = some.iter().zip(costs).filter_map(|(score, cost)| Some((score.suspect.clone(), cost?)));
+            reached.suspects.extend(told);
+        }
+        Ok(true)
+    }
+}
+
+/// `waiting` with those ahead that leave only noise on the tether where the model alone does not, the plainest first. The
+/// others keep their order.
+pub(super) fn noise_first(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(&Score) -> f64) -> Vec<Score> {
+    if reached.base.is_some_and(verdict::is_nearly_noise) {
+        return waiting;
+    }
+    let (mut ahead, others): (Vec<Score>, Vec<Score>) = waiting.into_iter().partition(|score| reached.is_noise(score));
+    ahead.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));
+    ahead.extend(others);
+    ahead
+}
+
+/// `waiting` with those ahead that leave only noise, the plainest first, then those that come near the logs, the nearest
+/// first, where the model alone does not. The others, and those that were not asked, keep their order.
+pub(super) fn ordered(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(&Score) -> f64) -> Vec<Score> {
+    /// Share of what the model itself leaves that is nearer.
+    const NEARER: f64 = 0.5;
+    let base = reached.base.unwrap_or(f64::INFINITY);
+    let cost = |score: &Score| reached.suspects.get(&score.suspect).copied().filter(|cost| *cost < NEARER * base);
+    let (mut near, others): (Vec<Score>, Vec<Score>) = waiting.into_iter().partition(|score| cost(score).is_some());
+    near.sort_by(|a, b| cost(a).unwrap_or_default().total_cmp(&cost(b).unwrap_or_default()));
+    near.extend(others);
+    noise_first(near, reached, unknowns)
+}
+
+/// Why a suspect is no rival of `winner`, which leaves only noise; `None` if it may be one, or the winner was not asked beside
+/// it.
+pub(super) fn no_rival(suspect: &Suspect, winner: &Refit, reached: &Reached) -> Option<Refused> {
+    /// What costs so many times as much as the winner is none.
+    const FAR: f64 = 30.0;
+    let cost = |suspect: &Suspect| reached.suspects.get(suspect).copied();
+    let own = cost(suspect)?;
+    let best = cost(winner.suspect.as_ref()?)?;
+    (own > FAR * best.max(verdict::COST_AT_THE_FLOOR)).then(|| Refused {
+        suspect: suspect.clone(),
+        reason: "far above what another effect reaches even where simulations are held to the logs".to_owned(),
+    })
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::refit::tests::empty;
+
+    pub(crate) fn score(effect: &str) -> Score {
+        Score {
+            suspect: Suspect { effect: effect.to_owned(), joint: Some(0), from: None },
+            information: 0.0,
+            explained: 0.5,
+            estimate: Model::of_device(dynid_model::device("planar2r").unwrap()),
+            others: Vec::new(),
+            is_narrow: false,
+        }
+    }
+
+    pub(crate) fn reached(base: Option<f64>, suspects: &[(&str, f64)]) -> Reached {
+        let suspects = suspects.iter().map(|(effect, cost)| (score(effect).suspect, *cost)).collect();
+        Reached { base, is_asked: true, suspects }
+    }
+
+    fn names(list: &[Score]) -> Vec<&str> {
+        list.iter().map(|score| score.suspect.effect.as_str()).collect()
+    }
+
+    fn unknowns(score: &Score) -> f64 {
+        if score.suspect.effect == "lugre" { 5.0 } else { 1.0 }
+    }
+
+    const WAITING: [&str; 5] = ["lugre", "coulomb", "sensor_offset", "viscous", "stribeck"];
+
+    fn waiting() -> Vec<Score> {
+        WAITING.iter().map(|effect| score(effect)).collect()
+    }
+
+    #[test]
+    fn what_leaves_only_noise_on_the_tether_goes_first_then_what_comes_near() {
+        let told = reached(Some(150.0), &[("lugre", 0.3), ("coulomb", 40.0), ("viscous", 0.5), ("stribeck", 4.0)]);
+        let list = ordered(waiting(), &told, &unknowns);
+        assert_eq!(names(&list), ["viscous", "lugre", "stribeck", "coulomb", "sensor_offset"]);
+        let list = noise_first(waiting(), &told, &unknowns);
+        assert_eq!(names(&list), ["viscous", "lugre", "coulomb", "sensor_offset", "stribeck"]);
+        assert!(!told.all_stay_far() && reached(None, &[("coulomb", 40.0)]).all_stay_far());
+        assert!(!Reached::default().all_stay_far(), "none was asked");
+        assert!(!told.none_is_near_noise() && !Reached::default().none_is_near_noise());
+        assert!(reached(Some(13.0), &[("coulomb", 6.0)]).none_is_near_noise());
+        assert!(!reached(Some(2.0), &[("coulomb", 6.0)]).none_is_near_noise(), "the model alone is");
+        let hopeless =
+            |base: Option<f64>, cost: f64| reached(base, &[("coulomb", cost)]).is_hopeless(&score("coulomb").suspect);
+        assert!(hopeless(Some(50.0), 6.0) && !hopeless(Some(70.0), 6.0));
+        assert!(hopeless(None, 6.0), "it is not known of how little use the search was");
+        assert!(!reached(Some(50.0), &[]).is_hopeless(&score("coulomb").suspect), "it was not asked");
+        assert!(!reached(Some(0.4), &[]).all_stay_far(), "the model alone is near");
+    }
+
+    #[test]
+    fn where_the_model_alone_follows_the_logs_on_the_tether_nothing_is_told() {
+        let told = reached(Some(0.4), &[("lugre", 0.3), ("viscous", 0.2)]);
+        assert_eq!(names(&ordered(waiting(), &told, &unknowns)), WAITING);
+        // What comes as near as the model itself is not nearer.
+        let told = reached(Some(40.0), &[("lugre", 39.0), ("viscous", 45.0)]);
+        assert_eq!(names(&ordered(waiting(), &told, &unknowns)), WAITING);
+    }
+
+    #[test]
+    fn only_what_stays_far_above_the_winner_on_the_tether_is_no_rival() {
+        let told = reached(Some(150.0), &[("lugre", 6.0), ("stribeck", 170.0), ("coulomb", 190.0)]);
+        let winner = |effect: &str| Refit { suspect: Some(score(effect).suspect), ..empty() };
+        let refused = |effect: &str, winner: &Refit| no_rival(&score(effect).suspect, winner, &told).is_some();
+        let lugre = winner("lugre");
+        assert!(refused("coulomb", &lugre) && !refused("stribeck", &lugre) && !refused("sensor_offset", &lugre));
+        assert!(!refused("coulomb", &winner("sensor_offset")), "the winner was not asked");
+    }
+}

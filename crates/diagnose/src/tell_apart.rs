@@ -1,0 +1,213 @@
+//! The experiment that would tell effects apart which fit the logs at hand equally well.
+
+use std::f64::consts::TAU;
+
+use rayon::prelude::*;
+
+use super::Suspect;
+use dynid_dynamics::{simulate, simulate::Hold, simulate::Input, system::System};
+use dynid_logs::{experiment::Run, noise::noise_floor};
+use dynid_user_model::Model;
+
+/// One thing to play: which joints are free, and what is commanded at one of them.
+#[derive(Debug, Clone)]
+struct Trial {
+    free: Vec<usize>,
+    joint: usize,
+    amplitude: f64,
+    hz: f64,
+    /// A quarter period later or not.
+    phase: f64,
+}
+
+/// In words, what to play so that `own` and `others`, models that were fitted to `runs`, differ most from each other, in
+/// units of the noise; `None` where nothing that was tried tells them apart.
+///
+/// Tried are sines at each joint that an effect acts on, of several amplitudes and frequencies about those of the runs, in
+/// every configuration in which that joint is free and at most as many joints as in the runs.
+pub(super) fn experiment(own: &Model, others: &[(&Suspect, &Model)], runs: &[&Run]) -> Option<String> {
+    let (suspect, other) = others.first()?;
+    let (noises, Trial { free, joint, amplitude, hz, phase }) = best(own, suspect, other, runs)?;
+    let unit = &own.device.joints[joint].command_unit;
+    let wave = if phase == 0.0 { "sin" } else { "cos" };
+    let locked: Vec<String> =
+        (0..own.device.joints.len()).filter(|joint| !free.contains(joint)).map(|joint| joint.to_string()).collect();
+    let lock = if locked.is_empty() {
+        "leave all joints free".to_owned()
+    } else {
+        format!("lock the joints {}", locked.join(", "))
+    };
+    if noises < 3.0 {
+        return Some(format!(
+            "none of the sines tried tells it from {suspect}: at best they differ by {noises:.1} times the noise"
+        ));
+    }
+    Some(format!(
+        "{lock} and command {} {unit} * {wave}(2 pi * {hz:.2} Hz * t) at joint {joint}: there it differs from {suspect} by \
+         {noises:.0} times the noise (root mean square over {DURATION_S} s)",
+        dynid_text::number(amplitude)
+    ))
+}
+
+/// The trial that tells most, and by how many noises the models differ there.
+fn best(own: &Model, suspect: &Suspect, other: &Model, runs: &[&Run]) -> Option<(f64, Trial)> {
+    trials(own, suspect, runs)
+        .into_par_iter()
+        .filter_map(|trial| Some((difference(own, other, &trial, runs)?, trial)))
+        .collect::<Vec<(f64, Trial)>>()
+        .into_iter()
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// Length of a trial (s).
+const DURATION_S: f64 = 20.0;
+/// Time from sample to sample (s).
+const SAMPLE_S: f64 = 0.01;
+
+fn trials(model: &Model, suspect: &Suspect, runs: &[&Run]) -> Vec<Trial> {
+    let most = runs.iter().map(|run| run.free.len()).max().unwrap_or(1);
+    let joints: Vec<usize> = [suspect.joint, suspect.from].into_iter().flatten().collect();
+    let mut trials = Vec::new();
+    for configuration in &model.device.configurations {
+        let free = &configuration.free;
+        if free.len() > most || !joints.iter().any(|joint| free.contains(joint)) {
+            continue;
+        }
+        for &joint in free {
+            let commands = runs.iter().filter(|run| run.free.contains(&joint)).flat_map(|run| &run.log.tau[joint]);
+            let (sum, count) = commands.fold((0.0, 0.0), |(sum, count), tau| (sum + tau * tau, count + 1.0));
+            let size = (2.0 * sum / f64::max(count, 1.0)).sqrt();
+            if size == 0.0 {
+                continue;
+            }
+            for share in [0.2, 0.5, 1.0, 1.5] {
+                for hz in [0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0] {
+                    for phase in [0.0, 0.25] {
+                        trials.push(Trial { free: free.clone(), joint, amplitude: share * size, hz, phase });
+                    }
+                }
+            }
+        }
+    }
+    trials
+}
+
+/// Root mean square of the difference of two models' motions in units of the noise; `None` where one of them leaves what
+/// the runs have seen.
+fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Option<f64> {
+    /// A motion beyond this multiple of the range that the logs show is not asked for.
+    const FARTHEST: f64 = 1.5;
+    let n_joints = one.device.joints.len();
+    let samples = (DURATION_S / SAMPLE_S) as usize;
+    let time: Vec<f64> = (0..samples).map(|k| k as f64 * SAMPLE_S).collect();
+    let mut command = vec![0.0; samples * n_joints];
+    for (k, t) in time.iter().enumerate() {
+        command[k * n_joints + trial.joint] = trial.amplitude * (TAU * (trial.hz * t + trial.phase)).sin();
+    }
+    let middle = |joint: usize| runs.first().map_or(0.0, |run| run.log.mean_position(joint));
+    let start: Vec<f64> = trial.free.iter().map(|joint| middle(*joint)).collect();
+    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let options = simulate::Options { substeps: 15, ..simulate::Options::default() };
+    let play = |model: &Model| {
+        let system = model.system(&trial.free, middle).ok()?;
+        simulate::simulate(&system, &input, &start, &options).ok()
+    };
+    let (a, b) = (play(one)?, play(other)?);
+    let n = trial.free.len();
+    let mut worst = 0.0_f64;
+    for (slot, &joint) in trial.free.iter().enumerate() {
+        let seen = runs.iter().filter(|run| run.free.contains(&joint)).flat_map(|run| &run.log.q[joint]);
+        let (low, high) = seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+        let (centre, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let noise = runs
+            .iter()
+            .filter(|run| run.free.contains(&joint))
+            .map(|run| noise_floor(&run.log.q[joint]))
+            .fold(0.0, f64::max);
+        let mut squares = 0.0;
+        // No run has seen this joint move.
+        if !half.is_finite() {
+            return None;
+        }
+        let leaves = |q: f64| (q - centre).abs() > FARTHEST * half || q.is_nan();
+        for (a, b) in a.q.iter().zip(&b.q).skip(slot).step_by(n) {
+            if half > 0.0 && (leaves(*a) || leaves(*b)) {
+                return None;
+            }
+            squares += (a - b) * (a - b);
+        }
+        if noise > 0.0 {
+            worst = worst.max((squares / samples as f64).sqrt() / noise);
+        }
+    }
+    Some(worst)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use dynid_logs::{experiment::Role, experiment::Settings, log::Log};
+    use dynid_random::Random;
+
+    const NOISE: f64 = 1e-4;
+    /// Amplitude of the fitted run's command (N).
+    const FORCE: f64 = 0.02;
+
+    /// A mass on a spring that stiffens, and one on a stiffer straight spring: at the run's amplitude the two are alike but
+    /// for the third harmonic, `K + 3/4 K3 A^2` being the stiffness of the first.
+    fn models() -> [Model; 2] {
+        const K3: f64 = 50.0;
+        let text = |stiffness: f64, cubic: &str| {
+            format!(
+                "device = \"oscillator\"\n[link.1]\nm = 8e-4\n[[effect]]\nid = \"gain\"\njoint = 0\n[[effect]]\nid = \
+                 \"viscous\"\njoint = 0\nFv = 0.006\n[[effect]]\nid = \"spring\"\njoint = 0\nKs = {stiffness:?}\n{cubic}"
+            )
+        };
+        let cubic = format!("[[effect]]\nid = \"spring_cubic\"\njoint = 0\nK3 = {K3:?}\n");
+        [text(1.0, &cubic), text(1.0 + 0.75 * K3 * FORCE * FORCE, "")]
+            .map(|text| Model::parse(&text, Path::new("made.toml")).expect("a model"))
+    }
+
+    fn played(model: &Model, trial: &Trial, substeps: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let time: Vec<f64> = (0..(DURATION_S / SAMPLE_S) as usize).map(|k| k as f64 * SAMPLE_S).collect();
+        let command: Vec<f64> =
+            time.iter().map(|t| trial.amplitude * (TAU * (trial.hz * t + trial.phase)).sin()).collect();
+        let system = model.system(&[0], |_| 0.0).expect("a system");
+        let input = Input { time: &time, command: &command, hold: Hold::Zero };
+        let options = simulate::Options { substeps, ..simulate::Options::default() };
+        let q = simulate::simulate(&system, &input, &[0.0], &options).expect("a motion").q;
+        (time, command, q)
+    }
+
+    #[test]
+    fn what_is_proposed_tells_more_than_what_was_fitted() {
+        let [own, other] = models();
+        let fitted = Trial { free: vec![0], joint: 0, amplitude: FORCE, hz: 1.0, phase: 0.0 };
+        let (t, tau, q) = played(&own, &fitted, 20);
+        let mut random = Random::new(5);
+        let q: Vec<f64> = q.iter().map(|q| q + NOISE * random.normal()).collect();
+        let noise = noise_floor(&q);
+        let log = Log { t, tau: vec![tau], q: vec![q], reference: None, mask: None };
+        let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
+        let run = Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings };
+        let runs = [&run];
+
+        let before = difference(&own, &other, &fitted, &runs).expect("it is what the run has seen");
+        assert!(before < 1.5, "the two fit the run alike: {before}");
+        let suspect = Suspect { effect: "spring_cubic".to_owned(), joint: Some(0), from: None };
+        let (noises, trial) = best(&own, &suspect, &other, &runs).expect("a trial");
+        assert!(noises > 3.0 && noises > 3.0 * before, "{before} {noises} {trial:?}");
+
+        // Played anew, with a finer step.
+        let (one, two) = (played(&own, &trial, 60).2, played(&other, &trial, 60).2);
+        let squares: f64 = one.iter().zip(&two).map(|(a, b)| (a - b) * (a - b)).sum();
+        let again = (squares / one.len() as f64).sqrt() / noise;
+        assert!((again / noises - 1.0).abs() < 0.02, "{again} {noises}");
+        let farthest = one.iter().fold(0.0_f64, |farthest, q| farthest.max(q.abs()));
+        assert!(farthest < 1.6 * FORCE, "nothing is asked for beyond what the run has seen: {farthest}");
+        let told = experiment(&own, &[(&suspect, &other)], &runs).expect("a trial");
+        assert!(told.contains(&format!("by {noises:.0} times the noise")), "{told}");
+    }
+}

@@ -1,0 +1,432 @@
+//! Integrates a [`System`] over a log: what position would it have shown under these torques?
+//!
+//! Classical Runge-Kutta of fourth order with a fixed step, a fraction of the sample time. Torques are held over the
+//! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
+
+pub mod control;
+mod late;
+
+pub use late::Commands;
+
+use crate::{system::Scratch, system::System};
+
+/// How the commanded torque runs between samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hold {
+    /// The torque of row `k` acts from `t_k` to `t_(k+1)`.
+    Zero,
+    /// The torque runs straight from row to row.
+    Linear,
+}
+
+/// What drives a simulation.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<'a> {
+    /// Sample times (s), ascending.
+    pub time: &'a [f64],
+    /// Commanded torques [N*m or N] of all joints, one row per sample.
+    pub command: &'a [f64],
+    /// Between the samples.
+    pub hold: Hold,
+}
+
+impl<'a> Input<'a> {
+    pub fn commands(&self, n_joints: usize) -> Commands<'a> {
+        Commands { time: self.time, rows: self.command, n_joints, hold: self.hold }
+    }
+
+    /// The first `samples` samples.
+    #[must_use]
+    pub fn first(self, samples: usize) -> Self {
+        let samples = samples.min(self.time.len());
+        let n_joints = self.command.len() / self.time.len().max(1);
+        Self { time: &self.time[..samples], command: &self.command[..samples * n_joints], hold: self.hold }
+    }
+}
+
+/// Pulls a simulation to a measurement, like a critically damped observer:
+/// `ddq += rate^2 (q_measured - q) + 2 rate (dq_measured - dq)`.
+///
+/// A fit from a poor start first follows its log on such a tether, which it then loosens: what a wrong model does within
+/// one `1/rate` stays visible, but errors no longer pile up, and the cost has one minimum.
+#[derive(Debug, Clone, Copy)]
+pub struct Tether<'a> {
+    /// How fast errors decay [1/s].
+    pub rate: f64,
+    /// Measured positions of the free joints, one row a sample.
+    pub position: &'a [f64],
+}
+
+impl Tether<'_> {
+    /// Measured position and speed of a joint between two samples.
+    pub fn target(&self, slot: usize, n_free: usize, sample: usize, share: f64, span_s: f64) -> (f64, f64) {
+        let now = self.position[sample * n_free + slot];
+        let next = self.position[(sample + 1) * n_free + slot];
+        (now + share * (next - now), (next - now) / span_s)
+    }
+}
+
+/// Simulates on a tether, from `q0` as [`simulate`].
+pub fn simulate_tethered(
+    system: &System,
+    input: &Input<'_>,
+    tether: &Tether<'_>,
+    q0: &[f64],
+    options: &Options,
+) -> Result<Trajectory, SimulationError> {
+    check(system, input, q0)?;
+    let n = system.n_free();
+    let n_joints = system.n_joints();
+    let mut recorder = Recorder::new(system, input.time.len());
+    let mut stepper = Stepper::new(system, &system.rest(q0));
+    recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
+    let grid = Grid::new(input.time, options.substeps);
+    for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
+        let (now, next) = rows.split_at(n_joints);
+        let (start, end) = (input.time[sample], input.time[sample + 1]);
+        let pull = |t: f64, x: &[f64], dx: &mut [f64]| {
+            for slot in 0..n {
+                let (q, dq) = tether.target(slot, n, sample, (t - start) / (end - start), end - start);
+                dx[n + slot] += tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n + slot]));
+            }
+        };
+        let next = if input.hold == Hold::Zero { now } else { next };
+        let late = input.commands(n_joints);
+        stepper.pulled(system, (start, end), grid.steps(start, end), (now, next), &late, pull);
+        recorder.take(system, end, &stepper.x, options)?;
+    }
+    Ok(recorder.finish(stepper.x))
+}
+
+/// How to integrate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Steps per (mean) sample time; a longer gap between two samples takes proportionally more. The thesis's coupled
+    /// joints take 60.
+    pub substeps: usize,
+    /// A position beyond this [rad or m] counts as diverged: a numerical choice, far beyond any joint.
+    pub position_limit: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { substeps: 60, position_limit: 1e3 }
+    }
+}
+
+/// Positions and speeds at the samples, n_samples x n_free, row-major.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trajectory {
+    /// Number of free joints.
+    pub n_free: usize,
+    /// Logged positions [rad or m]: true positions, or what sensor effects make of them.
+    pub q: Vec<f64>,
+    /// Speeds [rad/s or m/s].
+    pub dq: Vec<f64>,
+    /// The whole state at the last sample.
+    pub last: Vec<f64>,
+}
+
+impl Trajectory {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.q.len().checked_div(self.n_free).unwrap_or(0)
+    }
+
+    /// True where nothing was simulated.
+    pub fn is_empty(&self) -> bool {
+        self.q.is_empty()
+    }
+}
+
+/// Why a simulation gave no answer.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulationError {
+    /// The motion left all bounds, or its equations lost their meaning.
+    #[error(
+        "the simulation diverges at {time_s:.4} s at joint {joint}: with these values the model is unstable, or the step \
+         is too long (take more substeps)"
+    )]
+    Diverged {
+        /// When (s).
+        time_s: f64,
+        /// The device's joint index.
+        joint: usize,
+    },
+    /// Inputs of different lengths.
+    #[error("{what}: {found} values given, {expected} needed")]
+    Length {
+        /// Which vector.
+        what: &'static str,
+        /// How many came.
+        found: usize,
+        /// How many are needed.
+        expected: usize,
+    },
+    /// The time does not run forward.
+    #[error("time does not run forward at sample {sample}")]
+    Time {
+        /// Index of the offending sample.
+        sample: usize,
+    },
+}
+
+/// Simulates from `q0`: the free joints' positions [rad or m], at rest; or their positions, then their speeds.
+pub fn simulate(
+    system: &System,
+    input: &Input<'_>,
+    q0: &[f64],
+    options: &Options,
+) -> Result<Trajectory, SimulationError> {
+    check(system, input, q0)?;
+    simulate_from(system, input, &system.rest(q0), options)
+}
+
+/// Simulates from the state `x0 = [q, dq, effect states]`.
+pub fn simulate_from(
+    system: &System,
+    input: &Input<'_>,
+    x0: &[f64],
+    options: &Options,
+) -> Result<Trajectory, SimulationError> {
+    check(system, input, x0.get(..system.n_free()).unwrap_or(&[]))?;
+    if x0.len() != system.n_states() {
+        return Err(SimulationError::Length { what: "initial state", found: x0.len(), expected: system.n_states() });
+    }
+    let n_joints = system.n_joints();
+    let mut recorder = Recorder::new(system, input.time.len());
+    let mut stepper = Stepper::new(system, x0);
+    recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
+    let grid = Grid::new(input.time, options.substeps);
+    for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
+        let (now, next) = rows.split_at(n_joints);
+        let (start, end) = (input.time[sample], input.time[sample + 1]);
+        let steps = grid.steps(start, end);
+        let late = input.commands(n_joints);
+        match input.hold {
+            Hold::Zero => stepper.held(system, start, end, steps, now, &late),
+            Hold::Linear => stepper.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
+        }
+        recorder.take(system, end, &stepper.x, options)?;
+    }
+    Ok(recorder.finish(stepper.x))
+}
+
+pub fn check(system: &System, input: &Input<'_>, q0: &[f64]) -> Result<(), SimulationError> {
+    let expected = input.time.len() * system.n_joints();
+    if input.command.len() != expected {
+        return Err(SimulationError::Length { what: "commanded torques", found: input.command.len(), expected });
+    }
+    if q0.len() != system.n_free() && q0.len() != 2 * system.n_free() {
+        return Err(SimulationError::Length { what: "initial positions", found: q0.len(), expected: system.n_free() });
+    }
+    match input.time.windows(2).position(|pair| pair[0].partial_cmp(&pair[1]) != Some(std::cmp::Ordering::Less)) {
+        Some(sample) => Err(SimulationError::Time { sample: sample + 1 }),
+        None => Ok(()),
+    }
+}
+
+/// Says whether a state is one to go on from, and which joint it is that is not.
+pub fn check_state(system: &System, time_s: f64, x: &[f64], options: &Options) -> Result<(), SimulationError> {
+    let n = system.n_free();
+    let sound = |slot: usize| x[slot].abs() <= options.position_limit && x[n + slot].is_finite();
+    let failed = (0..n).find(|slot| !sound(*slot)).or_else(|| {
+        // A bristle that overflows takes its joint along at the next step; until then the joint is not known.
+        (!x[2 * n..].iter().all(|z| z.is_finite())).then_some(0)
+    });
+    match failed {
+        Some(slot) => Err(SimulationError::Diverged { time_s, joint: system.kernel().free[slot] }),
+        None => Ok(()),
+    }
+}
+
+/// How many steps an interval between samples takes.
+pub struct Grid {
+    step: f64,
+}
+
+impl Grid {
+    pub fn new(time: &[f64], substeps: usize) -> Self {
+        let span = time.last().copied().unwrap_or(0.0) - time.first().copied().unwrap_or(0.0);
+        let intervals = time.len().saturating_sub(1).max(1);
+        Self { step: span / intervals as f64 / substeps.max(1) as f64 }
+    }
+
+    /// At least one; rounding of the log's times does not add a step.
+    pub fn steps(&self, start: f64, end: f64) -> usize {
+        (((end - start) / self.step - 1e-3).ceil() as usize).max(1)
+    }
+}
+
+struct Recorder {
+    trajectory: Trajectory,
+    position: Vec<f64>,
+}
+
+impl Recorder {
+    fn new(system: &System, samples: usize) -> Self {
+        let n_free = system.n_free();
+        let room = samples * n_free;
+        Self {
+            trajectory: Trajectory {
+                n_free,
+                q: Vec::with_capacity(room),
+                dq: Vec::with_capacity(room),
+                last: Vec::new(),
+            },
+            position: vec![0.0; n_free],
+        }
+    }
+
+    fn take(&mut self, system: &System, t: f64, x: &[f64], options: &Options) -> Result<(), SimulationError> {
+        check_state(system, t, x, options)?;
+        let n = system.n_free();
+        if system.has_sensors() {
+            system.measure(t, x, &mut self.position);
+            self.trajectory.q.extend_from_slice(&self.position);
+        } else {
+            self.trajectory.q.extend_from_slice(&x[..n]);
+        }
+        self.trajectory.dq.extend_from_slice(&x[n..2 * n]);
+        Ok(())
+    }
+
+    fn finish(mut self, last: Vec<f64>) -> Trajectory {
+        self.trajectory.last = last;
+        self.trajectory
+    }
+}
+
+/// Runge-Kutta's classical scheme and its room.
+pub struct Stepper {
+    pub x: Vec<f64>,
+    scratch: Scratch,
+    stage: Vec<f64>,
+    rate: Vec<f64>,
+    sum: Vec<f64>,
+    command: Vec<f64>,
+}
+
+impl Stepper {
+    pub fn new(system: &System, x0: &[f64]) -> Self {
+        let room = vec![0.0; x0.len()];
+        Self {
+            x: x0.to_vec(),
+            scratch: system.scratch(),
+            stage: room.clone(),
+            rate: room.clone(),
+            sum: room,
+            command: vec![0.0; system.n_joints()],
+        }
+    }
+
+    /// From `start` to `end` (s) in `steps` steps under constant commands; `late` is where late joints find theirs.
+    pub fn held(&mut self, system: &System, start: f64, end: f64, steps: usize, command: &[f64], late: &Commands<'_>) {
+        let step = (end - start) / steps as f64;
+        if !system.delays().is_empty() {
+            self.pulled(system, (start, end), steps, (command, command), late, |_, _, _| ());
+        } else if system.steady_drive() {
+            system.drive(&mut self.scratch, start, &self.x, command, &mut self.rate);
+            for k in 0..steps {
+                let scratch = &mut self.scratch;
+                let rate = |t: f64, x: &[f64], dx: &mut [f64]| system.motion(scratch, t, x, dx);
+                runge_kutta(
+                    rate,
+                    start + k as f64 * step,
+                    step,
+                    [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
+                );
+            }
+        } else {
+            for k in 0..steps {
+                let scratch = &mut self.scratch;
+                let rate = |t: f64, x: &[f64], dx: &mut [f64]| system.derivative(scratch, t, x, command, dx);
+                runge_kutta(
+                    rate,
+                    start + k as f64 * step,
+                    step,
+                    [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
+                );
+            }
+        }
+    }
+
+    /// From `start` to `end` (s) in `steps` steps under commands that run from `now` to `next`, or arrive as `late` says,
+    /// with `pull` added to the rates.
+    fn pulled(
+        &mut self,
+        system: &System,
+        (start, end): (f64, f64),
+        steps: usize,
+        (now, next): (&[f64], &[f64]),
+        late: &Commands<'_>,
+        pull: impl Fn(f64, &[f64], &mut [f64]),
+    ) {
+        let step = (end - start) / steps as f64;
+        for k in 0..steps {
+            let (scratch, command) = (&mut self.scratch, &mut self.command);
+            let bounds = step_bounds(start, end, steps, k);
+            let rate = |t: f64, x: &[f64], dx: &mut [f64]| {
+                interpolate((t - start) / (end - start), now, next, command);
+                late.arrive(system, t, bounds, command, None);
+                system.derivative(scratch, t, x, command, dx);
+                pull(t, x, dx);
+            };
+            runge_kutta(
+                rate,
+                start + k as f64 * step,
+                step,
+                [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
+            );
+        }
+    }
+}
+
+/// Where step `k` of an interval begins and ends (s): the last one ends with the interval, to the last bit.
+pub fn step_bounds(start: f64, end: f64, steps: usize, k: usize) -> (f64, f64) {
+    let step = (end - start) / steps as f64;
+    let at = |k: usize| if k == steps { end } else { start + k as f64 * step };
+    (at(k), at(k + 1))
+}
+
+pub fn interpolate(share: f64, now: &[f64], next: &[f64], command: &mut [f64]) {
+    for ((command, now), next) in command.iter_mut().zip(now).zip(next) {
+        *command = now + share * (next - now);
+    }
+}
+
+/// One step of the classical scheme; `room` is the state, then three vectors of its length.
+pub fn runge_kutta(
+    mut rate: impl FnMut(f64, &[f64], &mut [f64]),
+    t: f64,
+    step: f64,
+    [x, stage, slope, sum]: [&mut Vec<f64>; 4],
+) {
+    let n = x.len();
+    let (x, stage, slope, sum) = (&mut x[..n], &mut stage[..n], &mut slope[..n], &mut sum[..n]);
+    let half = 0.5 * step;
+    rate(t, x, slope);
+    for i in 0..n {
+        sum[i] = slope[i];
+        stage[i] = x[i] + half * slope[i];
+    }
+    rate(t + half, stage, slope);
+    for i in 0..n {
+        sum[i] += 2.0 * slope[i];
+        stage[i] = x[i] + half * slope[i];
+    }
+    rate(t + half, stage, slope);
+    for i in 0..n {
+        sum[i] += 2.0 * slope[i];
+        stage[i] = x[i] + step * slope[i];
+    }
+    rate(t + step, stage, slope);
+    let sixth = step / 6.0;
+    for i in 0..n {
+        x[i] += sixth * (sum[i] + slope[i]);
+    }
+}
+
+#[cfg(test)]
+mod tests;

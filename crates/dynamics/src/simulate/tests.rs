@@ -1,0 +1,147 @@
+use std::f64::consts::TAU;
+
+use super::*;
+use crate::{
+    system::fixtures::ARM, system::fixtures::GRAVITY, system::fixtures::LUGRE, system::fixtures::PENDULUM,
+    system::fixtures::SPRING, system::fixtures::VISCOUS, system::fixtures::full_arm, system::fixtures::placed,
+};
+
+fn times(samples: usize, step: f64) -> Vec<f64> {
+    (0..samples).map(|k| k as f64 * step).collect()
+}
+
+fn pendulum(effects: &[crate::system::PlacedEffect]) -> System {
+    System::new(&PENDULUM, 1, vec![0.5, 0.3, 0.01], Vec::new(), effects).unwrap()
+}
+
+#[test]
+fn a_swinging_pendulum_keeps_its_period() {
+    let system = pendulum(&[]);
+    let (time, command) = (times(1001, 0.01), vec![0.0; 1001]);
+    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let swing = simulate(&system, &input, &[1e-3], &Options::default()).unwrap();
+    let rate = (GRAVITY * 0.15 / (0.01 + 0.5 * 0.09)).sqrt();
+    // Amplitude 1e-3 lengthens the period by 1/16 of its square: 6e-8.
+    for (t, q) in time.iter().zip(&swing.q) {
+        assert!((q - 1e-3 * (rate * t).cos()).abs() < 1e-3 * 1e-5, "at {t} s of {} s", TAU / rate);
+    }
+}
+
+#[test]
+fn energy_is_kept_without_friction() {
+    let links = vec![1.2, 0.21, 0.02, 0.8, 0.17, 0.011];
+    let system = System::new(&ARM, 2, links, Vec::new(), &[]).unwrap();
+    let (time, command) = (times(501, 0.01), vec![0.0; 1002]);
+    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let motion = simulate(&system, &input, &[0.4, 0.3], &Options::default()).unwrap();
+    let energy = |q: &[f64], dq: &[f64]| {
+        let mut d = [0.0; 4];
+        (ARM.inertia)(system.prepared(), q, &mut d);
+        let kinetic = 0.5 * (d[0] * dq[0] * dq[0] + 2.0 * d[1] * dq[0] * dq[1] + d[3] * dq[1] * dq[1]);
+        let lumps = system.prepared();
+        kinetic + GRAVITY * (lumps[3] * q[0].sin() + lumps[4] * (q[0] + q[1]).sin())
+    };
+    let start = energy(&motion.q[..2], &motion.dq[..2]);
+    for (q, dq) in motion.q.chunks(2).zip(motion.dq.chunks(2)) {
+        assert!((energy(q, dq) - start).abs() < 1e-9, "{} J instead of {start} J", energy(q, dq));
+    }
+}
+
+/// `J ddq + Fv dq + Ks (q - qeq) = 0`, whose solution is a decaying cosine.
+#[test]
+fn an_oscillator_follows_its_exact_solution() {
+    let effects = [placed(&VISCOUS, 0, None, &[0.08]), placed(&SPRING, 0, None, &[3.0, 0.5])];
+    let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.05], Vec::new(), &effects).unwrap();
+    let (time, command) = (times(301, 0.01), vec![0.0; 301]);
+    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let motion = simulate(&system, &input, &[0.9], &Options::default()).unwrap();
+    let decay: f64 = 0.08 / (2.0 * 0.05);
+    let rate = (3.0 / 0.05 - decay * decay).sqrt();
+    for (t, q) in time.iter().zip(&motion.q) {
+        let exact = 0.5 + 0.4 * (-decay * t).exp() * ((rate * t).cos() + decay / rate * (rate * t).sin());
+        assert!((q - exact).abs() < 1e-10, "{q} instead of {exact} at {t} s");
+    }
+}
+
+#[test]
+fn a_held_torque_acts_over_its_sample_and_a_linear_one_between() {
+    let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, 2.0], Vec::new(), &[]).unwrap();
+    let time = [0.0, 0.1, 0.3];
+    let command = [4.0, 8.0, 0.0];
+    let held = Input { time: &time, command: &command, hold: Hold::Zero };
+    let motion = simulate(&system, &held, &[1.0], &Options::default()).unwrap();
+    let expected = [1.0, 1.0 + 0.01, 1.01 + 0.2 * 0.2 + 0.5 * 4.0 * 0.04];
+    for (q, expected) in motion.q.iter().zip(expected) {
+        assert!((q - expected).abs() < 1e-12, "{q} instead of {expected}");
+    }
+    let linear = Input { hold: Hold::Linear, ..held };
+    let motion = simulate(&system, &linear, &[1.0], &Options::default()).unwrap();
+    // ddq = 2 + 20 t over the first sample: q = t^2 + 20 t^3 / 6
+    assert!((motion.q[1] - (1.0 + 0.01 + 20.0 * 1e-3 / 6.0)).abs() < 1e-12);
+    assert!((motion.dq[1] - (0.2 + 0.1)).abs() < 1e-12);
+}
+
+/// The same law with forward Euler at a step a hundred times finer.
+#[test]
+fn lugre_agrees_with_an_independent_fine_integration() {
+    let law = [1.2, 0.008, 0.006, 0.2, 0.022, 0.016];
+    let effects = [placed(&LUGRE, 0, None, &law), placed(&SPRING, 0, None, &[0.025, -0.25])];
+    let inertia = 4e-4;
+    let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, inertia], Vec::new(), &effects).unwrap();
+    let time = times(201, 0.01);
+    let command: Vec<f64> = time.iter().map(|t| 0.04 * (3.0 * t).cos()).collect();
+    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let motion = simulate(&system, &input, &[-0.2], &Options::default()).unwrap();
+    let (mut q, mut v, mut z): (f64, f64, f64) = (-0.2, 0.0, 0.0);
+    let steps = 20_000;
+    let mut largest: f64 = 0.0;
+    for sample in 0..200 {
+        largest = largest.max((q - motion.q[sample]).abs());
+        let step = 0.01 / f64::from(steps);
+        for _ in 0..steps {
+            let stribeck = law[5] + (law[4] - law[5]) * (-(v / law[3]) * (v / law[3])).exp();
+            let z_rate = v - law[0] * v.abs() / stribeck * z;
+            let friction = law[0] * z + law[1] * z_rate + law[2] * v;
+            let acceleration = (command[sample] - friction - 0.025 * (q + 0.25)) / inertia;
+            q += step * v;
+            v += step * acceleration;
+            z += step * z_rate;
+        }
+    }
+    let range = motion.q.iter().fold(0.0_f64, |range, q| range.max((q + 0.2).abs()));
+    assert!(range > 0.3, "the joint breaks away: {range} rad");
+    assert!(largest < 2e-6, "{largest} rad apart");
+}
+
+#[test]
+fn a_diverging_motion_is_an_error_that_says_when_and_where() {
+    let effects = [placed(&SPRING, 0, None, &[-500.0, 0.0])];
+    let system = pendulum(&effects);
+    let (time, command) = (times(101, 0.01), vec![0.0; 101]);
+    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let error = simulate(&system, &input, &[0.1], &Options::default()).unwrap_err();
+    let SimulationError::Diverged { time_s, joint: 0 } = error else { panic!("{error}") };
+    assert!((0.05..0.5).contains(&time_s), "{time_s}");
+}
+
+#[test]
+fn inputs_that_do_not_fit_are_errors() {
+    let system = full_arm();
+    let run = |time: &[f64], command: &[f64], q0: &[f64]| {
+        let input = Input { time, command, hold: Hold::Zero };
+        simulate(&system, &input, q0, &Options::default()).unwrap_err().to_string()
+    };
+    assert_eq!(run(&[0.0, 0.1], &[0.0; 3], &[0.0; 2]), "commanded torques: 3 values given, 4 needed");
+    assert_eq!(run(&[0.0, 0.1], &[0.0; 4], &[0.0; 1]), "initial positions: 1 values given, 2 needed");
+    assert_eq!(run(&[0.0, 0.0], &[0.0; 4], &[0.0; 2]), "time does not run forward at sample 1");
+    assert_eq!(run(&[0.0, f64::NAN], &[0.0; 4], &[0.0; 2]), "time does not run forward at sample 1");
+}
+
+#[test]
+fn a_gap_in_the_log_takes_more_steps() {
+    let grid = Grid::new(&[0.0, 0.01, 0.02, 0.03, 0.04], 6);
+    assert_eq!(grid.steps(0.0, 0.01), 6);
+    assert_eq!(grid.steps(0.0, 0.01 + 1e-9), 6);
+    assert_eq!(grid.steps(0.0, 0.1), 60);
+    assert_eq!(grid.steps(0.0, 1e-6), 1);
+}

@@ -1,0 +1,178 @@
+//! Reading files with one clear error, and writing results: whole or not at all, and never over something without being told to.
+
+use std::{
+    fs::{self, File},
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use dynid_model::ModelError;
+
+/// A file that cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FileError {
+    /// A file that cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file that cannot be written.
+    #[error("cannot write {}: {source}; nothing was written", path.display())]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// An output that is there already.
+    #[error("{} exists already and is kept; choose another name, or overwrite it with `--force`", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// A document (TOML) that cannot be read, or does not say what it must.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DocumentError {
+    /// Its file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// What it says, with the place.
+    #[error(transparent)]
+    Content(#[from] ModelError),
+}
+
+/// The text of a file.
+///
+/// # Errors
+/// [`FileError::Unreadable`].
+pub fn read(path: &Path) -> Result<String, FileError> {
+    fs::read_to_string(path).map_err(|source| FileError::Unreadable { path: path.to_owned(), source })
+}
+
+/// What to do with an output that exists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Overwrite {
+    /// Keep it and fail.
+    Refuse,
+    /// Replace it.
+    Force,
+}
+
+impl Overwrite {
+    /// What `--force` says.
+    pub fn if_forced(force: bool) -> Self {
+        if force { Self::Force } else { Self::Refuse }
+    }
+}
+
+/// Fails early where [`write_new`] would fail late, so that no work is lost: the output exists, its folder does not, or no
+/// file can be made in it (one is, and is removed again).
+///
+/// # Errors
+/// [`FileError::Exists`], [`FileError::Unwritable`].
+pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
+    check_place(path, overwrite)?;
+    // Permissions alone do not tell: the folder may be another user's, or on a read-only disk.
+    let tried = partial_of(path);
+    let trial = File::create(&tried).map(drop).and_then(|()| fs::remove_file(&tried));
+    trial.map_err(|source| FileError::Unwritable { path: path.to_owned(), source })
+}
+
+/// What can be known without writing.
+fn check_place(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
+    let unwritable = |source| FileError::Unwritable { path: path.to_owned(), source };
+    if path.is_dir() {
+        return Err(unwritable(io::Error::other("it is a folder")));
+    }
+    if overwrite == Overwrite::Refuse && path.try_exists().map_err(unwritable)? {
+        return Err(FileError::Exists { path: path.to_owned() });
+    }
+    let folder = folder_of(path);
+    if !folder.is_dir() {
+        return Err(unwritable(io::Error::other(format!("there is no folder {}", folder.display()))));
+    }
+    if fs::metadata(folder).map_err(unwritable)?.permissions().readonly() {
+        return Err(unwritable(io::Error::other(format!("the folder {} is read-only", folder.display()))));
+    }
+    Ok(())
+}
+
+/// Writes a file whole: a reader sees the old content, or all of the new one.
+///
+/// # Errors
+/// [`FileError::Exists`] unless forced; [`FileError::Unwritable`], with nothing left behind.
+pub fn write_new(path: &Path, text: &str, overwrite: Overwrite) -> Result<(), FileError> {
+    check_place(path, overwrite)?;
+    let partial = partial_of(path);
+    let written = write_all(&partial, text).and_then(|()| fs::rename(&partial, path));
+    written.map_err(|source| {
+        // The first error is the one to tell; a leftover that cannot be removed changes nothing.
+        let _ = fs::remove_file(&partial);
+        FileError::Unwritable { path: path.to_owned(), source }
+    })
+}
+
+fn write_all(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
+}
+
+/// Where a file is written before it takes its name.
+fn partial_of(path: &Path) -> PathBuf {
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    folder_of(path).join(format!(".{name}.{}.partial", std::process::id()))
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_overwritten_without_force() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        write_new(&path, "one", Overwrite::Refuse).unwrap();
+        assert!(matches!(write_new(&path, "two", Overwrite::Refuse), Err(FileError::Exists { .. })));
+        assert_eq!(fs::read_to_string(&path).unwrap(), "one");
+        write_new(&path, "two", Overwrite::Force).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "two");
+        let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
+        assert_eq!(left.len(), 1, "no partial file is left");
+    }
+
+    #[test]
+    fn a_folder_that_takes_no_file_is_told_before_the_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.toml");
+        check_output(&path, Overwrite::Refuse).unwrap();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "the trial leaves nothing");
+        // Not even root makes a file where a folder has its name.
+        fs::create_dir(partial_of(&path)).unwrap();
+        assert!(matches!(check_output(&path, Overwrite::Refuse), Err(FileError::Unwritable { .. })));
+    }
+
+    #[test]
+    fn a_missing_folder_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("no/such/model.toml");
+        let error = write_new(&path, "one", Overwrite::Refuse).unwrap_err().to_string();
+        assert!(error.contains("no/such/model.toml") && error.contains("there is no folder"), "{error}");
+        assert!(write_new(folder.path(), "one", Overwrite::Force).is_err(), "a folder is no file");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,210 @@
+//! One approach: the device and the hand between the controller's ticks, the wall at them.
+
+use super::{
+    Approach, Hand, Setting,
+    encounter::{Encounter, Held, refuse_delays},
+    hand::{Plan, Wanted},
+};
+use dynid_control::{FilteredVelocity, Wall};
+use dynid_dynamics::{system::System, system::SystemError};
+use dynid_user_model::Model;
+
+/// What happened, tick by tick.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contact {
+    /// Time between two ticks (s).
+    pub sample_s: f64,
+    /// The joint's true position at every tick [rad or m].
+    pub position: Vec<f64>,
+    /// Its true velocity [rad/s or m/s].
+    pub velocity: Vec<f64>,
+    /// The wall's torque at the joint from that tick to the next [N*m or N].
+    pub torque: Vec<f64>,
+    /// The tick of the first contact; `None` where the hand never came so far.
+    pub touched: Option<usize>,
+}
+
+/// Why no contact could be simulated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WallError {
+    /// The model makes no equations.
+    #[error(transparent)]
+    System(#[from] SystemError),
+    /// The closed loop leaves all bounds.
+    #[error(
+        "the closed loop diverges at {time_s:.3} s at joint {joint}: the wall's gains, or what is carried of the device, are too \
+         high for this sample time (lower them, or sample faster), or the simulation's steps too long (`step_s` of the setting)"
+    )]
+    Diverged {
+        /// When (s).
+        time_s: f64,
+        /// The device's joint index.
+        joint: usize,
+    },
+    /// The same, of one case among several.
+    #[error("wall `{wall}`, {approach} approach, {hand}: {source}")]
+    Case {
+        /// The wall's name.
+        wall: String,
+        /// The approach's.
+        approach: String,
+        /// Which hand, in words.
+        hand: String,
+        /// What happened.
+        source: Box<Self>,
+    },
+    /// Nobody can hold the device.
+    #[error(transparent)]
+    Kinematics(#[from] dynid_dynamics::kinematics::KinematicsError),
+    /// No contact can start there.
+    #[error(transparent)]
+    Start(#[from] super::space::StartError),
+    /// A plane that cannot be felt.
+    #[error(transparent)]
+    Plane(#[from] dynid_control::PlaneError),
+    /// A model that cannot be carried.
+    #[error(transparent)]
+    Compensation(#[from] dynid_control::CompensationError),
+    /// The device's own input is late, beside the controller's delay.
+    #[error(
+        "joint {joint}: the model's command arrives {span_s} s late (input_delay), which a wall is not simulated with; take the \
+         effect out, and add as many samples to `delay_samples` of the setting"
+    )]
+    Late {
+        /// The device's joint index.
+        joint: usize,
+        /// By how much (s).
+        span_s: f64,
+    },
+    /// Nothing that is commanded reaches the joint.
+    #[error("the model's drive lets no torque pass to joint {joint}: give its gain a value other than 0")]
+    NoDrive {
+        /// The device's joint index.
+        joint: usize,
+    },
+}
+
+impl WallError {
+    /// Says in which case the loop diverged; `hand` is its number, or none for the typical one. What else is wrong is so in all
+    /// cases.
+    #[must_use]
+    pub fn in_case(self, wall: &str, approach: &Approach, hand: Option<usize>) -> Self {
+        let Self::Diverged { .. } = self else { return self };
+        let hand = hand.map_or_else(|| "the typical hand".to_owned(), |hand| format!("hand {hand}"));
+        Self::Case { wall: wall.to_owned(), approach: approach.name.clone(), hand, source: Box::new(self) }
+    }
+}
+
+/// The device of a setting, ready to meet walls.
+pub(super) struct Plant {
+    pub(super) system: System,
+    /// Torque at the joint for one unit that the controller commands, by the model that the controller has; it knows gains, and
+    /// nothing else of the drive.
+    pub(super) gain: f64,
+}
+
+impl Plant {
+    /// As the controller takes it to be.
+    ///
+    /// # Errors
+    /// The model makes no equations, its command arrives late, or its drive lets nothing pass.
+    pub(super) fn new(model: &Model, setting: &Setting) -> Result<Self, WallError> {
+        Self::taken_for(model, model, setting)
+    }
+
+    /// A device that is as `model` says, in the hands of a controller that takes it to be as `believed` says.
+    ///
+    /// # Errors
+    /// As [`Plant::new`].
+    pub(super) fn taken_for(believed: &Model, model: &Model, setting: &Setting) -> Result<Self, WallError> {
+        let of = |model: &Model| model.system(&[setting.joint], |joint| setting.posture[joint]);
+        let system = of(model)?;
+        refuse_delays(&system)?;
+        let inverse = of(believed)?.inverse_drive().map_err(|_| WallError::NoDrive { joint: setting.joint })?;
+        Ok(Self { system, gain: 1.0 / inverse[0] })
+    }
+
+    /// With a drive that delivers so many times what the controller takes it for.
+    pub(super) fn delivering(self, factor: f64) -> Self {
+        Self { gain: self.gain / factor, ..self }
+    }
+}
+
+/// A hand that holds the joint itself.
+struct Joint {
+    plan: Plan,
+}
+
+impl Held<1> for Joint {
+    fn handle(&mut self, x: &[f64]) -> [[f64; 1]; 2] {
+        [[x[0]], [x[1]]]
+    }
+
+    fn torques(&mut self, _: &[f64], force: [f64; 1], torques: &mut [f64]) {
+        torques.copy_from_slice(&force);
+    }
+
+    fn wanted(&self, t: f64, touched: Option<f64>) -> Wanted<1> {
+        self.plan.at(t, touched)
+    }
+
+    fn distance(&self, [position]: [f64; 1]) -> f64 {
+        position
+    }
+}
+
+/// Plays one approach of `hand` against `wall`.
+///
+/// # Errors
+/// [`WallError::Diverged`]; what [`WallError`] says of the model.
+pub fn contact(
+    model: &Model,
+    setting: &Setting,
+    wall: &Wall,
+    hand: &Hand,
+    approach: &Approach,
+) -> Result<Contact, WallError> {
+    played(&Plant::new(model, setting)?, setting, wall, hand, approach)
+}
+
+pub(super) fn played(
+    plant: &Plant,
+    setting: &Setting,
+    wall: &Wall,
+    hand: &Hand,
+    approach: &Approach,
+) -> Result<Contact, WallError> {
+    let plan = Plan::new(setting.start, &setting.reaching(), approach);
+    let mut wall = wall.clone();
+    let mut velocity = FilteredVelocity::new(setting.filter, setting.sample_s);
+    let mut told = Contact {
+        sample_s: setting.sample_s,
+        position: Vec::new(),
+        velocity: Vec::new(),
+        torque: Vec::new(),
+        touched: None,
+    };
+    // Commands, then the torque.
+    let n_joints = plant.system.n_joints();
+    let encounter = Encounter {
+        system: &plant.system,
+        sampling: setting.sampling(),
+        hand,
+        start: &[setting.start],
+        // An arm that does not get to the wall in three times the planned time never does.
+        patience_s: 3.0 * plan.duration_s(),
+        first: &vec![0.0; n_joints + 1],
+    };
+    let control = |shown: &[f64], answer: &mut [f64]| {
+        let torque = wall.tick(shown[0], velocity.tick(shown[0]));
+        answer[setting.joint] = torque / plant.gain;
+        answer[n_joints] = torque;
+    };
+    told.touched = encounter.play(&mut Joint { plan }, control, |tick| {
+        told.position.push(tick.device[0]);
+        told.velocity.push(tick.device[1]);
+        told.torque.push(tick.acting[n_joints]);
+    })?;
+    Ok(told)
+}

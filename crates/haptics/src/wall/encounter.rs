@@ -1,0 +1,154 @@
+//! A device and a hand between the ticks of a controller: what every contact is played with.
+
+use std::collections::VecDeque;
+
+use super::{Hand, WallError, hand::Wanted, setting::Sampling};
+use dynid_dynamics::{
+    simulate, simulate::SimulationError, simulate::control::round_to, system::Scratch, system::System,
+};
+
+/// What a hand holds of a device, in `D` directions: a joint itself, or a point in space.
+pub(super) trait Held<const D: usize> {
+    /// Where the handle is and how fast it moves in the state `x` of the device.
+    fn handle(&mut self, x: &[f64]) -> [[f64; D]; 2];
+    /// Torques at the free joints of the hand's `force` at the handle, in the state that [`Held::handle`] was asked last.
+    fn torques(&mut self, x: &[f64], force: [f64; D], torques: &mut [f64]);
+    /// What the arm wants at a time (s), `touched` being when the wall was first met.
+    fn wanted(&self, t: f64, touched: Option<f64>) -> Wanted<D>;
+    /// How far a handle is outside of the wall; negative inside.
+    fn distance(&self, handle: [f64; D]) -> f64;
+}
+
+/// What is at hand at a tick.
+pub(super) struct Tick<'a> {
+    /// State of the device `[q, dq, z]`.
+    pub(super) device: &'a [f64],
+    /// What the controller had said so many ticks ago that it acts until the next: commands of all joints, then what it told
+    /// besides.
+    pub(super) acting: &'a [f64],
+    /// Energy that the hand has put into the device since the start (J).
+    pub(super) hand_work: f64,
+}
+
+/// That no command arrives late: what a controller says is played when it says it.
+///
+/// # Errors
+/// [`WallError::Late`].
+pub(super) fn refuse_delays(system: &System) -> Result<(), WallError> {
+    match system.delays().iter().find(|delay| delay.span_s > 0.0) {
+        Some(delay) => Err(WallError::Late { joint: delay.joint, span_s: delay.span_s }),
+        None => Ok(()),
+    }
+}
+
+/// A device and a hand, about to meet a wall.
+pub(super) struct Encounter<'a> {
+    pub(super) system: &'a System,
+    pub(super) sampling: Sampling,
+    pub(super) hand: &'a Hand,
+    /// Positions of the free joints at the start, at rest.
+    pub(super) start: &'a [f64],
+    /// How long a hand is waited for that does not get to the wall (s).
+    pub(super) patience_s: f64,
+    /// What acts until the controller's first answer arrives.
+    pub(super) first: &'a [f64],
+}
+
+impl Encounter<'_> {
+    /// Plays it. `control` answers what the sensors show with commands of all joints and, behind them, what is to be told;
+    /// `tell` hears of every tick. Answers the tick of the first contact.
+    ///
+    /// # Errors
+    /// [`WallError::Diverged`]; [`WallError::Late`].
+    pub(super) fn play<const D: usize>(
+        &self,
+        held: &mut impl Held<D>,
+        mut control: impl FnMut(&[f64], &mut [f64]),
+        mut tell: impl FnMut(&Tick<'_>),
+    ) -> Result<Option<usize>, WallError> {
+        let Self { system, sampling, hand, .. } = *self;
+        refuse_delays(system)?;
+        let (n_states, n_joints) = (system.n_states(), system.n_joints());
+        let mut x = system.rest(self.start);
+        let place = held.handle(&x)[0];
+        x.extend(Hand::rest(place));
+        x.push(0.0);
+        let rooms = [x.clone(), x.clone(), x.clone()];
+        let scratch = system.scratch();
+        let external = vec![0.0; system.n_free()];
+        let mut integrator = Integrator { system, hand, held, scratch, external, x, rooms };
+        let mut shown = vec![0.0; system.n_free()];
+        let mut underway = VecDeque::from(vec![self.first.to_vec(); sampling.delay_samples + 1]);
+        let substeps = (sampling.sample_s / sampling.step_s - 1e-9).ceil().max(1.0) as usize;
+        let step = sampling.sample_s / substeps as f64;
+        let patience = (self.patience_s / sampling.sample_s).ceil() as usize;
+        let after = (sampling.after_s / sampling.sample_s).round() as usize;
+        let (mut touched, mut touched_s) = (None, None);
+        for tick in 0.. {
+            let t = tick as f64 * sampling.sample_s;
+            let device = &integrator.x[..n_states];
+            simulate::check_state(system, t, device, &simulate::Options::default()).map_err(|error| match error {
+                SimulationError::Diverged { time_s, joint } => WallError::Diverged { time_s, joint },
+                _ => WallError::Diverged { time_s: t, joint: system.kernel().free[0] },
+            })?;
+            system.measure(t, device, &mut shown);
+            shown.iter_mut().for_each(|shown| *shown = round_to(*shown, sampling.position_quantum));
+            // The oldest answer has acted its time; its room takes the newest.
+            let mut answer = underway.pop_front().unwrap_or_else(|| self.first.to_vec());
+            control(&shown, &mut answer);
+            underway.push_back(answer);
+            let handle = integrator.held.handle(&integrator.x)[0];
+            if touched.is_none() && integrator.held.distance(handle) < 0.0 {
+                touched = Some(tick);
+            }
+            let acting = underway.front().map_or(self.first, Vec::as_slice);
+            let hand_work = integrator.x[n_states + Hand::n_states(D)];
+            tell(&Tick { device: &integrator.x[..n_states], acting, hand_work });
+            if tick >= touched.map_or(patience, |touched| touched + after) {
+                break;
+            }
+            for k in 0..substeps {
+                let now = t + k as f64 * step;
+                if touched_s.is_none() {
+                    let handle = integrator.held.handle(&integrator.x)[0];
+                    touched_s = (integrator.held.distance(handle) < 0.0).then_some(now);
+                }
+                integrator.step(now, step, &acting[..n_joints], touched_s);
+            }
+        }
+        Ok(touched)
+    }
+}
+
+/// State of the device, of the hand, then the energy that the hand has put in.
+struct Integrator<'a, H> {
+    system: &'a System,
+    hand: &'a Hand,
+    held: &'a mut H,
+    scratch: Scratch,
+    external: Vec<f64>,
+    x: Vec<f64>,
+    rooms: [Vec<f64>; 3],
+}
+
+impl<H> Integrator<'_, H> {
+    /// One step of the classical Runge-Kutta scheme.
+    fn step<const D: usize>(&mut self, t: f64, step: f64, command: &[f64], touched: Option<f64>)
+    where
+        H: Held<D>,
+    {
+        let Self { system, hand, held, scratch, external, x, rooms: [stage, slope, sum] } = self;
+        let (n_states, n) = (system.n_states(), system.n_free());
+        let mut rate = |t: f64, x: &[f64], dx: &mut [f64]| {
+            let (device, person) = x.split_at(n_states);
+            let (d_device, d_person) = dx.split_at_mut(n_states);
+            let handle = held.handle(device);
+            let grip = hand.rates(handle, &held.wanted(t, touched), person, d_person);
+            held.torques(device, grip, external);
+            system.derivative_under(scratch, t, device, command, external, d_device);
+            let power = external.iter().zip(&device[n..2 * n]).map(|(torque, speed)| torque * speed);
+            d_person[Hand::n_states(D)] = power.sum();
+        };
+        simulate::runge_kutta(&mut rate, t, step, [x, stage, slope, sum]);
+    }
+}

@@ -1,0 +1,68 @@
+//! A fit of the torque error, told like every other.
+
+use super::{ErrorKind, Found, Identified, Progress};
+use crate::FitError;
+use crate::{orders, torque, torque::TorqueFit, torque::TorqueRun};
+use dynid_dynamics::system::System;
+use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
+use dynid_user_model::Model;
+
+/// Fits `model` to the torque error of those of `runs` that are for it.
+///
+/// # Errors
+/// As [`torque::fit`].
+pub(super) fn by_torque(
+    model: &Model,
+    runs: &[&Run],
+    iterations: usize,
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Identified, FitError> {
+    let fitted: Vec<TorqueRun> = runs
+        .iter()
+        .filter(|run| run.role == Role::Fit)
+        .map(|run| {
+            Ok(TorqueRun {
+                name: run.label(),
+                role: run.role,
+                system: model.system(&run.free, |joint| run.log.mean_position(joint))?,
+                motion: Motion::of(run)?,
+            })
+        })
+        .collect::<Result<_, FitError>>()?;
+    let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =
+        torque::fit(&fitted, &model.parameters(), &orders(model), iterations, &mut |iteration, cost| {
+            progress(&Progress { iteration, cost, step: None, tether: 0.0, configuration: None, start: 0 });
+        })?;
+    let mut fitted = model.clone();
+    let parameters: Vec<Found> = parameters
+        .into_iter()
+        .map(|parameter| {
+            fitted.set_value(&parameter.name, parameter.value)?;
+            Ok(Found {
+                name: parameter.name,
+                start: parameter.start,
+                value: parameter.value,
+                std_error: parameter.std_error,
+                identifiable: parameter.identifiable,
+                held: parameter.held,
+            })
+        })
+        .collect::<Result<_, FitError>>()?;
+    Ok(Identified {
+        model: fitted,
+        error: ErrorKind::Torque,
+        status,
+        iterations,
+        needs_every_step: false,
+        cost_before: Some(cost_before),
+        cost_after,
+        parameters,
+        open: flat,
+        correlations: Vec::new(),
+        tried: Vec::new(),
+        best_start: 0,
+        steps: Vec::new(),
+        budget: Vec::new(),
+        notes: Vec::new(),
+    })
+}

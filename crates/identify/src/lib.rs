@@ -1,0 +1,74 @@
+//! Fits: from logs to parameter values, each with its standing.
+
+mod budget;
+pub mod checkpoint;
+mod error;
+pub mod identify;
+mod nearness;
+pub mod position;
+pub mod sensitivity;
+pub mod sequence;
+pub mod starts;
+pub mod torque;
+
+pub use error::FitError;
+pub use nearness::{LONGEST_STEP, stays_near, strays};
+
+use dynid_model::expression::Comparison;
+
+use serde::{Deserialize, Serialize};
+
+use dynid_user_model::Model;
+
+/// `(larger, smaller)`: names of the parameters of which the effects of `model` want one not below the other, e.g.
+/// LuGre's `Fs >= Fc` (thesis Eq. 4.1).
+pub fn orders(model: &Model) -> Vec<(String, String)> {
+    let mut orders = Vec::new();
+    for instance in &model.effects {
+        let name = |symbol: &str| {
+            let index = instance.effect.parameters.iter().position(|parameter| parameter.symbol == symbol)?;
+            Some(instance.parameter_name(index))
+        };
+        for (left, comparison, right) in &instance.effect.inequalities {
+            let (Some(left), Some(right)) = (name(left), name(right)) else { continue };
+            orders.push(match comparison {
+                Comparison::Greater => (left, right),
+                Comparison::Less => (right, left),
+            });
+        }
+    }
+    orders
+}
+
+/// How a fit ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FitStatus {
+    /// Step and gradient are below tolerance.
+    Converged,
+    /// Converged, and at least one parameter is held by its bound or by physics, not by the data.
+    HeldByBound,
+    /// Converged, and some parameters or combinations do not change the prediction: they kept their start values.
+    NotIdentifiable,
+    /// Too many iterations.
+    IterationLimit,
+    /// The cost is not finite, or no step lowers it although the gradient is not small.
+    NumericalError,
+}
+
+impl FitStatus {
+    /// Whether the result is a minimum, so that a model may take it.
+    pub fn may_update_model(self) -> bool {
+        matches!(self, Self::Converged | Self::HeldByBound | Self::NotIdentifiable)
+    }
+
+    /// As it stands in files and reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::HeldByBound => "held by bound",
+            Self::NotIdentifiable => "not identifiable",
+            Self::IterationLimit => "iteration limit",
+            Self::NumericalError => "numerical error",
+        }
+    }
+}

@@ -1,0 +1,622 @@
+//! Cost and Gauss-Newton Hessian of the position error over all runs.
+
+use dynid_logs::noise::noise_of_log;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion};
+use crate::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
+use dynid_dynamics::{
+    simulate, simulate::Input, simulate::Options, simulate::SimulationError, simulate::Tether, system::System,
+};
+use dynid_optimise::{sqp::HalfSpace, sqp::Objective, sqp::Quadratic};
+
+/// Where an unknown enters a run.
+#[derive(Debug, Clone, Copy)]
+enum Role {
+    /// Index among the kernel's parameters.
+    Link(usize),
+    /// Index among the system's effect parameters.
+    Effect(usize),
+}
+
+/// A run, ready to be evaluated at any unknowns.
+struct Ready<'a> {
+    run: &'a FitRun,
+    columns: Columns,
+    /// Unknown and its role; unknowns without one do not occur here.
+    roles: Vec<(usize, Role)>,
+    /// Index of the run's first initial position among all unknowns.
+    first_initial: usize,
+    /// Factor on each free joint's error: weight over noise.
+    weights: Vec<f64>,
+    /// Where each free joint started and the weight of that, if the log's transient is cut; else none.
+    starts: Vec<(f64, f64)>,
+}
+
+/// Fewer integration steps per sample are not tried.
+pub(super) const FEWEST_STEPS: usize = 4;
+
+/// All runs at any unknowns: parameters first, then every run's initial positions (and speeds if it moves).
+pub(super) struct Evaluator<'a> {
+    ready: Vec<Ready<'a>>,
+    n_parameters: usize,
+    n: usize,
+    bodies: Vec<Body>,
+    spread: Vec<f64>,
+    /// Weak and earlier knowledge of the parameters.
+    prior_mean: DVector<f64>,
+    prior_information: DMatrix<f64>,
+}
+
+/// How much of the runs, and how finely.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Resolution {
+    pub(super) horizon_s: f64,
+    pub(super) substeps: usize,
+    /// Steps of the sensitivities: fewer do, for an error of theirs only bends the path to the minimum a little.
+    pub(super) jacobian_substeps: usize,
+    /// Rate of the tether to the log [1/s]; 0 without one.
+    pub(super) tether: f64,
+}
+
+/// An evaluator at one resolution.
+pub(super) struct At<'e, 'a> {
+    evaluator: &'e Evaluator<'a>,
+    resolution: Resolution,
+    /// Added to the simulated positions of each run; none where it is empty.
+    corrections: Vec<Vec<f64>>,
+}
+
+impl<'a> Evaluator<'a> {
+    pub(super) fn new(problem: &'a PositionProblem) -> Result<Self, PositionFitError> {
+        let n_parameters = problem.unknowns.len();
+        let mut n = n_parameters;
+        let mut ready = Vec::with_capacity(problem.runs.len());
+        for run in &problem.runs {
+            ready.push(Ready::new(problem, run, n));
+            n += run.n_initial();
+        }
+        let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
+        let bodies = Body::all(&names, &problem.known);
+        let start: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
+        if let Some(body) = bodies.iter().find(|body| !body.is_physical(&start)) {
+            return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&start) });
+        }
+        let (prior_mean, prior_information) = prior(problem);
+        let spread = problem.unknowns.iter().map(super::Unknown::spread).collect();
+        Ok(Self { ready, n_parameters, n, bodies, spread, prior_mean, prior_information })
+    }
+
+    /// Number of unknowns, initial positions included.
+    pub(super) fn n(&self) -> usize {
+        self.n
+    }
+
+    pub(super) fn bodies(&self) -> &[Body] {
+        &self.bodies
+    }
+
+    pub(super) fn prior_information(&self) -> &DMatrix<f64> {
+        &self.prior_information
+    }
+
+    /// Starts of the parameters; the median of a run's first samples for its initial positions. Of a run that begins in
+    /// motion, the line through its first samples.
+    pub(super) fn start(&self, problem: &PositionProblem) -> Vec<f64> {
+        let mut x: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
+        for run in &problem.runs {
+            let slots = 0..run.system.n_free();
+            if run.moving {
+                let lines: Vec<[f64; 2]> = slots.map(|slot| first_line(run, slot)).collect();
+                x.extend(lines.iter().map(|line| line[0]).chain(lines.iter().map(|line| line[1])));
+            } else {
+                x.extend(slots.map(|slot| first_position(run, slot)));
+            }
+        }
+        x
+    }
+
+    pub(super) fn at(&self, resolution: Resolution) -> At<'_, 'a> {
+        At { evaluator: self, resolution, corrections: Vec::new() }
+    }
+
+    /// At a resolution, and on top what `substeps` steps per sample make of the positions at `anchor` (defect
+    /// correction: there the error of few steps is gone, and near there it hardly changes).
+    pub(super) fn corrected(&self, resolution: Resolution, substeps: usize, anchor: &[f64]) -> At<'_, 'a> {
+        let plain = self.at(resolution);
+        if substeps == resolution.substeps {
+            return plain;
+        }
+        let fine = self.at(Resolution { substeps, ..resolution });
+        let (Some(rough), Some(fine)) = (plain.simulated(anchor), fine.simulated(anchor)) else { return plain };
+        let difference =
+            |(rough, fine): (Vec<f64>, Vec<f64>)| fine.iter().zip(&rough).map(|(fine, rough)| fine - rough).collect();
+        At { corrections: rough.into_iter().zip(fine).map(difference).collect(), ..plain }
+    }
+
+    /// The fewest steps per sample that change no position by more than a small part of the noise, or of the error where
+    /// that is somewhat larger: what is far from the log need not be far from it exactly. On a tether of rate `tether`
+    /// [1/s] an error of one step is pulled back, so that fewer may do.
+    ///
+    /// The first seconds of the runs tell. Where so few steps cannot simulate the runs to their end and `fine` ones can, the whole
+    /// runs do.
+    pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize, tether: f64) -> usize {
+        const FIRST_S: f64 = 5.0;
+        const ALL_S: f64 = f64::INFINITY;
+        let simulated = |horizon_s: f64, substeps: usize| {
+            self.at(Resolution { horizon_s, substeps, jacobian_substeps: substeps, tether }).simulated(x)
+        };
+        let fewest = |horizon_s: f64, reference: &[Vec<f64>], above: usize| {
+            let allowed = self.allowed(reference);
+            [FEWEST_STEPS, 6, 10, 15, 20, 30]
+                .into_iter()
+                .filter(|substeps| (above + 1..fine).contains(substeps))
+                .find(|substeps| {
+                    simulated(horizon_s, *substeps).is_some_and(|coarse| self.are_close(reference, &coarse, allowed))
+                })
+                .unwrap_or(fine)
+        };
+        let Some(reference) = simulated(FIRST_S, fine) else { return fine };
+        let few = fewest(FIRST_S, &reference, 0);
+        if few == fine || simulated(ALL_S, few).is_some() {
+            return few;
+        }
+        simulated(ALL_S, fine).map_or(few, |reference| fewest(ALL_S, &reference, few))
+    }
+
+    /// What integration with fewer steps may change a simulated position by, in units of the noise.
+    fn allowed(&self, reference: &[Vec<f64>]) -> f64 {
+        /// Share of the noise that the integration may add: a numerical choice.
+        const SHARE: f64 = 0.1;
+        /// No error counts for more than this in units of the noise: the search would stumble over rougher simulations.
+        const LARGE: f64 = 4.0;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (ready, reference) in self.ready.iter().zip(reference) {
+            let n_free = ready.run.system.n_free();
+            for (index, (reference, measured)) in reference.iter().zip(&ready.run.position).enumerate() {
+                sum += ((reference - measured) * ready.weights[index % n_free]).powi(2);
+                count += 1.0;
+            }
+        }
+        SHARE * (sum / f64::max(count, 1.0)).sqrt().clamp(1.0, LARGE)
+    }
+
+    /// Whether no simulated position of any run changes by more than `allowed`, in units of the noise.
+    fn are_close(&self, reference: &[Vec<f64>], coarse: &[Vec<f64>], allowed: f64) -> bool {
+        self.ready.iter().zip(reference).zip(coarse).all(|((ready, reference), coarse)| {
+            let n_free = ready.run.system.n_free();
+            reference.iter().zip(coarse).enumerate().all(|(index, (reference, coarse))| {
+                (reference - coarse).abs() * ready.weights[index % n_free] <= allowed
+            })
+        })
+    }
+
+    fn prior_cost(&self, x: &[f64]) -> f64 {
+        let away = DVector::from_column_slice(&x[..self.n_parameters]) - &self.prior_mean;
+        0.5 * away.dot(&(&self.prior_information * &away))
+    }
+}
+
+/// Median of a joint's first samples.
+fn first_position(run: &FitRun, slot: usize) -> f64 {
+    /// At rest the first samples differ by noise only; later ones show motion.
+    const SAMPLES: usize = 3;
+    let mut first = run.measured(slot);
+    first.truncate(SAMPLES);
+    first.sort_by(f64::total_cmp);
+    first.get(first.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// How well a log whose transient is cut still shows where it started, as a share of its motion's range. What is cut is
+/// not trusted to the noise, but without it nothing may be left that says where the start was.
+const START_OF_CUT_LOG: f64 = 0.02;
+
+impl<'a> Ready<'a> {
+    fn new(problem: &PositionProblem, run: &'a FitRun, first_initial: usize) -> Self {
+        let system = &run.system;
+        let mut roles = Vec::new();
+        for (unknown, entry) in problem.unknowns.iter().enumerate() {
+            let name = entry.name.as_str();
+            if let Some(index) = system.kernel().parameters.iter().position(|known| *known == name) {
+                roles.push((unknown, Role::Link(index)));
+            } else if let Some(index) = system.effect_names().iter().position(|known| known == name) {
+                roles.push((unknown, Role::Effect(index)));
+            }
+        }
+        let lumps =
+            if roles.iter().any(|(_, role)| matches!(role, Role::Link(_))) { Lumps::Wanted } else { Lumps::Known };
+        let wanted = |name: &str| problem.unknowns.iter().any(|unknown| unknown.name == name);
+        let columns = Columns::new(system, wanted, lumps);
+        let columns = if run.moving { columns.moving(system.n_free()) } else { columns };
+        let n_free = system.n_free();
+        // What is cut says nothing of the noise either.
+        let first = run.first_sample();
+        let weights = (0..n_free).map(|slot| run.weights[slot] / noise_of(&run.measured(slot)[first..])).collect();
+        let start = |slot: usize| {
+            let measured = run.measured(slot);
+            let (low, high) = range(&measured);
+            (first_position(run, slot), (START_OF_CUT_LOG * (high - low)).max(noise_of(&measured)).recip())
+        };
+        let is_cut = run.time.first().is_some_and(|first| *first < run.from_s);
+        let starts = if is_cut { (0..n_free).map(start).collect() } else { Vec::new() };
+        Self { run, columns, roles, first_initial, weights, starts }
+    }
+
+    /// The run's system with the values of `x`.
+    fn system(&self, x: &[f64]) -> System {
+        let mut system = self.run.system.clone();
+        let mut links = system.link_parameters().to_vec();
+        let mut effects = system.effect_parameters().to_vec();
+        for &(unknown, role) in &self.roles {
+            match role {
+                Role::Link(index) => links[index] = x[unknown],
+                Role::Effect(index) => effects[index] = x[unknown],
+            }
+        }
+        system.set_parameters(&links, &effects);
+        system
+    }
+
+    fn initial<'x>(&self, x: &'x [f64]) -> &'x [f64] {
+        &x[self.first_initial..self.first_initial + self.run.n_initial()]
+    }
+
+    fn input(&self, resolution: Resolution) -> Input<'a> {
+        let all = Input { time: &self.run.time, command: &self.run.command, hold: self.run.hold };
+        let end = self.run.time.first().copied().unwrap_or(0.0) + resolution.horizon_s;
+        all.first(self.run.time.partition_point(|t| *t <= end))
+    }
+
+    fn simulate(&self, x: &[f64], resolution: Resolution) -> Result<Vec<f64>, SimulationError> {
+        let options = Options { substeps: resolution.substeps, ..Options::default() };
+        let (system, input) = (self.system(x), self.input(resolution));
+        let trajectory = match self.tether(resolution) {
+            Some(tether) => simulate::simulate_tethered(&system, &input, &tether, self.initial(x), &options),
+            None => simulate::simulate(&system, &input, self.initial(x), &options),
+        };
+        trajectory.map(|trajectory| trajectory.q)
+    }
+
+    fn tether(&self, resolution: Resolution) -> Option<Tether<'a>> {
+        (resolution.tether > 0.0).then_some(Tether { rate: resolution.tether, position: &self.run.position })
+    }
+
+    /// Factor on the error of a free joint at a sample (thesis Eq. 4.2: by time; Eq. 4.3: by joint).
+    fn weight(&self, sample: usize, slot: usize) -> f64 {
+        let by_time = if 2 * sample < self.run.time.len() { self.run.first_half } else { 1.0 };
+        self.weights[slot] * by_time
+    }
+
+    fn cost(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Result<f64, SimulationError> {
+        let mut simulated = self.simulate(x, resolution)?;
+        simulated.iter_mut().zip(correction).for_each(|(q, correction)| *q += correction);
+        let n_free = self.run.system.n_free();
+        let skip = self.run.first_sample() * n_free;
+        let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
+        let weight = |index: usize| self.weight(index / n_free, index % n_free);
+        let of_start: f64 =
+            self.starts.iter().zip(self.initial(x)).map(|((q0, weight), q)| ((q - q0) * weight).powi(2)).sum();
+        Ok(0.5 * (errors.map(|(index, (y, q))| ((y - q) * weight(index)).powi(2)).sum::<f64>() + of_start))
+    }
+
+    /// Cost, gradient and Hessian by this run's own unknowns.
+    fn quadratic(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Option<Quadratic> {
+        let system = self.system(x);
+        let n_free = system.n_free();
+        let count = self.columns.count();
+        let width = self.columns.width();
+        let first = self.run.first_sample();
+        let options = Options { substeps: resolution.jacobian_substeps, ..Options::default() };
+        let finer = if resolution.jacobian_substeps == resolution.substeps {
+            None
+        } else {
+            Some(self.simulate(x, resolution).ok()?)
+        };
+        let mut cost = 0.0;
+        let mut gradient = vec![0.0; width];
+        let mut hessian = vec![0.0; width * width];
+        let observe = |sample: usize, position: &[f64], rows: &[f64]| {
+            if sample < first {
+                return;
+            }
+            let position = finer.as_ref().map_or(position, |finer| &finer[sample * n_free..(sample + 1) * n_free]);
+            for (slot, row) in rows.chunks_exact(width).enumerate() {
+                let weight = self.weight(sample, slot);
+                let index = sample * n_free + slot;
+                let corrected = position[slot] + correction.get(index).copied().unwrap_or(0.0);
+                let error = (self.run.position[index] - corrected) * weight;
+                cost += 0.5 * error * error;
+                for (gradient, by) in gradient.iter_mut().zip(row) {
+                    *gradient -= error * weight * by;
+                }
+                for (index, line) in hessian.chunks_exact_mut(width).enumerate().take(count) {
+                    let factor = weight * weight * row[index];
+                    for (entry, by) in line.iter_mut().zip(row) {
+                        *entry += factor * by;
+                    }
+                }
+            }
+        };
+        let input = self.input(resolution);
+        let tether = self.tether(resolution);
+        let initial = self.initial(x);
+        sensitivity::simulate(&system, &self.columns, &input, tether.as_ref(), initial, &options, observe).ok()?;
+        let by_unknown = self.chain(&system);
+        let gradient = DVector::from_fn(count, |k, _| gradient[k]);
+        let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
+        let mut gradient = by_unknown.transpose() * gradient;
+        let mut hessian = by_unknown.transpose() * hessian * &by_unknown;
+        for (slot, ((q0, weight), q)) in self.starts.iter().zip(initial).enumerate() {
+            let place = self.roles.len() + slot;
+            cost += 0.5 * ((q - q0) * weight).powi(2);
+            gradient[place] += (q - q0) * weight * weight;
+            hessian[(place, place)] += weight * weight;
+        }
+        Some(Quadratic { cost, gradient, hessian })
+    }
+
+    /// `sum(j' j)` over the samples that count for each free joint, `j` being the derivative of its simulated position by this run's
+    /// unknowns.
+    fn motion(&self, x: &[f64], substeps: usize) -> Option<Vec<DMatrix<f64>>> {
+        let system = self.system(x);
+        let (count, width) = (self.columns.count(), self.columns.width());
+        let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
+        let first = self.run.first_sample();
+        let observe = |sample: usize, _: &[f64], rows: &[f64]| {
+            if sample < first {
+                return;
+            }
+            for (sum, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
+                let row = DVector::from_column_slice(&row[..count]);
+                sum.ger(1.0, &row, &row, 1.0);
+            }
+        };
+        let all = Input { time: &self.run.time, command: &self.run.command, hold: self.run.hold };
+        let options = Options { substeps, ..Options::default() };
+        sensitivity::simulate(&system, &self.columns, &all, None, self.initial(x), &options, observe).ok()?;
+        let by_unknown = self.chain(&system);
+        Some(sums.into_iter().map(|sum| by_unknown.transpose() * sum * &by_unknown).collect())
+    }
+
+    /// Derivative of the columns by this run's unknowns: parameters in the order of `roles`, then initial positions.
+    fn chain(&self, system: &System) -> DMatrix<f64> {
+        let kernel = system.kernel();
+        let n_links = kernel.parameters.len();
+        let mut by_link = vec![0.0; kernel.prepared.len() * n_links];
+        if !self.columns.lumps().is_empty() {
+            (kernel.prepare_gradient)(system.link_parameters(), system.locked(), &mut by_link);
+        }
+        let mut chain = DMatrix::zeros(self.columns.count(), self.roles.len() + self.run.n_initial());
+        for (own, (_, role)) in self.roles.iter().enumerate() {
+            match role {
+                Role::Link(index) => {
+                    for (lump, column) in self.columns.lumps().enumerate() {
+                        chain[(column, own)] = by_link[lump * n_links + index];
+                    }
+                }
+                Role::Effect(index) => {
+                    if let Some(column) = self.columns.effect(*index) {
+                        chain[(column, own)] = 1.0;
+                    }
+                }
+            }
+        }
+        for (slot, column) in self.columns.initial().enumerate() {
+            chain[(column, self.roles.len() + slot)] = 1.0;
+        }
+        chain
+    }
+
+    /// Index among all unknowns of each of this run's own.
+    fn places(&self) -> Vec<usize> {
+        let initial = self.first_initial..self.first_initial + self.run.n_initial();
+        self.roles.iter().map(|(unknown, _)| *unknown).chain(initial).collect()
+    }
+}
+
+impl At<'_, '_> {
+    pub(super) fn resolution(&self) -> Resolution {
+        self.resolution
+    }
+
+    /// Number of errors in the cost.
+    pub(super) fn samples(&self) -> usize {
+        let ready = &self.evaluator.ready;
+        let used = |ready: &Ready<'_>| ready.input(self.resolution).time.len().saturating_sub(ready.run.first_sample());
+        ready.iter().map(|ready| used(ready) * ready.run.system.n_free()).sum()
+    }
+
+    /// Simulated positions of every run.
+    pub(super) fn simulated(&self, x: &[f64]) -> Option<Vec<Vec<f64>>> {
+        self.evaluator.ready.par_iter().map(|ready| ready.simulate(x, self.resolution).ok()).collect()
+    }
+
+    fn correction(&self, run: usize) -> &[f64] {
+        self.corrections.get(run).map_or(&[], Vec::as_slice)
+    }
+
+    /// Of what is corrected at `anchor`: whether few steps make something else of the runs than the stated step does, by more than
+    /// noise and by a large part of the error; or nothing at all.
+    pub(super) fn is_rough(&self, anchor: &[f64]) -> bool {
+        /// In units of the noise.
+        const MUCH: f64 = 4.0;
+        /// Of the error.
+        const SHARE: f64 = 0.3;
+        let Some(rough) = self.simulated(anchor).filter(|_| !self.corrections.is_empty()) else { return true };
+        let (mut changes, mut errors, mut count) = (0.0, 0.0, 0.0);
+        for ((ready, rough), corrections) in self.evaluator.ready.iter().zip(&rough).zip(&self.corrections) {
+            let n_free = ready.run.system.n_free();
+            let measured = &ready.run.position;
+            let samples = rough.iter().zip(corrections).zip(measured).enumerate();
+            for (index, ((rough, correction), measured)) in samples.skip(ready.run.first_sample() * n_free) {
+                let weight = ready.weight(index / n_free, index % n_free);
+                changes += (weight * correction).powi(2);
+                errors += (weight * (rough + correction - measured)).powi(2);
+                count += 1.0;
+            }
+        }
+        changes > MUCH * MUCH * count && changes > SHARE * SHARE * errors
+    }
+
+    /// Cost of the data alone, without any prior.
+    pub(super) fn data_cost(&self, x: &[f64]) -> Option<f64> {
+        let ready = &self.evaluator.ready;
+        let costs: Option<Vec<f64>> = (0..ready.len())
+            .into_par_iter()
+            .map(|run| ready[run].cost(x, self.resolution, self.correction(run)).ok())
+            .collect();
+        costs.map(|costs| costs.iter().sum::<f64>())
+    }
+
+    /// Cost and derivatives of the data alone, without any prior.
+    pub(super) fn data(&self, x: &[f64]) -> Option<Quadratic> {
+        let evaluator = self.evaluator;
+        let parts: Option<Vec<Quadratic>> = (0..evaluator.ready.len())
+            .into_par_iter()
+            .map(|run| evaluator.ready[run].quadratic(x, self.resolution, self.correction(run)))
+            .collect();
+        let mut total = Quadratic {
+            cost: 0.0,
+            gradient: DVector::zeros(evaluator.n),
+            hessian: DMatrix::zeros(evaluator.n, evaluator.n),
+        };
+        // In the order of the runs, whichever thread was first: the same bits every time.
+        for (ready, part) in evaluator.ready.iter().zip(parts?) {
+            let places = ready.places();
+            total.cost += part.cost;
+            for (own, place) in places.iter().enumerate() {
+                total.gradient[*place] += part.gradient[own];
+                for (other, second) in places.iter().enumerate() {
+                    total.hessian[(*place, *second)] += part.hessian[(own, other)];
+                }
+            }
+        }
+        Some(total)
+    }
+
+    /// What each run tells of the parameters, and how its simulated positions move with them.
+    pub(super) fn motions(&self, x: &[f64]) -> Option<Vec<RunMotion>> {
+        let substeps = self.resolution.jacobian_substeps;
+        self.evaluator
+            .ready
+            .par_iter()
+            .map(|ready| {
+                let by_slot = ready.motion(x, substeps)?;
+                let starts: Vec<f64> = ready.starts.iter().map(|(_, weight)| *weight).collect();
+                let samples = ready.run.time.len() - ready.run.first_sample();
+                let n = self.evaluator.n_parameters;
+                Some(RunMotion::new(n, &ready.places(), (&ready.weights, &starts), samples, &by_slot))
+            })
+            .collect()
+    }
+
+    /// Why the runs cannot be simulated at `x`.
+    pub(super) fn why_not(&self, x: &[f64]) -> PositionFitError {
+        let failure = self.evaluator.ready.iter().find_map(|ready| {
+            let error = ready.cost(x, self.resolution, &[]).err()?;
+            Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
+        });
+        let first = || self.evaluator.ready.first().map(|ready| ready.run.name.clone());
+        failure.or_else(|| Some(PositionFitError::Sensitivities { run: first()? })).unwrap_or(PositionFitError::NoRun)
+    }
+}
+
+impl Objective for At<'_, '_> {
+    fn cost(&self, x: &[f64]) -> Option<f64> {
+        let total = self.data_cost(x)? + self.evaluator.prior_cost(x);
+        total.is_finite().then_some(total)
+    }
+
+    fn quadratic(&self, x: &[f64]) -> Option<Quadratic> {
+        let evaluator = self.evaluator;
+        let mut quadratic = self.data(x)?;
+        quadratic.cost += evaluator.prior_cost(x);
+        let n = evaluator.n_parameters;
+        let away = DVector::from_column_slice(&x[..n]) - &evaluator.prior_mean;
+        let pull = &evaluator.prior_information * away;
+        for row in 0..n {
+            quadratic.gradient[row] += pull[row];
+            for column in 0..n {
+                quadratic.hessian[(row, column)] += evaluator.prior_information[(row, column)];
+            }
+        }
+        let finite = quadratic.cost.is_finite() && quadratic.hessian.iter().all(|value| value.is_finite());
+        finite.then_some(quadratic)
+    }
+
+    fn metric(&self, unknown: usize) -> Option<f64> {
+        /// Share of its range that a parameter goes along a direction the data hardly know, at a damping of one.
+        const STRIDE: f64 = 0.1;
+        self.evaluator.spread.get(unknown).map(|spread| (STRIDE * spread).powi(-2))
+    }
+
+    fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {
+        self.evaluator.bodies.iter().flat_map(|body| body.cuts(x)).collect()
+    }
+}
+
+/// The first positions of a run; where it begins in motion, then the speeds over its first samples.
+pub fn first_state(run: &FitRun) -> Vec<f64> {
+    let n = run.system.n_free();
+    let mut state: Vec<f64> = run.position.iter().take(n).copied().collect();
+    if run.moving {
+        state.extend((0..n).map(|slot| first_line(run, slot)[1]));
+    }
+    state
+}
+
+/// Position and speed at the first sample by the line of least squares through the first few.
+fn first_line(run: &FitRun, slot: usize) -> [f64; 2] {
+    const SAMPLES: usize = 6;
+    let n = run.time.len().min(SAMPLES);
+    let position = |k: usize| run.position[k * run.system.n_free() + slot];
+    let (time, mean) = (run.time[..n].iter().sum::<f64>() / n as f64, (0..n).map(position).sum::<f64>() / n as f64);
+    let (moment, product) = (0..n).fold((0.0, 0.0), |(moment, product), k| {
+        let away = run.time[k] - time;
+        (moment + away * away, product + away * (position(k) - mean))
+    });
+    let speed = if moment > 0.0 { product / moment } else { 0.0 };
+    [mean + speed * (run.time[0] - time), speed]
+}
+
+/// Noise of a log as `compare` has it; a log without noise counts as one of a millionth of its range.
+pub fn noise_of(measured: &[f64]) -> f64 {
+    let (low, high) = range(measured);
+    noise_of_log(measured).max(1e-6 * (high - low)).max(1e-12)
+}
+
+fn range(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)))
+}
+
+/// Mean and information of what is known before the data: ranges, and earlier fits.
+fn prior(problem: &PositionProblem) -> (DVector<f64>, DMatrix<f64>) {
+    let n = problem.unknowns.len();
+    let start = DVector::from_fn(n, |k, _| problem.unknowns[k].expected);
+    let mut information = DMatrix::zeros(n, n);
+    for (k, unknown) in problem.unknowns.iter().enumerate() {
+        information[(k, k)] = unknown.spread().powi(-2);
+    }
+    let Some(earlier) = &problem.prior else {
+        return (start, information);
+    };
+    // Two Gaussians multiply: informations add, means weigh by them.
+    let places: Vec<Option<usize>> =
+        earlier.names.iter().map(|name| problem.unknowns.iter().position(|unknown| unknown.name == *name)).collect();
+    let mut pull = &information * &start;
+    for (row, place) in places.iter().enumerate() {
+        let Some(place) = *place else { continue };
+        for (column, other) in places.iter().enumerate() {
+            let weight = earlier.information[(row, column)];
+            pull[place] += weight * earlier.mean[column];
+            if let Some(other) = *other {
+                information[(place, other)] += weight;
+            } else {
+                pull[place] -= weight * earlier.mean[column];
+            }
+        }
+    }
+    let mean = information.clone().cholesky().map_or(start, |factor| factor.solve(&pull));
+    (mean, information)
+}

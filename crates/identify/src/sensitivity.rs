@@ -1,0 +1,847 @@
+//! Positions of a run and their derivatives by the unknowns, integrated along (forward sensitivities).
+//!
+//! The columns of `S = dx/du` obey `dS/dt = f_x S + f_u`, integrated by the same Runge-Kutta steps as the state, so that
+//! S is the exact derivative of the numeric solution; where an effect jumps at a joint's rest position, S jumps as that of
+//! the exact solution does. Columns are, in this order: the wanted effect parameters, the
+//! kernel's lumps (all unknown inertial parameters act through them: `ds/dp = ds/dlump dlump/dp`), and the initial
+//! positions of the free joints. A row of S holds all columns of one state, padded to whole blocks.
+//!
+//! A few steps at a time are taken in three passes, for there are many more unknowns than states:
+//! 1. the states alone, as in any simulation, keeping what every stage saw;
+//! 2. the equations linearised at these stages, several side by side in the lanes of vector registers;
+//! 3. backwards through the stages (the transpose of the scheme), `S_end = W S_begin + G`: W has a row per state, and an
+//!    unknown costs only its own few entries of `f_u`.
+
+use dynid_generated::{LANES, Lanes, Scalar};
+
+use dynid_dynamics::{
+    simulate::Commands, simulate::Grid, simulate::Hold, simulate::Input, simulate::Options, simulate::SimulationError,
+    simulate::Tether, simulate::check, simulate::check_state, simulate::interpolate, simulate::step_bounds,
+    system::Linear, system::NONE, system::Scratch, system::Switch, system::System,
+};
+
+/// Columns come in blocks of this many: what one cache line holds, and whole vector registers of any width.
+const BLOCK: usize = 8;
+
+/// Steps that are linearised together, at most: their equations should stay in the cache.
+const MOST_STEPS: usize = 12;
+
+/// Stages of a Runge-Kutta step.
+const STAGES: usize = 4;
+
+/// Which derivative stands in which column.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Columns {
+    /// Column of each effect parameter of the system, or `usize::MAX`.
+    of_effect: Vec<usize>,
+    first_lump: usize,
+    n_lumps: usize,
+    n_initial: usize,
+    width: usize,
+}
+
+impl Columns {
+    /// Columns for those effect parameters of `system` that `wanted` names, and with `lumps` those of the rigid body.
+    pub fn new(system: &System, wanted: impl Fn(&str) -> bool, lumps: Lumps) -> Self {
+        let mut count = 0;
+        let of_effect = system
+            .effect_names()
+            .iter()
+            .map(|name| {
+                if wanted(name) {
+                    count += 1;
+                    count - 1
+                } else {
+                    NONE
+                }
+            })
+            .collect();
+        let n_lumps = if lumps == Lumps::Wanted { system.kernel().n_lumps } else { 0 };
+        let n_initial = system.n_free();
+        let width = (count + n_lumps + n_initial).next_multiple_of(BLOCK);
+        Self { of_effect, first_lump: count, n_lumps, n_initial, width }
+    }
+
+    /// With columns for the initial speeds of the `n_free` joints too.
+    #[must_use]
+    pub fn moving(self, n_free: usize) -> Self {
+        let n_initial = 2 * n_free;
+        let width = (self.first_lump + self.n_lumps + n_initial).next_multiple_of(BLOCK);
+        Self { n_initial, width, ..self }
+    }
+
+    /// Column of an effect parameter, by its index in [`System::effect_parameters`].
+    pub fn effect(&self, parameter: usize) -> Option<usize> {
+        self.of_effect.get(parameter).copied().filter(|column| *column != NONE)
+    }
+
+    /// Columns of the lumps; empty where they are not wanted.
+    pub fn lumps(&self) -> std::ops::Range<usize> {
+        self.first_lump..self.first_lump + self.n_lumps
+    }
+
+    /// Columns of the initial positions, then of the initial speeds where they are unknown.
+    pub fn initial(&self) -> std::ops::Range<usize> {
+        let first = self.first_lump + self.n_lumps;
+        first..first + self.n_initial
+    }
+
+    /// Number of columns in use.
+    pub fn count(&self) -> usize {
+        self.initial().end
+    }
+
+    /// Length of a row of S: [`Columns::count`], padded.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+}
+
+/// Whether the lumps get columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lumps {
+    /// Some inertial parameter is unknown.
+    Wanted,
+    /// All are known.
+    Known,
+}
+
+/// Simulates from `q0` (positions of the free joints, at rest; or positions, then speeds), on a tether if one is given, and
+/// hands every sample to `observe`: its index, the logged positions of the free joints
+/// and their derivatives, n_free x width.
+pub fn simulate(
+    system: &System,
+    columns: &Columns,
+    input: &Input<'_>,
+    tether: Option<&Tether<'_>>,
+    q0: &[f64],
+    options: &Options,
+    mut observe: impl FnMut(usize, &[f64], &[f64]),
+) -> Result<(), SimulationError> {
+    check(system, input, q0)?;
+    let n_joints = system.n_joints();
+    let mut motion = Variation::new(system, columns, q0);
+    let mut view = View::new(system, columns);
+    check_state(system, 0.0, &motion.x, options)?;
+    view.show(system, columns, input.time.first().copied().unwrap_or(0.0), &motion, 0, &mut observe);
+    let grid = Grid::new(input.time, options.substeps);
+    for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
+        let (now, next) = rows.split_at(n_joints);
+        let span = Span {
+            sample,
+            start: input.time[sample],
+            end: input.time[sample + 1],
+            steps: grid.steps(input.time[sample], input.time[sample + 1]),
+            hold: input.hold,
+            now,
+            next,
+            late: input.commands(n_joints),
+            tether,
+        };
+        // As even as they come.
+        let most = span.steps.div_ceil(span.steps.div_ceil(MOST_STEPS));
+        let mut done = 0;
+        while done < span.steps {
+            let passed = motion.states(system, &span, done..span.steps.min(done + most));
+            motion.linearise(system, columns, &span);
+            motion.sensitivities(system, columns, &span);
+            done += motion.steps;
+            if passed {
+                motion.jumps(system, columns, span.start + done as f64 * span.step(), span.step());
+            }
+        }
+        check_state(system, span.end, &motion.x, options)?;
+        view.show(system, columns, span.end, &motion, sample + 1, &mut observe);
+    }
+    Ok(())
+}
+
+/// What acts between two samples.
+struct Span<'a> {
+    sample: usize,
+    /// s
+    start: f64,
+    /// s
+    end: f64,
+    steps: usize,
+    hold: Hold,
+    now: &'a [f64],
+    next: &'a [f64],
+    late: Commands<'a>,
+    tether: Option<&'a Tether<'a>>,
+}
+
+impl Span<'_> {
+    fn step(&self) -> f64 {
+        (self.end - self.start) / self.steps as f64
+    }
+
+    /// What arrives at `t` within step `index`; `slopes` takes its derivatives by the delays.
+    fn command(&self, system: &System, index: usize, t: f64, command: &mut [f64], slopes: Option<&mut [f64]>) {
+        match self.hold {
+            Hold::Zero => command.copy_from_slice(self.now),
+            Hold::Linear => interpolate((t - self.start) / (self.end - self.start), self.now, self.next, command),
+        }
+        if !system.delays().is_empty() {
+            let bounds = step_bounds(self.start, self.end, self.steps, index);
+            self.late.arrive(system, t, bounds, command, slopes);
+        }
+    }
+
+    /// What the tether adds to the acceleration of a free joint.
+    fn pull(&self, t: f64, n_free: usize, slot: usize, x: &[f64]) -> f64 {
+        let Some(tether) = self.tether else { return 0.0 };
+        let span_s = self.end - self.start;
+        let (q, dq) = tether.target(slot, n_free, self.sample, (t - self.start) / span_s, span_s);
+        tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n_free + slot]))
+    }
+}
+
+/// What the log shows of a state and its derivatives.
+struct View {
+    linear: Linear,
+    position: Vec<f64>,
+    by_column: Vec<f64>,
+}
+
+impl View {
+    fn new(system: &System, columns: &Columns) -> Self {
+        let room = if system.has_sensors() { system.n_free() * columns.width } else { 0 };
+        Self { linear: Linear::new(system), position: vec![0.0; system.n_free()], by_column: vec![0.0; room] }
+    }
+
+    fn show(
+        &mut self,
+        system: &System,
+        columns: &Columns,
+        t: f64,
+        motion: &Variation,
+        sample: usize,
+        observe: &mut impl FnMut(usize, &[f64], &[f64]),
+    ) {
+        let n = system.n_free();
+        let rows = &motion.s[..n * columns.width];
+        if system.has_sensors() {
+            self.by_column.copy_from_slice(rows);
+            let (position, by_column) = (&mut self.position, &mut self.by_column);
+            self.linear.measure(system, t, &motion.x, position, by_column, &columns.of_effect);
+            observe(sample, &self.position, &self.by_column);
+        } else {
+            observe(sample, &motion.x[..n], rows);
+        }
+    }
+}
+
+/// State and sensitivities on their way, with the room that a chunk of steps needs.
+struct Variation {
+    linear: Linear<Lanes>,
+    scratch: Scratch,
+    command: Vec<f64>,
+    x: Vec<f64>,
+    x_sum: Vec<f64>,
+    s: Vec<f64>,
+    s_next: Vec<f64>,
+    /// Number of steps in the chunk.
+    steps: usize,
+    /// Which step of the interval is its first.
+    first_step: usize,
+    /// Time (s), states and their rates at every stage of the chunk.
+    stage_t: Vec<f64>,
+    stage_x: Vec<f64>,
+    stage_rate: Vec<f64>,
+    /// What the linearised equations of a pair of stages hold, one after the other.
+    slopes: Vec<Lanes>,
+    places: Places,
+    switches: Vec<Switch>,
+    /// Tells the two sides of a switch apart.
+    sides: Linear,
+    /// Positions at the start of the last step.
+    q_before: Vec<f64>,
+    jump: Vec<f64>,
+    x_lanes: Vec<Lanes>,
+    ddq_lanes: Vec<Lanes>,
+    command_lanes: Vec<Lanes>,
+    rate_lanes: Vec<Lanes>,
+}
+
+/// Where the linearised equations of a stage stand in its slopes: first LDL^T of D, n_free x n_free, then `Q_x`,
+/// n_free x n_states, then Y, n_free x n_lumps, and then one entry each for what is listed here.
+#[derive(Default)]
+struct Places {
+    /// Number of slopes of a stage; 0 before the first.
+    count: usize,
+    /// Free joint and column: what a parameter does to the torque.
+    torque_by_parameter: Vec<(usize, usize, usize)>,
+    /// State and state.
+    rate_by_state: Vec<(usize, usize, usize)>,
+    /// State and column.
+    rate_by_parameter: Vec<(usize, usize, usize)>,
+    /// Column, free joint and place of those entries of Y that are not always zero, column by column.
+    regressor: Vec<(usize, usize, usize)>,
+}
+
+impl Variation {
+    fn new(system: &System, columns: &Columns, q0: &[f64]) -> Self {
+        let x = system.rest(q0);
+        let n_states = x.len();
+        let mut s = vec![0.0; n_states * columns.width];
+        for (slot, column) in columns.initial().enumerate() {
+            s[slot * columns.width + column] = 1.0;
+        }
+        for &(state, slot) in system.states_at_speed() {
+            if let Some(column) = columns.initial().nth(system.n_free() + slot) {
+                s[state * columns.width + column] = 1.0;
+            }
+        }
+        let stages = MOST_STEPS * STAGES;
+        Self {
+            linear: Linear::new(system),
+            scratch: system.scratch(),
+            command: vec![0.0; system.n_joints()],
+            x_sum: x.clone(),
+            s_next: s.clone(),
+            s,
+            steps: 0,
+            first_step: 0,
+            stage_t: vec![0.0; stages],
+            stage_x: vec![0.0; stages * n_states],
+            stage_rate: vec![0.0; stages * n_states],
+            slopes: Vec::new(),
+            places: Places::default(),
+            switches: system.switches(),
+            sides: Linear::new(system),
+            q_before: q0[..system.n_free()].to_vec(),
+            jump: vec![0.0; system.n_free()],
+            x_lanes: vec![Lanes::constant(0.0); n_states],
+            ddq_lanes: vec![Lanes::constant(0.0); system.n_free()],
+            command_lanes: vec![Lanes::constant(0.0); system.n_joints()],
+            rate_lanes: vec![Lanes::constant(0.0); n_states],
+            x,
+        }
+    }
+
+    /// Integrates the states over these steps of the span, or up to the first in which a joint passes a rest position
+    /// where something switches; says whether one did.
+    fn states(&mut self, system: &System, span: &Span<'_>, steps: std::ops::Range<usize>) -> bool {
+        /// Where a stage stands, what its slope weighs in the sum, and how far the next stage goes with it.
+        const SCHEME: [(f64, f64, f64); STAGES] = [(0.0, 1.0, 0.5), (0.5, 2.0, 0.5), (0.5, 2.0, 1.0), (1.0, 1.0, 0.0)];
+        let (n, n_states, step) = (system.n_free(), self.x.len(), span.step());
+        self.steps = 0;
+        self.first_step = steps.start;
+        let mut stage = 0;
+        for index in steps {
+            let begin = span.start + index as f64 * step;
+            self.q_before.copy_from_slice(&self.x[..n]);
+            self.stage_x[stage * n_states..(stage + 1) * n_states].copy_from_slice(&self.x);
+            for (number, (share, weight, reach)) in SCHEME.into_iter().enumerate() {
+                let t = begin + share * step;
+                let (before, after) = self.stage_x.split_at_mut((stage + 1) * n_states);
+                let x = &before[stage * n_states..];
+                let rate = &mut self.stage_rate[stage * n_states..(stage + 1) * n_states];
+                self.stage_t[stage] = t;
+                if stage == 0 || span.hold == Hold::Linear || !system.steady_drive() {
+                    span.command(system, index, t, &mut self.command, None);
+                    system.drive(&mut self.scratch, t, x, &self.command, rate);
+                }
+                system.motion(&mut self.scratch, t, x, rate);
+                if span.tether.is_some() {
+                    for slot in 0..n {
+                        rate[n + slot] += span.pull(t, n, slot, x);
+                    }
+                }
+                let ahead = reach * step;
+                let sum = &mut self.x_sum;
+                if number == 0 {
+                    sum.copy_from_slice(rate);
+                } else if number < 3 {
+                    sum.iter_mut().zip(&*rate).for_each(|(sum, rate)| *sum += weight * rate);
+                }
+                if number < 3 {
+                    let next = &mut after[..n_states];
+                    for ((next, x), rate) in next.iter_mut().zip(&self.x).zip(&*rate) {
+                        *next = x + ahead * rate;
+                    }
+                } else {
+                    for ((x, rate), sum) in self.x.iter_mut().zip(&*rate).zip(sum) {
+                        *x += step / 6.0 * (*sum + rate);
+                    }
+                }
+                stage += 1;
+            }
+            self.steps += 1;
+            if self.switches.iter().any(|switch| self.passed(system, *switch).is_some()) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Whether the last step passed this switch, and then whether upwards.
+    fn passed(&self, system: &System, switch: Switch) -> Option<bool> {
+        let rest = system.effect_parameters()[switch.qeq];
+        let (before, after) = (self.q_before[switch.slot], self.x[switch.slot]);
+        ((before < rest) != (after < rest)).then_some(after > before)
+    }
+
+    /// Where the last step, which ended at `t`, passed a rest position at which an effect jumps, S jumps along.
+    fn jumps(&mut self, system: &System, columns: &Columns, t: f64, step: f64) {
+        let n = system.n_free();
+        let width = columns.width;
+        for switch in self.switches.clone() {
+            let Switch { slot, qeq, .. } = switch;
+            let Some(rising) = self.passed(system, switch) else { continue };
+            if !self.sides.jump(system, switch, t, &self.x, &self.scratch, rising, &mut self.jump) {
+                continue;
+            }
+            // A joint that merely grazes its rest position within the step has no derivative there; this bounds it.
+            let speed = (self.x[slot] - self.q_before[slot]) / step;
+            let within_step = self.jump[slot] * step;
+            let per_position = speed / (speed * speed + within_step * within_step);
+            let (positions, speeds) = self.s.split_at_mut(n * width);
+            let passing = &positions[slot * width..(slot + 1) * width];
+            for (row, jump) in speeds.chunks_exact_mut(width).zip(&self.jump) {
+                let factor = jump * per_position;
+                row.iter_mut().zip(passing).for_each(|(row, passing)| *row += factor * passing);
+                let column = columns.of_effect[qeq];
+                if column != NONE {
+                    row[column] -= factor;
+                }
+            }
+        }
+    }
+
+    /// Linearises the equations at all stages, [`LANES`] at a time.
+    fn linearise(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
+        let (n, n_states) = (system.n_free(), self.x.len());
+        self.slopes.clear();
+        let mut commands = [self.command.clone(), self.command.clone()];
+        let has_delays = !system.delays().is_empty();
+        let mut slopes = [vec![0.0; system.delays().len()], vec![0.0; system.delays().len()]];
+        for first in (0..self.steps * STAGES).step_by(LANES) {
+            let pair = |values: &[f64], width: usize, k: usize| {
+                Lanes::new([values[first * width + k], values[(first + 1) * width + k]])
+            };
+            for k in 0..n_states {
+                self.x_lanes[k] = pair(&self.stage_x, n_states, k);
+            }
+            for slot in 0..n {
+                self.ddq_lanes[slot] = pair(&self.stage_rate, n_states, n + slot);
+            }
+            if first == 0 || span.hold == Hold::Linear || has_delays {
+                self.linear.renew_drive();
+                // Both stages are of one step.
+                let index = self.first_step + first / STAGES;
+                for ((command, slopes), t) in commands.iter_mut().zip(&mut slopes).zip(&self.stage_t[first..]) {
+                    span.command(system, index, *t, command, Some(slopes));
+                }
+                if has_delays {
+                    let [first, second] = &slopes;
+                    self.linear.set_late(first.iter().zip(second).map(|(a, b)| Lanes::new([*a, *b])));
+                }
+                for (joint, lanes) in self.command_lanes.iter_mut().enumerate() {
+                    *lanes = Lanes::new([commands[0][joint], commands[1][joint]]);
+                }
+            }
+            if span.tether.is_some() {
+                // The equations hold without the pull.
+                let x = &self.stage_x[first * n_states..];
+                for slot in 0..n {
+                    let pull = |k: usize| span.pull(self.stage_t[first + k], n, slot, &x[k * n_states..]);
+                    self.ddq_lanes[slot] = self.ddq_lanes[slot] - Lanes::new([pull(0), pull(1)]);
+                }
+            }
+            let t = pair(&self.stage_t, 1, 0);
+            self.linear.at(system, t, &self.x_lanes, &self.ddq_lanes, &self.command_lanes, &mut self.rate_lanes);
+            if self.places.count == 0 {
+                self.places = Places::new(&self.linear, system, columns);
+            }
+            self.keep(columns);
+        }
+    }
+
+    /// Appends the slopes of the equations as they are linearised now.
+    fn keep(&mut self, columns: &Columns) {
+        let Self { linear, slopes, places, .. } = self;
+        let start = slopes.len();
+        slopes.extend_from_slice(&linear.factor);
+        slopes.extend_from_slice(&linear.torque_by_state);
+        if columns.n_lumps > 0 {
+            slopes.extend_from_slice(&linear.regressor);
+        }
+        let wanted = |parameter: usize| columns.of_effect[parameter] != NONE;
+        slopes.extend(linear.torque_by_parameter.iter().filter(|entry| wanted(entry.1)).map(|entry| entry.2));
+        slopes.extend(linear.rate_by_state.iter().map(|entry| entry.2));
+        slopes.extend(linear.rate_by_parameter.iter().filter(|entry| wanted(entry.1)).map(|entry| entry.2));
+        assert_eq!(slopes.len() - start, places.count, "the places of the slopes are the same at every state");
+    }
+
+    /// Takes the sensitivities over the steps of the chunk.
+    fn sensitivities(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
+        let n_states = self.x.len();
+        // The vectors per block that leave the fewest rows empty; of those the most.
+        let padded = |vectors: usize| n_states.next_multiple_of(vectors * LANES);
+        match [4, 3, 2].into_iter().min_by_key(|vectors| padded(*vectors)) {
+            Some(4) => self.sweep::<4>(system, columns, span),
+            Some(3) => self.sweep::<3>(system, columns, span),
+            _ => self.sweep::<2>(system, columns, span),
+        }
+        std::mem::swap(&mut self.s, &mut self.s_next);
+    }
+
+    /// `S_next = W S + G`, `B` vectors of rows at a time. With `k_i = A_i X_i + B_i` the slopes of the scheme, and
+    /// `X_2 = S + h/2 k_1`, `X_3 = S + h/2 k_2`, `X_4 = S + h k_3`, a row w of the result needs `w k_i` with the weights
+    /// below, from the last slope to the first.
+    fn sweep<const B: usize>(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
+        let (n, n_states, width) = (system.n_free(), self.x.len(), columns.width);
+        let step = span.step();
+        let [sixth, third, half] = [step / 6.0, step / 3.0, step / 2.0];
+        let mut rows = Rows::<B>::new(n, n_states, width, span.tether.map_or(0.0, |tether| tether.rate));
+        let slopes_of = |stage: usize| {
+            let first = stage / LANES * self.places.count;
+            &self.slopes[first..first + self.places.count]
+        };
+        for first_row in (0..n_states).step_by(B * LANES) {
+            rows.begin(first_row);
+            for index in (0..self.steps).rev() {
+                let (late, early) = (slopes_of(index * STAGES + 2), slopes_of(index * STAGES));
+                rows.stage::<1>(late, &self.places, [sixth, 0.0]);
+                rows.stage::<0>(late, &self.places, [third, step]);
+                rows.stage::<1>(early, &self.places, [third, half]);
+                rows.stage::<0>(early, &self.places, [sixth, half]);
+                rows.end_step();
+            }
+            for (row, next) in self.s_next.chunks_exact_mut(width).enumerate().skip(first_row).take(B * LANES) {
+                let (vector, lane) = ((row - first_row) / LANES, (row - first_row) % LANES);
+                for (next, by_column) in next.iter_mut().zip(&rows.by_column) {
+                    *next = by_column[vector].to_array()[lane];
+                }
+                for (w, source) in rows.w.iter().zip(self.s.chunks_exact(width)) {
+                    let factor = w[vector].to_array()[lane];
+                    next.iter_mut().zip(source).for_each(|(next, source)| *next += factor * source);
+                }
+            }
+        }
+    }
+}
+
+impl Places {
+    fn new(linear: &Linear<Lanes>, system: &System, columns: &Columns) -> Self {
+        let n = system.n_free();
+        let first_regressor = n * n + linear.torque_by_state.len();
+        let mut count = first_regressor + if columns.n_lumps > 0 { linear.regressor.len() } else { 0 };
+        let mut place = |(row, other): (usize, usize)| {
+            count += 1;
+            (row, other, count - 1)
+        };
+        let column = |(row, parameter, _): &(usize, usize, Lanes)| {
+            let column = columns.of_effect[*parameter];
+            (column != NONE).then_some((*row, column))
+        };
+        let torque_by_parameter = linear.torque_by_parameter.iter().filter_map(column).map(&mut place).collect();
+        let states = linear.rate_by_state.iter().map(|(row, state, _)| (*row, *state));
+        let rate_by_state = states.map(&mut place).collect();
+        let rate_by_parameter = linear.rate_by_parameter.iter().filter_map(column).map(&mut place).collect();
+        let regressor = if columns.n_lumps > 0 { occurring(system) } else { Vec::new() };
+        let regressor = regressor
+            .into_iter()
+            .map(|(lump, slot)| (columns.first_lump + lump, slot, first_regressor + slot * columns.n_lumps + lump))
+            .collect();
+        Self { count, torque_by_parameter, rate_by_state, rate_by_parameter, regressor }
+    }
+}
+
+/// Lump and free joint of the entries of the regressor that are not zero in every motion: those that are not at states
+/// without any symmetry.
+fn occurring(system: &System) -> Vec<(usize, usize)> {
+    let (n, n_lumps) = (system.n_free(), system.kernel().n_lumps);
+    let mut seen = vec![false; n * n_lumps];
+    let mut regressor = vec![0.0; n * n_lumps];
+    // Multiples of the golden ratio, modulo 1: they go on from state to state.
+    let mut number = 0.0_f64;
+    for _ in 0..3 {
+        let mut vector = || -> Vec<f64> {
+            let next = |_| {
+                number = (number + 0.618_033_988_749_895).fract();
+                number + 0.3
+            };
+            (0..n).map(next).collect()
+        };
+        let (q, dq, ddq) = (vector(), vector(), vector());
+        (system.kernel().regressor)(system.prepared(), &q, &dq, &ddq, &mut regressor);
+        seen.iter_mut().zip(&regressor).for_each(|(seen, value)| *seen |= *value != 0.0);
+    }
+    let all = (0..n_lumps).flat_map(|lump| (0..n).map(move |slot| (lump, slot)));
+    all.filter(|(lump, slot)| seen[slot * n_lumps + lump]).collect()
+}
+
+/// A block of rows on their way back through the steps: what each depends on at the stage that was reached.
+struct Rows<const B: usize> {
+    n: usize,
+    tether_rate: f64,
+    /// By the states at the end of the current step.
+    w: Vec<[Lanes; B]>,
+    /// By the states at its beginning, as far as known.
+    w_next: Vec<[Lanes; B]>,
+    /// By the slope of the stage.
+    by_slope: Vec<[Lanes; B]>,
+    /// By the states at the stage.
+    by_state: Vec<[Lanes; B]>,
+    /// By the torques at the stage.
+    by_torque: Vec<[Lanes; B]>,
+    /// By the unknowns.
+    by_column: Vec<[Lanes; B]>,
+}
+
+impl<const B: usize> Rows<B> {
+    fn new(n: usize, n_states: usize, width: usize, tether_rate: f64) -> Self {
+        let room = |length: usize| vec![[Lanes::constant(0.0); B]; length];
+        Self {
+            n,
+            tether_rate,
+            w: room(n_states),
+            w_next: room(n_states),
+            by_slope: room(n_states),
+            by_state: room(n_states),
+            by_torque: room(n),
+            by_column: room(width),
+        }
+    }
+
+    /// Rows of the unit matrix from `first_row` on.
+    fn begin(&mut self, first_row: usize) {
+        for (state, w) in self.w.iter_mut().enumerate() {
+            let entry = |row: usize| f64::from(u8::from(first_row + row == state));
+            *w = std::array::from_fn(|vector| Lanes::new([entry(LANES * vector), entry(LANES * vector + 1)]));
+        }
+        self.w_next.copy_from_slice(&self.w);
+        self.by_column.fill([Lanes::constant(0.0); B]);
+    }
+
+    /// Through one stage, whose slopes are in lane `LANE`. Its own slope counts `weights[0]` in the rows and
+    /// `weights[1]` in the states of the stage after it.
+    #[inline]
+    fn stage<const LANE: usize>(&mut self, slopes: &[Lanes], places: &Places, weights: [f64; 2]) {
+        let (n, n_states) = (self.n, self.w.len());
+        let (own, later) = (Lanes::constant(weights[0]), Lanes::constant(weights[1]));
+        for ((by_slope, w), by_state) in self.by_slope.iter_mut().zip(&self.w).zip(&self.by_state) {
+            for k in 0..B {
+                by_slope[k] =
+                    if LANE == 1 && weights[1] == 0.0 { own * w[k] } else { own * w[k] + later * by_state[k] };
+            }
+        }
+        let slope = |place: usize| Lanes::constant(slopes[place].to_array()[LANE]);
+
+        self.by_torque.copy_from_slice(&self.by_slope[n..2 * n]);
+        for row in 1..n {
+            let (above, below) = self.by_torque.split_at_mut(row);
+            for (k, solved) in above.iter().enumerate() {
+                subtract_scaled(&mut below[0], slope(row * n + k), solved);
+            }
+        }
+        for row in (0..n).rev() {
+            let (above, below) = self.by_torque.split_at_mut(row + 1);
+            let reciprocal = slope(row * n + row);
+            above[row].iter_mut().for_each(|value| *value = *value * reciprocal);
+            for (k, solved) in below.iter().enumerate() {
+                subtract_scaled(&mut above[row], slope((row + 1 + k) * n + row), solved);
+            }
+        }
+
+        self.by_state[..n].fill([Lanes::constant(0.0); B]);
+        self.by_state[n..2 * n].copy_from_slice(&self.by_slope[..n]);
+        self.by_state[2 * n..].fill([Lanes::constant(0.0); B]);
+        for (row, torque) in self.by_torque.iter().enumerate() {
+            let factors = &slopes[n * n + row * n_states..n * n + (row + 1) * n_states];
+            for (by_state, factor) in self.by_state.iter_mut().zip(factors) {
+                let factor = factor.to_array()[LANE];
+                if factor != 0.0 {
+                    add_scaled(by_state, Lanes::constant(factor), torque);
+                }
+            }
+        }
+        for &(row, state, place) in &places.rate_by_state {
+            add_scaled(&mut self.by_state[state], slope(place), &self.by_slope[row]);
+        }
+        if self.tether_rate > 0.0 {
+            let rate = Lanes::constant(self.tether_rate);
+            let (by_position, by_speed) = self.by_state.split_at_mut(n);
+            for ((by_position, by_speed), slope) in by_position.iter_mut().zip(by_speed).zip(&self.by_slope[n..2 * n]) {
+                subtract_scaled(by_position, rate * rate, slope);
+                subtract_scaled(by_speed, rate + rate, slope);
+            }
+        }
+
+        for &(slot, column, place) in &places.torque_by_parameter {
+            add_scaled(&mut self.by_column[column], slope(place), &self.by_torque[slot]);
+        }
+        for &(row, column, place) in &places.rate_by_parameter {
+            add_scaled(&mut self.by_column[column], slope(place), &self.by_slope[row]);
+        }
+        for &(column, slot, place) in &places.regressor {
+            subtract_scaled(&mut self.by_column[column], slope(place), &self.by_torque[slot]);
+        }
+        for (w_next, by_state) in self.w_next.iter_mut().zip(&self.by_state) {
+            for k in 0..B {
+                w_next[k] = w_next[k] + by_state[k];
+            }
+        }
+    }
+
+    fn end_step(&mut self) {
+        self.w.copy_from_slice(&self.w_next);
+    }
+}
+
+#[inline(always)]
+fn add_scaled<const B: usize>(target: &mut [Lanes; B], factor: Lanes, source: &[Lanes; B]) {
+    for k in 0..B {
+        target[k] = target[k] + factor * source[k];
+    }
+}
+
+#[inline(always)]
+fn subtract_scaled<const B: usize>(target: &mut [Lanes; B], factor: Lanes, source: &[Lanes; B]) {
+    for k in 0..B {
+        target[k] = target[k] - factor * source[k];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dynid_dynamics::system::fixtures::full_arm;
+
+    /// Positions of the arm at the samples, with one number of the model or the start changed.
+    fn positions(change: impl Fn(&mut [f64], &mut [f64], &mut [f64]), input: &Input<'_>) -> Vec<f64> {
+        let mut system = full_arm();
+        let mut links = system.link_parameters().to_vec();
+        let mut effects = system.effect_parameters().to_vec();
+        let mut q0 = [0.3, -0.5];
+        change(&mut links, &mut effects, &mut q0);
+        system.set_parameters(&links, &effects);
+        dynid_dynamics::simulate::simulate(&system, input, &q0, &Options::default()).unwrap().q
+    }
+
+    fn central(index: usize, size: f64, what: Which, input: &Input<'_>) -> Vec<f64> {
+        let shifted = |sign: f64| {
+            positions(
+                |links, effects, q0| {
+                    let target = match what {
+                        Which::Link => links,
+                        Which::Effect => effects,
+                        Which::Start => q0,
+                    };
+                    target[index] += sign * size;
+                },
+                input,
+            )
+        };
+        // Richardson's extrapolation of two central differences: the error is of fourth order.
+        let (plus, minus) = (shifted(1.0), shifted(-1.0));
+        let (plus2, minus2) = (shifted(2.0), shifted(-2.0));
+        (0..plus.len()).map(|k| (8.0 * (plus[k] - minus[k]) - (plus2[k] - minus2[k])) / (12.0 * size)).collect()
+    }
+
+    #[derive(Clone, Copy, Debug)]
+    enum Which {
+        Link,
+        Effect,
+        Start,
+    }
+
+    #[test]
+    fn sensitivities_are_the_derivatives_of_the_positions() {
+        let system = full_arm();
+        let samples = 61;
+        let time: Vec<f64> = (0..samples).map(|k| f64::from(k) * 0.01).collect();
+        let command: Vec<f64> = time.iter().flat_map(|t| [4.0 + (9.0 * t).sin(), 3.0 * (5.0 * t).cos()]).collect();
+        for hold in [Hold::Zero, Hold::Linear] {
+            let input = Input { time: &time, command: &command, hold };
+            let columns = Columns::new(&system, |_| true, Lumps::Wanted);
+            let mut s = Vec::new();
+            let mut q = Vec::new();
+            simulate(&system, &columns, &input, None, &[0.3, -0.5], &Options::default(), |_, position, rows| {
+                q.extend_from_slice(position);
+                s.extend(rows.chunks(columns.width()).map(<[f64]>::to_vec));
+            })
+            .unwrap();
+            for (with, plain) in q.iter().zip(positions(|_, _, _| {}, &input)) {
+                assert!((with - plain).abs() < 1e-12, "{with} is not {plain}");
+            }
+            let compare = |which: Which, index: usize, size: f64, exact: Vec<f64>| {
+                let difference = central(index, size, which, &input);
+                let scale = exact.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));
+                assert!(scale > 0.0, "{which:?} {index} matters");
+                let error = exact.iter().zip(&difference).fold(0.0_f64, |e, (a, b)| e.max((a - b).abs()));
+                assert!(error <= 1e-5 * scale, "{which:?} {index}: {error} of {scale} ({hold:?})");
+            };
+            for (index, value) in system.effect_parameters().iter().enumerate() {
+                let column = columns.effect(index).unwrap();
+                compare(Which::Effect, index, 1e-5 * value.abs(), s.iter().map(|row| row[column]).collect());
+            }
+            let n_links = system.link_parameters().len();
+            let mut by_link = vec![0.0; system.kernel().prepared.len() * n_links];
+            (system.kernel().prepare_gradient)(system.link_parameters(), &[], &mut by_link);
+            for (index, value) in system.link_parameters().iter().enumerate() {
+                let chain = |row: &Vec<f64>| {
+                    columns
+                        .lumps()
+                        .enumerate()
+                        .map(|(lump, column)| row[column] * by_link[lump * n_links + index])
+                        .sum()
+                };
+                compare(Which::Link, index, 1e-5 * value.abs(), s.iter().map(chain).collect());
+            }
+            for (slot, column) in columns.initial().enumerate() {
+                compare(Which::Start, slot, 1e-4, s.iter().map(|row| row[column]).collect());
+            }
+        }
+    }
+
+    /// The numeric solution has small steps of its own where the friction jumps, so the difference is a wide one of fine
+    /// integration. Without the jumps of S the error would be a third of the derivative.
+    #[test]
+    fn sensitivities_jump_where_friction_does() {
+        /// Where the first joint hangs.
+        const REST: f64 = -1.5;
+        let mut system = full_arm();
+        let mut effects = system.effect_parameters().to_vec();
+        let named = |name: &str| system.effect_names().iter().position(|known| known == name).unwrap();
+        let (rest, bias) = (named("joint.0.spring.qeq"), named("joint.0.friction_bias.bias"));
+        effects[rest] = REST;
+        effects[bias] = 3.0;
+        let links = system.link_parameters().to_vec();
+        system.set_parameters(&links, &effects);
+        let time: Vec<f64> = (0..=400).map(|k| f64::from(k) * 0.01).collect();
+        let command: Vec<f64> = time.iter().flat_map(|t| [3.0 * (4.0 * t).sin(), 0.5 * (5.0 * t).cos()]).collect();
+        let input = Input { time: &time, command: &command, hold: Hold::Zero };
+        let fine = Options { substeps: 400, ..Options::default() };
+        let q0 = [-1.2, -0.5];
+        let positions = |change: f64| {
+            let mut effects = effects.clone();
+            effects[rest] += change;
+            let mut system = system.clone();
+            system.set_parameters(&links, &effects);
+            dynid_dynamics::simulate::simulate(&system, &input, &q0, &fine).unwrap().q
+        };
+        let (plus, minus) = (positions(1e-3), positions(-1e-3));
+        let columns = Columns::new(&system, |_| true, Lumps::Wanted);
+        let mut exact = Vec::new();
+        let mut crossings = 0;
+        let mut below = q0[0] < REST;
+        simulate(&system, &columns, &input, None, &q0, &Options::default(), |_, position, rows| {
+            crossings += usize::from((position[0] < REST) != below);
+            below = position[0] < REST;
+            exact.extend(rows.chunks(columns.width()).map(|row| row[columns.effect(rest).unwrap()]));
+        })
+        .unwrap();
+        assert!(crossings >= 3, "{crossings} crossings");
+        let scale = exact.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));
+        let error = exact
+            .iter()
+            .zip(plus.iter().zip(&minus))
+            .fold(0.0_f64, |error, (exact, (plus, minus))| error.max((exact - (plus - minus) / 2e-3).abs()));
+        println!("{error:.2e} of {scale:.2e}, {crossings} crossings");
+        assert!(error <= 5e-3 * scale, "{error} of {scale}");
+    }
+}

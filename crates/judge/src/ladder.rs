@@ -1,0 +1,463 @@
+//! The models of a lineage on the same runs: does each effect that was added pay for its parameters?
+//!
+//! Errors are told per joint, on the runs to fit to and on those held out. Parsimony is the Bayesian information criterion
+//! of the runs to fit to (Schwarz 1978) for Gaussian errors of unknown size,
+//! `BIC = sum_j n_j ln(e_j^2) + k ln(sum_j n_j)`,
+//! with the mean squared error `e_j^2` of joint j, its number of *independent* samples `n_j` (errors have memory: see
+//! [`effective_samples`]) and the number `k` of free parameters. Models are compared with the `n_j` of the one that leaves
+//! least, for the errors of the others have the memory of what those lack. Only differences mean something; below -10 is
+//! strong.
+
+use serde::Serialize;
+
+use crate::CompareError;
+use crate::{compare::Comparison, compare::compare};
+use dynid_identify::position::FitRun;
+use dynid_logs::{experiment::Role, experiment::Run};
+use dynid_signal::statistics::effective_samples;
+use dynid_user_model::{Added, EffectError, EffectInstance, Model};
+
+/// The formula, as it is told with the numbers.
+pub const FORMULA: &str = "BIC = sum over joints n_j ln(e_j^2) + k ln(sum n_j); e_j: RMS error of joint j on the runs to fit to; \
+                           n_j: its independent samples; k: free parameters";
+
+/// Models of one device, one after the other, on the same runs.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ladder {
+    /// In the order given.
+    pub rungs: Vec<Rung>,
+    /// Root mean square of the logs' own noise over the held-out runs (those to fit to without any) [rad or m].
+    pub noise_floor: Option<f64>,
+    /// Which error the BIC is of: `position` where every model has one that means something on every run to fit to.
+    pub bic_error: Option<&'static str>,
+    /// [`FORMULA`].
+    pub bic_formula: &'static str,
+    /// Independent samples of all joints together, in the BIC.
+    pub independent_samples: Option<f64>,
+    /// What should be known besides.
+    pub notes: Vec<String>,
+}
+
+/// One model.
+#[derive(Debug, Clone, Serialize)]
+pub struct Rung {
+    /// As the user calls it.
+    pub model: String,
+    /// [`Model::digest`].
+    pub digest: String,
+    /// How it stands to the one before it; `None` for the first.
+    pub lineage: Option<Lineage>,
+    /// Over all runs to fit to [rad or m].
+    pub rmse_fit: Option<f64>,
+    /// Over all held-out runs [rad or m].
+    pub rmse_validate: Option<f64>,
+    /// Torque error over all runs to fit to, as a share of the torque.
+    pub torque_percent_fit: Option<f64>,
+    /// The same over the held-out runs.
+    pub torque_percent_validate: Option<f64>,
+    /// The same, per joint.
+    pub joints: Vec<RungJoint>,
+    /// Parameters that are not fixed and occur in the equations of a run.
+    pub free_parameters: usize,
+    /// Parsimony: smaller is better.
+    pub bic: Option<f64>,
+    /// Against the rung before.
+    pub delta_bic: Option<f64>,
+    /// Effects that the rung before does not have, e.g. `joint.4.input_coupling.5`.
+    pub added: Vec<String>,
+    /// Effects that only the rung before has.
+    pub removed: Vec<String>,
+    /// Parameters of both whose values differ.
+    pub changed: Vec<Changed>,
+    /// The comparison itself.
+    #[serde(skip)]
+    pub comparison: Comparison,
+}
+
+/// The error of one joint over the runs of each role.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RungJoint {
+    /// The device's joint index.
+    pub joint: usize,
+    /// rad or m
+    pub rmse_fit: Option<f64>,
+    /// rad or m
+    pub rmse_validate: Option<f64>,
+    /// Of the logs over all runs in which it is free [rad or m].
+    pub noise_floor: f64,
+    /// Torque error as a share of the torque.
+    pub torque_percent_fit: Option<f64>,
+    /// Torque error as a share of the torque.
+    pub torque_percent_validate: Option<f64>,
+}
+
+/// A parameter that differs between two rungs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Changed {
+    /// E.g. `joint.4.gain.Kp`.
+    pub name: String,
+    /// On the rung before.
+    pub before: f64,
+    /// On this one.
+    pub after: f64,
+    /// The difference in standard errors of the two, where both fits state one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub in_std_errors: Option<f64>,
+}
+
+/// How a model stands to the one before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lineage {
+    /// The same parameters.
+    Same,
+    /// It was fitted from the one before, as that is.
+    Fitted,
+    /// It was fitted from the one before with the effects added.
+    AddedAndFitted,
+    /// It is the one before with effects added, not fitted.
+    Added,
+    /// It was fitted from another model.
+    OtherParent,
+    /// It was not fitted, and is no other model with effects added: its parent is not recorded.
+    Unknown,
+}
+
+impl Lineage {
+    /// Whether the record shows that it comes from the one before.
+    pub fn is_child(self) -> bool {
+        !matches!(self, Self::OtherParent | Self::Unknown)
+    }
+
+    fn of(before: &Model, model: &Model) -> Self {
+        if model.digest() == before.digest() {
+            return Self::Same;
+        }
+        let parent = model.fit.as_ref().map(|fit| fit.parent_digest.as_str());
+        if parent == Some(before.digest().as_str()) {
+            return Self::Fitted;
+        }
+        // As `add` puts effects in, where they vanish; or with their first guesses.
+        let at_null = extended(before, model, Model::add_effect_at_null).map(|extended| extended.digest());
+        let guessed = extended(before, model, Model::add_effect).map(|extended| extended.digest());
+        let is_extended = |digest: &str| [&at_null, &guessed].into_iter().flatten().any(|own| own == digest);
+        match parent {
+            Some(parent) if is_extended(parent) => Self::AddedAndFitted,
+            None if is_extended(&model.digest()) => Self::Added,
+            Some(_) => Self::OtherParent,
+            None => Self::Unknown,
+        }
+    }
+}
+
+/// Puts an effect into a model.
+type Add = fn(&mut Model, &str, Option<usize>, Option<usize>) -> Result<Added, EffectError>;
+
+/// `before` with the effects of `model` that it lacks.
+fn extended(before: &Model, model: &Model, add: Add) -> Option<Model> {
+    let mut extended = before.clone();
+    let lacking = model.effects.iter().filter(|own| !before.effects.iter().any(|other| is_same(own, other)));
+    let mut n_added = 0;
+    for effect in lacking {
+        add(&mut extended, &effect.effect.id, effect.joint, effect.from).ok()?;
+        n_added += 1;
+    }
+    (n_added > 0).then_some(extended)
+}
+
+fn is_same(one: &EffectInstance, other: &EffectInstance) -> bool {
+    (&one.effect.id, one.joint, one.from) == (&other.effect.id, other.joint, other.from)
+}
+
+/// `joint.4.lugre`, `joint.4.input_coupling.5`, `device.<effect>`: a parameter's name without its symbol.
+pub fn place_name(effect: &EffectInstance) -> String {
+    match (effect.joint, effect.from) {
+        (Some(joint), Some(from)) => format!("joint.{joint}.{}.{from}", effect.effect.id),
+        (Some(joint), None) => format!("joint.{joint}.{}", effect.effect.id),
+        _ => format!("device.{}", effect.effect.id),
+    }
+}
+
+/// Puts `models`, each with what it is called, on `runs`.
+///
+/// # Errors
+/// A model that makes no equations for a run.
+pub fn ladder(models: &[(String, Model)], runs: &[&Run]) -> Result<Ladder, CompareError> {
+    let mut rungs: Vec<Rung> = Vec::new();
+    for (index, (name, model)) in models.iter().enumerate() {
+        let before = index.checked_sub(1).map(|before| &models[before].1);
+        let comparison = compare(model, runs)?;
+        rungs.push(Rung {
+            model: name.clone(),
+            digest: model.digest(),
+            lineage: before.map(|before| Lineage::of(before, model)),
+            rmse_fit: comparison.rmse_fit,
+            rmse_validate: comparison.rmse_validate,
+            torque_percent_fit: comparison.torque_percent_fit,
+            torque_percent_validate: comparison.torque_percent_validate,
+            joints: joints(runs, &comparison),
+            free_parameters: free_parameters(model, runs)?,
+            bic: None,
+            delta_bic: None,
+            added: before.map_or_else(Vec::new, |before| only_in(model, before)),
+            removed: before.map_or_else(Vec::new, |before| only_in(before, model)),
+            changed: before.map_or_else(Vec::new, |before| changed(before, model)),
+            comparison,
+        });
+    }
+    let notes = notes(models, &rungs, runs);
+    let mut ladder = Ladder {
+        noise_floor: noise_floor(runs, &rungs),
+        rungs,
+        bic_error: None,
+        bic_formula: FORMULA,
+        independent_samples: None,
+        notes,
+    };
+    judge(&mut ladder, runs);
+    Ok(ladder)
+}
+
+fn only_in(model: &Model, other: &Model) -> Vec<String> {
+    let lacks = |own: &&EffectInstance| !other.effects.iter().any(|other| is_same(own, other));
+    model.effects.iter().filter(lacks).map(place_name).collect()
+}
+
+fn changed(before: &Model, model: &Model) -> Vec<Changed> {
+    let std_error = |model: &Model, name: &str| model.fit.as_ref().and_then(|fit| fit.std_error.get(name).copied());
+    model
+        .parameters()
+        .into_iter()
+        .filter_map(|(name, own)| {
+            let (old, new) = (before.parameter(&name)?.value, own.value);
+            let together = match (std_error(before, &name), std_error(model, &name)) {
+                (Some(one), Some(other)) => Some(one.hypot(other)).filter(|size| *size > 0.0),
+                _ => None,
+            };
+            (old != new).then(|| Changed {
+                in_std_errors: together.map(|size| (new - old) / size),
+                name,
+                before: old,
+                after: new,
+            })
+        })
+        .collect()
+}
+
+fn free_parameters(model: &Model, runs: &[&Run]) -> Result<usize, CompareError> {
+    let systems =
+        runs.iter().map(|run| Ok(FitRun::of_run(model, run)?)).collect::<Result<Vec<FitRun>, CompareError>>()?;
+    let occurs = |name: &str| systems.iter().any(|system| system.occurs(name));
+    Ok(model.parameters().iter().filter(|(name, parameter)| !parameter.fixed && occurs(name)).count())
+}
+
+/// Sums over the runs of a role, per joint of the device that is free in any.
+fn joints(runs: &[&Run], comparison: &Comparison) -> Vec<RungJoint> {
+    let mut free: Vec<usize> = runs.iter().flat_map(|run| run.free.iter().copied()).collect();
+    free.sort_unstable();
+    free.dedup();
+    let one = |joint: usize| {
+        let of = |role: Option<Role>| {
+            runs.iter()
+                .zip(&comparison.runs)
+                .filter(move |(run, _)| role.is_none_or(|role| run.role == role))
+                .filter_map(move |(run, compared)| {
+                    let slot = run.free.iter().position(|free| *free == joint)?;
+                    Some((run.log.len() as f64, &compared.joints[slot], compared.torque.get(slot)))
+                })
+        };
+        let rmse = |role: Role| -> Option<f64> {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for (samples, joint, _) in of(Some(role)) {
+                sum += samples * joint.rmse?.powi(2);
+                count += samples;
+            }
+            (count > 0.0).then(|| (sum / count).sqrt())
+        };
+        let percent = |role: Role| dynid_torque::total_percent(of(Some(role)).filter_map(|(.., torque)| torque));
+        let (sum, count) = of(None).fold((0.0, 0.0), |(sum, count), (samples, joint, _)| {
+            (sum + samples * joint.noise_floor.powi(2), count + samples)
+        });
+        RungJoint {
+            joint,
+            rmse_fit: rmse(Role::Fit),
+            rmse_validate: rmse(Role::Validate),
+            noise_floor: (sum / f64::max(count, 1.0)).sqrt(),
+            torque_percent_fit: percent(Role::Fit),
+            torque_percent_validate: percent(Role::Validate),
+        }
+    };
+    free.into_iter().map(one).collect()
+}
+
+fn noise_floor(runs: &[&Run], rungs: &[Rung]) -> Option<f64> {
+    let role = if runs.iter().any(|run| run.role == Role::Validate) { Role::Validate } else { Role::Fit };
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (run, compared) in runs.iter().zip(&rungs.first()?.comparison.runs).filter(|(run, _)| run.role == role) {
+        for joint in &compared.joints {
+            sum += run.log.len() as f64 * joint.noise_floor.powi(2);
+            count += run.log.len() as f64;
+        }
+    }
+    (count > 0.0).then(|| (sum / count).sqrt())
+}
+
+fn notes(models: &[(String, Model)], rungs: &[Rung], runs: &[&Run]) -> Vec<String> {
+    let mut notes = Vec::new();
+    if !runs.iter().any(|run| run.role == Role::Validate) {
+        notes.push("no run is held out (role = \"validate\"), so a lower error may only be more parameters".to_owned());
+    }
+    let lost: Vec<&str> = rungs
+        .iter()
+        .filter(|rung| rung.comparison.runs.iter().any(|run| run.lost))
+        .map(|rung| rung.model.as_str())
+        .collect();
+    if !lost.is_empty() {
+        notes.push(format!("simulations of {} drift away from a log: judge by the torque error", lost.join(", ")));
+    }
+    for (index, rung) in rungs.iter().enumerate().skip(1) {
+        let (before, name) = (&rungs[index - 1].model, &rung.model);
+        let fit = models[index].1.fit.as_ref();
+        match (rung.lineage, fit) {
+            (Some(Lineage::OtherParent), Some(fit)) => notes.push(format!(
+                "{name} is not the child of {before}: its [fit] names the model {:.12}.. as parent, {before} is {:.12}..",
+                fit.parent_digest,
+                rungs[index - 1].digest
+            )),
+            (Some(Lineage::Unknown), _) => {
+                notes.push(format!("{name} has no [fit], so nothing says that it comes from {before}"));
+            }
+            (Some(Lineage::Added), _) => {
+                notes.push(format!("{name} is {before} with effects added, not fitted yet"));
+            }
+            _ => {}
+        }
+    }
+    let digests: Vec<&str> =
+        models.iter().filter_map(|(_, model)| model.fit.as_ref()).map(|fit| fit.data_digest.as_str()).collect();
+    if digests.windows(2).any(|pair| pair[0] != pair[1]) {
+        notes.push("the models were not all fitted to the same samples".to_owned());
+    }
+    notes
+}
+
+/// An error of every run to fit to, with the joint that it is of; samples that do not count left out.
+type Errors = Vec<(usize, Vec<f64>)>;
+
+fn errors(runs: &[&Run], comparison: &Comparison, of_position: bool) -> Option<Errors> {
+    let mut errors = Vec::new();
+    for (run, compared) in runs.iter().zip(&comparison.runs).filter(|(run, _)| run.role == Role::Fit) {
+        if of_position && compared.lost {
+            return None;
+        }
+        for (slot, &joint) in run.free.iter().enumerate() {
+            let residual: Vec<f64> = if of_position {
+                let simulated = compared.simulated.as_ref()?.get(slot)?;
+                run.log.q[joint].iter().zip(simulated).map(|(y, model)| y - model).collect()
+            } else {
+                let error = compared.torque.get(slot)?;
+                error.residual.iter().zip(&error.used).filter(|(_, used)| **used).map(|(value, _)| *value).collect()
+            };
+            errors.push((joint, residual));
+        }
+    }
+    (!errors.is_empty()).then_some(errors)
+}
+
+/// Fills the BIC in, of the position error where every rung has one.
+fn judge(ladder: &mut Ladder, runs: &[&Run]) {
+    let of_all = |of_position: bool| -> Option<Vec<Errors>> {
+        ladder.rungs.iter().map(|rung| errors(runs, &rung.comparison, of_position)).collect()
+    };
+    let (all, name) = match (of_all(true), of_all(false)) {
+        (Some(all), _) => (all, "position"),
+        (None, Some(all)) => (all, "torque"),
+        (None, None) => return,
+    };
+    let square = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
+    // Per joint of each rung: mean squared error and independent samples.
+    let judged: Vec<Vec<(usize, f64, f64)>> = all
+        .iter()
+        .map(|errors| {
+            let mut joints: Vec<usize> = errors.iter().map(|(joint, _)| *joint).collect();
+            joints.sort_unstable();
+            joints.dedup();
+            joints
+                .into_iter()
+                .map(|joint| {
+                    let own = || errors.iter().filter(move |(other, _)| *other == joint).map(|(_, values)| values);
+                    let samples: usize = own().map(Vec::len).sum();
+                    let independent: f64 = own().map(|values| effective_samples(values, values.len())).sum();
+                    (joint, own().map(|values| square(values)).sum::<f64>() / samples.max(1) as f64, independent)
+                })
+                .collect()
+        })
+        .collect();
+    // The rung that leaves least, in the geometric mean of its joints.
+    let left = |joints: &[(usize, f64, f64)]| joints.iter().map(|(_, square, _)| square.ln()).sum::<f64>();
+    let Some(least) = judged.iter().min_by(|a, b| left(a).total_cmp(&left(b))) else { return };
+    let total: f64 = least.iter().map(|(.., independent)| independent).sum();
+    let bics: Vec<f64> = judged
+        .iter()
+        .zip(&ladder.rungs)
+        .map(|(joints, rung)| {
+            let fit: f64 = joints.iter().zip(least).map(|((_, square, _), (.., n))| n * square.ln()).sum();
+            fit + rung.free_parameters as f64 * total.ln()
+        })
+        .collect();
+    for (index, rung) in ladder.rungs.iter_mut().enumerate() {
+        rung.bic = Some(bics[index]).filter(|bic| bic.is_finite());
+        rung.delta_bic =
+            index.checked_sub(1).map(|before| bics[index] - bics[before]).filter(|difference| difference.is_finite());
+    }
+    ladder.bic_error = Some(name);
+    ladder.independent_samples = Some(total);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dynid_user_model::FitRecord;
+
+    fn model() -> Model {
+        Model::of_device(dynid_model::device("planar2r").expect("a shipped device"))
+    }
+
+    fn fitted_from(parent: &Model, mut model: Model) -> Model {
+        model.fit = Some(FitRecord { parent_digest: parent.digest(), ..FitRecord::default() });
+        model
+    }
+
+    #[test]
+    fn a_child_is_known_by_its_parents_digest() {
+        let start = model();
+        let mut moved = start.clone();
+        moved.set_value("link.1.m", 1.234).expect("a parameter");
+        let fitted = fitted_from(&start, moved.clone());
+        assert_eq!(Lineage::of(&start, &start), Lineage::Same);
+        assert_eq!(Lineage::of(&start, &fitted), Lineage::Fitted);
+        assert_eq!(Lineage::of(&start, &moved), Lineage::Unknown);
+
+        let mut added = fitted.clone();
+        added.add_effect("torque_offset", Some(1), None).expect("it fits");
+        assert_eq!(Lineage::of(&fitted, &added), Lineage::Added);
+        let mut better = added.clone();
+        better.set_value("joint.1.torque_offset.offset", 0.1).expect("a parameter");
+        let better = fitted_from(&added, better);
+        assert_eq!(Lineage::of(&fitted, &better), Lineage::AddedAndFitted);
+        assert_eq!(Lineage::of(&start, &better), Lineage::OtherParent, "not from the first rung");
+    }
+
+    #[test]
+    fn what_changed_is_named_by_place() {
+        let start = model();
+        let mut other = start.clone();
+        other.add_effect("torque_offset", Some(1), None).expect("it fits");
+        other.add_effect("input_coupling", Some(1), Some(0)).expect("it fits");
+        other.set_value("link.1.m", 2.0).expect("a parameter");
+        assert_eq!(only_in(&other, &start), ["joint.1.torque_offset", "joint.1.input_coupling.0"]);
+        assert_eq!(only_in(&start, &other), Vec::<String>::new());
+        let names: Vec<String> = changed(&start, &other).into_iter().map(|changed| changed.name).collect();
+        assert_eq!(names, ["link.1.m"]);
+    }
+}

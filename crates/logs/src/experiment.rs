@@ -1,0 +1,674 @@
+//! Experiments: which logs there are, what was free in each, what each is for and how it is filtered.
+//!
+//! An `experiment.toml` names a device and lists runs; paths in it are relative to it. What is said above the first
+//! `[[run]]` holds for every run that does not say otherwise.
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
+
+use dynid_model::Device;
+use sha2::{Digest, Sha256};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use crate::{log, log::Log, log::LogError, log::LogFormat};
+use dynid_dynamics::simulate::Hold;
+
+/// A list of runs of one device.
+#[derive(Debug, Clone)]
+pub struct Experiment {
+    /// The file that it was read from.
+    pub path: PathBuf,
+    /// The mechanism.
+    pub device: &'static Device,
+    /// In the order of the file; never empty.
+    pub runs: Vec<Run>,
+    /// SHA-256 (hex) of every number that the runs hold, after row selection and scaling.
+    pub digest: String,
+}
+
+/// One log and what it is for.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// As it stands in the experiment.
+    pub file: String,
+    /// Whether a fit may use it.
+    pub role: Role,
+    /// Free joints, ascending.
+    pub free: Vec<usize>,
+    /// Number of the device's configuration with these free joints, from 1.
+    pub configuration: usize,
+    /// Its samples.
+    pub log: Log,
+    /// How it is processed.
+    pub settings: Settings,
+}
+
+impl Run {
+    /// When the run began, as its log counts time (s).
+    pub fn began_s(&self) -> f64 {
+        self.settings.began_s.or_else(|| self.log.t.first().copied()).unwrap_or(0.0)
+    }
+
+    /// How many samples of the beginning leave the position error of a fit.
+    pub fn n_cut(&self) -> usize {
+        let (Some(span), Some(first)) = (self.settings.from_s, self.log.t.first()) else { return 0 };
+        self.log.t.partition_point(|t| *t < first + span)
+    }
+
+    /// Its file, and where a part of the log is a run of its own, which part.
+    pub fn label(&self) -> String {
+        match self.log.t.first().map(|first| first - self.began_s()) {
+            Some(from) if from > 0.0 => format!("{} from {from:.1} s on", self.file),
+            _ => self.file.clone(),
+        }
+    }
+
+    /// Times of the samples, counted from the beginning of the run (s): the effects' time, whatever clock the log has.
+    pub fn elapsed_s(&self) -> Vec<f64> {
+        let began_s = self.began_s();
+        self.log.t.iter().map(|t| t - began_s).collect()
+    }
+}
+
+/// What a run is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Role {
+    /// Parameters are fitted to it.
+    Fit,
+    /// Held out: a fitted model is judged by it.
+    Validate,
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Fit => "fit",
+            Self::Validate => "validate",
+        })
+    }
+}
+
+/// How a run is processed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Cut-off of the zero-phase filter of the torque error (Hz); chosen from the log when absent.
+    pub cutoff_hz: Option<f64>,
+    /// The torque error keeps one of so many samples; 1 keeps all.
+    pub decimate: usize,
+    /// Slower samples leave the torque error: one entry a joint of the device [rad/s or m/s].
+    pub min_speed: Vec<f64>,
+    /// How the commanded torque runs between samples.
+    pub hold: Hold,
+    /// Controller of a closed-loop run.
+    pub controller: Option<PathBuf>,
+    /// So much of the log's beginning leaves the position error of a fit (s) (the transient cut of the thesis's
+    /// Eq. 4.3).
+    pub from_s: Option<f64>,
+    /// Weight of the position error in the first half of the log (thesis Eq. 4.2: 0.5); 1 is neutral.
+    pub first_half: f64,
+    /// The log begins while the joints move: a position fit estimates their initial speeds with their initial positions.
+    pub moving: bool,
+    /// Where all joints of a planned run start [rad or m]: it was not played on the robot yet and has no measured positions.
+    pub start: Option<Vec<f64>>,
+    /// When the run began, as its log counts time (s), where the log is a later part of it; else its first sample.
+    pub began_s: Option<f64>,
+}
+
+impl Default for Settings {
+    /// What holds where an experiment says nothing, for a device of no joints.
+    fn default() -> Self {
+        Self {
+            cutoff_hz: None,
+            decimate: 1,
+            min_speed: Vec::new(),
+            hold: Hold::Zero,
+            controller: None,
+            from_s: None,
+            first_half: 1.0,
+            moving: false,
+            start: None,
+            began_s: None,
+        }
+    }
+}
+
+/// Why an experiment cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExperimentError {
+    /// The file cannot be opened.
+    #[error("{path}: cannot be read: {source}; give the path of an experiment file", path = path.display())]
+    Unreadable {
+        /// The experiment.
+        path: PathBuf,
+        /// As the system tells it.
+        source: std::io::Error,
+    },
+    /// Something in the file is not as it must be.
+    #[error("{path}:{line}:{column}: {message}; {remedy}", path = path.display())]
+    Invalid {
+        /// The experiment.
+        path: PathBuf,
+        /// From 1.
+        line: usize,
+        /// From 1, in characters.
+        column: usize,
+        /// What was expected and what was found.
+        message: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// A log of it cannot be used.
+    #[error("{error} (run {run} of {experiment})", experiment = experiment.display())]
+    Log {
+        /// The experiment.
+        experiment: PathBuf,
+        /// Number of the run, from 1.
+        run: usize,
+        /// What is wrong with the log.
+        error: Box<LogError>,
+    },
+}
+
+const EXPERIMENT_KEYS: [&str; 13] = [
+    "device",
+    "run",
+    "columns",
+    "scale",
+    "cutoff_hz",
+    "decimate",
+    "min_speed",
+    "mask",
+    "hold",
+    "controller",
+    "from_s",
+    "first_half",
+    "moving",
+];
+const RUN_KEYS: [&str; 16] = [
+    "file",
+    "free",
+    "role",
+    "columns",
+    "scale",
+    "rows",
+    "cutoff_hz",
+    "decimate",
+    "min_speed",
+    "mask",
+    "hold",
+    "controller",
+    "from_s",
+    "first_half",
+    "moving",
+    "start",
+];
+
+impl Experiment {
+    /// Reads the experiment at `path` with all its logs; its device is one of `devices`.
+    pub fn read_with(path: &Path, devices: &'static [Device]) -> Result<Self, ExperimentError> {
+        Self::read_as(path, devices, Planned::Refused)
+    }
+
+    /// As [`Experiment::read_with`], with runs that are only planned: they say where they `start` instead of having
+    /// measured positions.
+    pub fn read_planned(path: &Path, devices: &'static [Device]) -> Result<Self, ExperimentError> {
+        Self::read_as(path, devices, Planned::Allowed)
+    }
+
+    fn read_as(path: &Path, devices: &'static [Device], planned: Planned) -> Result<Self, ExperimentError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ExperimentError::Unreadable { path: path.to_owned(), source })?;
+        let file = File { path, text: &text };
+        let document = DeTable::parse(&text).map_err(|error| {
+            let remedy = "write it as TOML: `key = value`, runs under `[[run]]`";
+            file.invalid(error.span().unwrap_or(0..0).start, error.message().to_owned(), remedy)
+        })?;
+        let top = document.get_ref();
+        file.known_keys(top, &EXPERIMENT_KEYS)?;
+
+        let device = file.device(top, devices)?;
+        let Some(runs) = top.get("run") else {
+            let remedy = "add one: [[run]] with file, free and role";
+            return Err(file.invalid(text.len(), "the experiment has no run".to_owned(), remedy));
+        };
+        let entries = file.array(runs, "run", "[[run]] tables")?;
+        if entries.is_empty() {
+            let remedy = "add one: [[run]] with file, free and role";
+            return Err(file.invalid(runs.span().start, "the experiment has no run".to_owned(), remedy));
+        }
+        let mut hash = Sha256::new();
+        let mut read = Vec::with_capacity(entries.len());
+        for (index, entry) in entries.iter().enumerate() {
+            let table = entry.get_ref().as_table().ok_or_else(|| file.wrong_type(entry, "run", "a [[run]] table"))?;
+            file.known_keys(table, &RUN_KEYS)?;
+            if let (Some(start), Planned::Refused) = (table.get("start"), planned) {
+                let message = format!("start: run {} is only planned, it has no measured positions", index + 1);
+                let remedy = "`dynid simulate` shows what a model would do; play it on the robot, log the positions and take \
+                              `start` out";
+                return Err(file.invalid(start.span().start, message, remedy));
+            }
+            let source = RunSource { file: &file, device, top, table, start: entry.span().start, number: index + 1 };
+            let run = source.read()?;
+            hash.update([run.role as u8]);
+            hash.update((run.configuration as u64).to_le_bytes());
+            run.log.digest(&mut hash);
+            read.push(run);
+        }
+        let digest = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok(Self { path: path.to_owned(), device, runs: read, digest })
+    }
+
+    /// The runs of one role, in order.
+    pub fn runs_of(&self, role: Role) -> impl Iterator<Item = &Run> {
+        self.runs.iter().filter(move |run| run.role == role)
+    }
+}
+
+/// Whether runs without measured positions may be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Planned {
+    Allowed,
+    Refused,
+}
+
+/// One `[[run]]` on its way to a [`Run`].
+struct RunSource<'a> {
+    file: &'a File<'a>,
+    device: &'static Device,
+    top: &'a DeTable<'a>,
+    table: &'a DeTable<'a>,
+    /// Byte at which the run starts.
+    start: usize,
+    /// From 1.
+    number: usize,
+}
+
+impl<'a> RunSource<'a> {
+    fn read(&self) -> Result<Run, ExperimentError> {
+        let file = self.file;
+        let name = file.string(self.required("file", "the path of a CSV file")?, "file")?;
+        let free_value = self.required("free", "the free joints, e.g. free = [0, 1]")?;
+        let (free, configuration) = self.free(free_value)?;
+        let role_value = self.required("role", "\"fit\" or \"validate\"")?;
+        let role = match file.string(role_value, "role")? {
+            "fit" => Role::Fit,
+            "validate" => Role::Validate,
+            other => {
+                let message = format!("role: expected \"fit\" or \"validate\", found \"{other}\"");
+                let remedy = "say \"fit\" for a run that parameters are fitted to, \"validate\" for a held-out run";
+                return Err(file.invalid(role_value.span().start, message, remedy));
+            }
+        };
+        let format = LogFormat {
+            n_joints: self.device.joints.len(),
+            columns: self.pairs("columns", "a name, e.g. columns = { tau0 = \"tau_1\" }", |value| {
+                value.get_ref().as_str().map(str::to_owned)
+            })?,
+            scale: self.pairs("scale", "a finite number other than 0, e.g. scale = { tau0 = 10.0 }", |value| {
+                number(value).filter(|factor| *factor != 0.0)
+            })?,
+            rows: self.rows()?,
+            mask: match self.setting("mask") {
+                Some(value) => Some(file.string(value, "mask")?.to_owned()),
+                None => None,
+            },
+            free: free.clone(),
+            start: self.start()?,
+            has_controller: self.setting("controller").is_some(),
+        };
+        let settings = self.settings(&free)?;
+        let path = file.relative(name);
+        let log = log::read(&path, &format).map_err(|error| ExperimentError::Log {
+            experiment: file.path.to_owned(),
+            run: self.number,
+            error: Box::new(error),
+        })?;
+        if let (Some(value), None) = (self.setting("controller"), &log.reference) {
+            let columns: Vec<String> = free.iter().map(|joint| format!("ref{joint}")).collect();
+            let message = format!("controller: {name} lacks the references that it follows: {}", columns.join(", "));
+            let remedy =
+                format!("log them; where they have other names, say so: columns = {{ {} = \"...\" }}", columns[0]);
+            return Err(file.invalid(value.span().start, message, &remedy));
+        }
+        Ok(Run { file: name.to_owned(), role, free, configuration, log, settings })
+    }
+
+    /// The free joints and the number of the configuration that they make.
+    fn free(&self, value: &Spanned<DeValue<'a>>) -> Result<(Vec<usize>, usize), ExperimentError> {
+        let file = self.file;
+        let mut free = Vec::new();
+        for entry in file.array(value, "free", "joint indices, e.g. free = [0, 1]")? {
+            let joint = index(entry).filter(|joint| *joint < self.device.joints.len()).ok_or_else(|| {
+                let last = self.device.joints.len() - 1;
+                let message = match index(entry) {
+                    Some(joint) => {
+                        format!("free: `{}` has no joint {joint}, its joints are 0 to {last}", self.device.id)
+                    }
+                    None => format!("free: expected joints of `{}` (0 to {last})", self.device.id),
+                };
+                file.invalid(entry.span().start, message, "name each free joint by its index")
+            })?;
+            free.push(joint);
+        }
+        if free.is_empty() {
+            let message = format!("free: no joint is free in run {}, so nothing in it moves", self.number);
+            let remedy = "name the joints that were not locked, e.g. free = [0], or leave the run out";
+            return Err(file.invalid(value.span().start, message, remedy));
+        }
+        free.sort_unstable();
+        let configurations = &self.device.configurations;
+        match configurations.iter().position(|configuration| configuration.free == free) {
+            Some(index) => Ok((free, index + 1)),
+            None => {
+                let message = format!("free = {free:?} is no configuration of `{}`", self.device.id);
+                let known: Vec<String> = configurations
+                    .iter()
+                    .enumerate()
+                    .map(|(index, configuration)| format!("{} {:?}", index + 1, configuration.free))
+                    .collect();
+                let remedy =
+                    format!("its configurations are {}; add one to the device file for another set", known.join(", "));
+                Err(file.invalid(value.span().start, message, &remedy))
+            }
+        }
+    }
+
+    /// Where all joints of a planned run start.
+    fn start(&self) -> Result<Option<Vec<f64>>, ExperimentError> {
+        let Some(value) = self.table.get("start") else { return Ok(None) };
+        let n_joints = self.device.joints.len();
+        let what = format!("one position for each of the {n_joints} joints [rad or m]");
+        let entries = self.file.array(value, "start", &what)?;
+        if entries.len() != n_joints {
+            let message = format!("start: found {} positions, expected {what}", entries.len());
+            return Err(self.file.invalid(value.span().start, message, "give one for every joint, locked ones too"));
+        }
+        let position = |entry: &&Spanned<DeValue<'a>>| {
+            number(entry).ok_or_else(|| self.file.wrong_type(entry, "start", "a finite position"))
+        };
+        entries.iter().map(position).collect::<Result<Vec<f64>, _>>().map(Some)
+    }
+
+    fn rows(&self) -> Result<Option<[usize; 2]>, ExperimentError> {
+        let Some(value) = self.table.get("rows") else { return Ok(None) };
+        let wrong = || self.file.wrong_type(value, "rows", "two row numbers, rows = [from, to], to excluded");
+        match value.get_ref().as_array() {
+            Some(array) if array.len() == 2 => {
+                let from = index(&array[0]).ok_or_else(wrong)?;
+                let to = index(&array[1]).ok_or_else(wrong)?;
+                Ok(Some([from, to]))
+            }
+            _ => Err(wrong()),
+        }
+    }
+
+    fn settings(&self, free: &[usize]) -> Result<Settings, ExperimentError> {
+        let file = self.file;
+        let cutoff_hz = match self.setting("cutoff_hz") {
+            Some(value) => Some(
+                number(value)
+                    .filter(|hertz| *hertz > 0.0)
+                    .ok_or_else(|| file.wrong_type(value, "cutoff_hz", "a positive frequency [Hz]"))?,
+            ),
+            None => None,
+        };
+        let decimate = match self.setting("decimate") {
+            Some(value) => index(value)
+                .filter(|factor| *factor >= 1)
+                .ok_or_else(|| file.wrong_type(value, "decimate", "a whole number from 1"))?,
+            None => 1,
+        };
+        let min_speed = match self.setting("min_speed") {
+            Some(value) => self.min_speed(value, free)?,
+            None => vec![0.0; self.device.joints.len()],
+        };
+        let hold = match self.setting("hold") {
+            Some(value) => match file.string(value, "hold")? {
+                "zero" => Hold::Zero,
+                "linear" => Hold::Linear,
+                other => {
+                    let message = format!("hold: expected \"zero\" or \"linear\", found \"{other}\"");
+                    let remedy = "say \"zero\" where the torque of a row acts until the next row, \"linear\" where it runs straight between them";
+                    return Err(file.invalid(value.span().start, message, remedy));
+                }
+            },
+            None => Hold::Zero,
+        };
+        let controller = match self.setting("controller") {
+            Some(value) => {
+                let name = file.string(value, "controller")?;
+                let path = file.relative(name);
+                if !path.is_file() {
+                    let message = format!("controller: there is no file {}", path.display());
+                    let remedy = "give the path of the controller file, relative to the experiment";
+                    return Err(file.invalid(value.span().start, message, remedy));
+                }
+                Some(path)
+            }
+            None => None,
+        };
+        let from_s = match self.setting("from_s") {
+            Some(value) => Some(number(value).filter(|span| *span >= 0.0).ok_or_else(|| {
+                file.wrong_type(value, "from_s", "a time after the log's first sample [s], not negative")
+            })?),
+            None => None,
+        };
+        let first_half = match self.setting("first_half") {
+            Some(value) => number(value)
+                .filter(|weight| *weight > 0.0)
+                .ok_or_else(|| file.wrong_type(value, "first_half", "a positive weight, e.g. 0.5"))?,
+            None => 1.0,
+        };
+        let moving = match self.setting("moving") {
+            Some(value) => value
+                .get_ref()
+                .as_bool()
+                .ok_or_else(|| file.wrong_type(value, "moving", "true where the log begins in motion, else false"))?,
+            None => false,
+        };
+        let start = self.start()?;
+        Ok(Settings {
+            cutoff_hz,
+            decimate,
+            min_speed,
+            hold,
+            controller,
+            from_s,
+            first_half,
+            moving,
+            start,
+            began_s: None,
+        })
+    }
+
+    /// One speed a joint of the device, or one a free joint.
+    fn min_speed(&self, value: &Spanned<DeValue<'a>>, free: &[usize]) -> Result<Vec<f64>, ExperimentError> {
+        let file = self.file;
+        let n_joints = self.device.joints.len();
+        let what = "one speed a joint [rad/s or m/s], not negative";
+        let mut speeds = Vec::new();
+        for entry in file.array(value, "min_speed", what)? {
+            let speed = number(entry).filter(|speed| *speed >= 0.0);
+            speeds.push(speed.ok_or_else(|| file.wrong_type(entry, "min_speed", what))?);
+        }
+        if speeds.len() == n_joints {
+            return Ok(speeds);
+        }
+        if speeds.len() == free.len() {
+            let mut all = vec![0.0; n_joints];
+            free.iter().zip(&speeds).for_each(|(&joint, &speed)| all[joint] = speed);
+            return Ok(all);
+        }
+        let message = format!("min_speed: found {} speeds for {} free joints", speeds.len(), free.len());
+        let remedy = format!("give one a free joint of the run, or one for each of the device's {n_joints} joints");
+        Err(file.invalid(value.span().start, message, &remedy))
+    }
+
+    /// What the run says, else what the experiment says.
+    fn setting(&self, key: &str) -> Option<&'a Spanned<DeValue<'a>>> {
+        self.table.get(key).or_else(|| self.top.get(key))
+    }
+
+    fn required(&self, key: &str, what: &str) -> Result<&'a Spanned<DeValue<'a>>, ExperimentError> {
+        self.table.get(key).ok_or_else(|| {
+            let message = format!("run {} does not say `{key}`", self.number);
+            self.file.invalid(self.start, message, &format!("add {what}"))
+        })
+    }
+
+    /// A table from the project's column names to values of one kind.
+    fn pairs<T>(
+        &self,
+        key: &str,
+        what: &str,
+        read: impl Fn(&Spanned<DeValue<'a>>) -> Option<T>,
+    ) -> Result<Vec<(String, T)>, ExperimentError> {
+        let file = self.file;
+        let Some(value) = self.setting(key) else { return Ok(Vec::new()) };
+        let table = value.get_ref().as_table().ok_or_else(|| file.wrong_type(value, key, "a table"))?;
+        let mut names = vec!["t".to_owned()];
+        for joint in 0..self.device.joints.len() {
+            names.extend([format!("tau{joint}"), format!("q{joint}"), format!("ref{joint}")]);
+        }
+        let mut pairs = Vec::new();
+        for (name, entry) in table.iter() {
+            let name_text: &str = name.get_ref();
+            if !names.iter().any(|known| known == name_text) {
+                let message = format!("{key}: there is no column `{name_text}` of `{}`", self.device.id);
+                let remedy = format!("{}the columns are {}", did_you_mean(name_text, &names), names.join(", "));
+                return Err(file.invalid(name.span().start, message, &remedy));
+            }
+            let wrong = || file.wrong_type(entry, &format!("{key}.{name_text}"), what);
+            pairs.push((name_text.to_owned(), read(entry).ok_or_else(wrong)?));
+        }
+        Ok(pairs)
+    }
+}
+
+/// The experiment file, to say where something stands in it.
+struct File<'a> {
+    path: &'a Path,
+    text: &'a str,
+}
+
+impl<'a> File<'a> {
+    fn invalid(&self, offset: usize, message: String, remedy: &str) -> ExperimentError {
+        // Offsets are those of the parser, which stand between characters.
+        let before = self.text.get(..offset).unwrap_or(self.text);
+        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        ExperimentError::Invalid {
+            path: self.path.to_owned(),
+            line: before.matches('\n').count() + 1,
+            column: before[line_start..].chars().count() + 1,
+            message,
+            remedy: remedy.to_owned(),
+        }
+    }
+
+    fn wrong_type(&self, value: &Spanned<DeValue<'_>>, key: &str, expected: &str) -> ExperimentError {
+        let found = self.text.get(value.span()).unwrap_or_default().lines().next().unwrap_or_default();
+        let message = format!("{key}: expected {expected}, found `{found}`");
+        self.invalid(value.span().start, message, "correct the value")
+    }
+
+    fn device(&self, top: &DeTable<'_>, devices: &'static [Device]) -> Result<&'static Device, ExperimentError> {
+        let ids: Vec<String> = devices.iter().map(|device| device.id.clone()).collect();
+        let Some(value) = top.get("device") else {
+            let remedy = format!("add device = \"..\" as the first line: one of {}", ids.join(", "));
+            return Err(self.invalid(0, "the experiment does not say its device".to_owned(), &remedy));
+        };
+        let id = self.string(value, "device")?;
+        devices.iter().find(|device| device.id == id).ok_or_else(|| {
+            let remedy = format!("{}the devices are {}", did_you_mean(id, &ids), ids.join(", "));
+            self.invalid(value.span().start, format!("there is no device `{id}`"), &remedy)
+        })
+    }
+
+    fn known_keys(&self, table: &DeTable<'_>, known: &[&str]) -> Result<(), ExperimentError> {
+        for (key, _) in table.iter() {
+            let name: &str = key.get_ref();
+            if !known.contains(&name) {
+                let remedy = format!("{}the keys here are {}", did_you_mean(name, known), known.join(", "));
+                return Err(self.invalid(key.span().start, format!("unknown key `{name}`"), &remedy));
+            }
+        }
+        Ok(())
+    }
+
+    fn string<'v>(&self, value: &'v Spanned<DeValue<'_>>, key: &str) -> Result<&'v str, ExperimentError> {
+        value.get_ref().as_str().ok_or_else(|| self.wrong_type(value, key, "a text in quotes"))
+    }
+
+    fn array<'v>(
+        &self,
+        value: &'v Spanned<DeValue<'a>>,
+        key: &str,
+        what: &str,
+    ) -> Result<Vec<&'v Spanned<DeValue<'a>>>, ExperimentError> {
+        let array = value.get_ref().as_array().ok_or_else(|| self.wrong_type(value, key, what))?;
+        Ok(array.iter().collect())
+    }
+
+    /// A path of the experiment, relative to its file.
+    fn relative(&self, name: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
+    }
+}
+
+/// A finite number, written as an integer or a float.
+fn number(value: &Spanned<DeValue<'_>>) -> Option<f64> {
+    let text = match value.get_ref() {
+        DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str(),
+        DeValue::Float(float) => float.as_str(),
+        _ => return None,
+    };
+    text.replace('_', "").parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// A whole number from 0.
+fn index(value: &Spanned<DeValue<'_>>) -> Option<usize> {
+    match value.get_ref() {
+        DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().replace('_', "").parse().ok(),
+        _ => None,
+    }
+}
+
+fn did_you_mean<S: AsRef<str>>(name: &str, known: &[S]) -> String {
+    nearest(name, known.iter().map(AsRef::as_ref)).map_or(String::new(), |near| format!("did you mean `{near}`? "))
+}
+
+/// The name among `known` that takes the fewest edits to reach from `name`, if it is near enough to be meant.
+pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let limit = name.chars().count().max(3) / 2;
+    known
+        .into_iter()
+        .map(|other| (edits(name, other), other))
+        .filter(|(distance, _)| *distance <= limit)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, other)| other)
+}
+
+/// Levenshtein distance: insertions, deletions and replacements from one text to the other.
+fn edits(from: &str, to: &str) -> usize {
+    let to: Vec<char> = to.chars().collect();
+    let mut row: Vec<usize> = (0..=to.len()).collect();
+    for (length, from_character) in from.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = length + 1;
+        for (place, to_character) in to.iter().enumerate() {
+            let replaced = diagonal + usize::from(from_character != *to_character);
+            diagonal = row[place + 1];
+            row[place + 1] = replaced.min(diagonal + 1).min(row[place] + 1);
+        }
+    }
+    row[to.len()]
+}
+
+#[cfg(test)]
+mod tests;

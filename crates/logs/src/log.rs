@@ -1,0 +1,384 @@
+//! Logs of a robot: a CSV file with time, commanded torques and measured positions, in SI units.
+//!
+//! Columns: `t` (s), `tau<i>` [N*m or N], `q<i>` [rad or m] and optionally `ref<i>` [rad or m], where `i` is the
+//! device's joint index. Sampling need not be uniform. Every number that is used must be finite and time must rise.
+
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use dynid_model::nearest;
+
+/// What a run's log holds. Every inner vector has one entry a sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Log {
+    /// Time of each sample, rising (s).
+    pub t: Vec<f64>,
+    /// Commanded torque of each joint of the device [N*m, or N at a prismatic joint]; zero for a locked joint whose
+    /// torque is not logged.
+    pub tau: Vec<Vec<f64>>,
+    /// Measured position of each joint of the device [rad, or m at a prismatic joint].
+    pub q: Vec<Vec<f64>>,
+    /// Commanded position of each joint of the device [rad or m], where the log has one for every free joint; a
+    /// locked joint's is its measured position where it is not logged.
+    pub reference: Option<Vec<Vec<f64>>>,
+    /// False where the sample leaves the torque error.
+    pub mask: Option<Vec<bool>>,
+}
+
+impl Log {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// True without samples; no log that was read is.
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// Median time between samples (s).
+    pub fn sample_time(&self) -> f64 {
+        dynid_signal::median_step(&self.t)
+    }
+
+    /// Mean measured position of `joint` [rad or m]: where a locked joint stands.
+    pub fn mean_position(&self, joint: usize) -> f64 {
+        let q = &self.q[joint];
+        q.iter().sum::<f64>() / q.len() as f64
+    }
+
+    /// Feeds every number that a fit may use to `hash`.
+    pub fn digest(&self, hash: &mut Sha256) {
+        let mut column = |values: &[f64]| {
+            hash.update((values.len() as u64).to_le_bytes());
+            for value in values {
+                hash.update(value.to_le_bytes());
+            }
+        };
+        column(&self.t);
+        let reference = self.reference.iter().flatten();
+        for values in self.tau.iter().chain(&self.q).chain(reference) {
+            column(values);
+        }
+        if let Some(mask) = &self.mask {
+            column(&mask.iter().map(|&used| f64::from(u8::from(used))).collect::<Vec<_>>());
+        }
+    }
+}
+
+/// Which columns of a CSV file make a log, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogFormat {
+    /// Number of joints of the device.
+    pub n_joints: usize,
+    /// Free joints: their torque must be logged.
+    pub free: Vec<usize>,
+    /// A log's own name of a column: (`tau0`, `tau_1`).
+    pub columns: Vec<(String, String)>,
+    /// Factor that brings a column to SI: (`tau0`, 10.0).
+    pub scale: Vec<(String, f64)>,
+    /// Rows `from..to` of the data (0 is the first row below the header); everything when absent.
+    pub rows: Option<[usize; 2]>,
+    /// Column whose zeros leave the torque error.
+    pub mask: Option<String>,
+    /// Where the joints of a planned run start [rad or m]: its log has no measured positions, and [`Log::q`] stays there.
+    pub start: Option<Vec<f64>>,
+    /// A controller gives the torques: a planned run has none in its log.
+    pub has_controller: bool,
+}
+
+/// Why a log cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LogError {
+    /// The file cannot be opened or is no CSV.
+    #[error("{path}: cannot be read: {reason}; give the path of a CSV file, relative to the experiment file", path = path.display())]
+    Unreadable {
+        /// The log.
+        path: PathBuf,
+        /// As the system tells it.
+        reason: String,
+    },
+    /// Nothing at all, or a header without rows.
+    #[error("{path}: the log has {found}; expected a header line and rows of numbers below it", path = path.display())]
+    Empty {
+        /// The log.
+        path: PathBuf,
+        /// `no header`, `a header but no rows`, ...
+        found: String,
+    },
+    /// A column that is needed is not in the header.
+    #[error("{path}: column `{column}` is missing; the log has {available}{hint}. If it has another name there, say so in the experiment: {remedy}", path = path.display())]
+    MissingColumn {
+        /// The log.
+        path: PathBuf,
+        /// Name looked for in the header.
+        column: String,
+        /// The header, quoted.
+        available: String,
+        /// `; the nearest name is ...` or nothing.
+        hint: String,
+        /// What to write in the experiment.
+        remedy: String,
+    },
+    /// Two columns of one name.
+    #[error("{path}: column `{column}` stands twice in the header; rename one of them", path = path.display())]
+    DuplicateColumn {
+        /// The log.
+        path: PathBuf,
+        /// Its name.
+        column: String,
+    },
+    /// A cell that holds no finite number.
+    #[error("{path}:{line}: column `{column}`, row {row}: expected a finite number, found {found}; repair or cut the row (rows = [from, to] keeps a part of a log)", path = path.display())]
+    NotANumber {
+        /// The log.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        line: u64,
+        /// Row of the data, from 0.
+        row: usize,
+        /// Its name in the file.
+        column: String,
+        /// The cell, quoted, or `nothing`.
+        found: String,
+    },
+    /// Time must rise from row to row.
+    #[error("{path}:{line}: column `{column}`, row {row}: time {what} ({before} s, then {now} s); sort the log, or split it where it restarts (rows = [from, to])", path = path.display())]
+    TimeNotRising {
+        /// The log.
+        path: PathBuf,
+        /// Line of the file, from 1.
+        line: u64,
+        /// Row of the data, from 0.
+        row: usize,
+        /// Name of the time column.
+        column: String,
+        /// `runs backwards` or `stands still`.
+        what: &'static str,
+        /// Time of the row before (s).
+        before: f64,
+        /// Time of this row (s).
+        now: f64,
+    },
+    /// `rows` reaches past the end.
+    #[error("{path}: rows = [{from}, {to}] lies outside the log, which has {n_rows} rows; expected 0 <= from < to <= {n_rows}", path = path.display())]
+    RowsOutOfRange {
+        /// The log.
+        path: PathBuf,
+        /// First row asked for.
+        from: usize,
+        /// One past the last row asked for.
+        to: usize,
+        /// Rows that there are.
+        n_rows: usize,
+    },
+}
+
+/// One column of the file that the log needs.
+struct Column {
+    /// Its place in a row.
+    index: usize,
+    /// Its name in the file.
+    name: String,
+    /// To SI.
+    scale: f64,
+    /// Values of the selected rows.
+    values: Vec<f64>,
+}
+
+/// Reads the log at `path`.
+pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
+    let mut reader = csv::ReaderBuilder::new()
+        .flexible(true)
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(|error| unreadable(path, &error))?;
+    let header: Vec<String> =
+        reader.headers().map_err(|error| unreadable(path, &error))?.iter().map(str::to_owned).collect();
+    if header.iter().all(String::is_empty) {
+        return Err(LogError::Empty { path: path.to_owned(), found: "no header".to_owned() });
+    }
+
+    let find = |logical: &str| Header { path, names: &header, format }.find(logical);
+    let joints = 0..format.n_joints;
+    let mut t = find("t")?;
+    let mut tau = joints
+        .clone()
+        .map(|joint| match find(&format!("tau{joint}")) {
+            Err(LogError::MissingColumn { .. }) if !format.is_free(joint) || format.is_controlled_plan() => Ok(None),
+            found => found.map(Some),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut q = match format.start {
+        Some(_) => Vec::new(),
+        None => joints.clone().map(|joint| find(&format!("q{joint}"))).collect::<Result<Vec<_>, _>>()?,
+    };
+    let mut reference = joints
+        .map(|joint| format!("ref{joint}"))
+        .map(|name| match find(&name) {
+            Err(LogError::MissingColumn { .. }) if !format.is_mapped(&name) => Ok(None),
+            found => found.map(Some),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    if format.free.iter().any(|&joint| reference[joint].is_none()) {
+        reference.iter_mut().for_each(|column| *column = None);
+    }
+    let mut mask = format.mask.as_ref().map(|name| Header { path, names: &header, format }.named(name, "mask"));
+    if let Some(Err(error)) = mask {
+        return Err(error);
+    }
+
+    let mut columns: Vec<&mut Column> = vec![&mut t];
+    columns.extend(tau.iter_mut().flatten());
+    columns.extend(q.iter_mut());
+    columns.extend(reference.iter_mut().flatten());
+    columns.extend(mask.iter_mut().flatten());
+    let n_rows = read_rows(path, &mut reader, format.rows, &mut columns)?;
+
+    if let Some([from, to]) = format.rows
+        && (from >= to || to > n_rows)
+    {
+        return Err(LogError::RowsOutOfRange { path: path.to_owned(), from, to, n_rows });
+    }
+    let n_samples = t.values.len();
+    if n_samples < 2 {
+        let found = if n_rows == 0 { "a header but no rows" } else { "a single row" };
+        return Err(LogError::Empty { path: path.to_owned(), found: found.to_owned() });
+    }
+
+    let q: Vec<Vec<f64>> = match &format.start {
+        Some(start) => start.iter().map(|position| vec![*position; n_samples]).collect(),
+        None => q.into_iter().map(|column| column.values).collect(),
+    };
+    let has_reference = reference.iter().any(Option::is_some);
+    let reference = has_reference.then(|| {
+        reference.into_iter().zip(&q).map(|(column, q)| column.map_or_else(|| q.clone(), |c| c.values)).collect()
+    });
+    Ok(Log {
+        t: t.values,
+        tau: tau.into_iter().map(|column| column.map_or_else(|| vec![0.0; n_samples], |c| c.values)).collect(),
+        q,
+        reference,
+        mask: mask.and_then(Result::ok).map(|column| column.values.iter().map(|&value| value != 0.0).collect()),
+    })
+}
+
+/// Reads the selected rows into the columns (the first is time) and returns how many rows the file has.
+fn read_rows(
+    path: &Path,
+    reader: &mut csv::Reader<std::fs::File>,
+    rows: Option<[usize; 2]>,
+    columns: &mut [&mut Column],
+) -> Result<usize, LogError> {
+    let [from, to] = rows.unwrap_or([0, usize::MAX]);
+    let mut record = csv::ByteRecord::new();
+    let mut row = 0;
+    while reader.read_byte_record(&mut record).map_err(|error| unreadable(path, &error))? {
+        if (from..to).contains(&row) {
+            let line = record.position().map_or(0, csv::Position::line);
+            for column in columns.iter_mut() {
+                let cell = record.get(column.index).and_then(|cell| std::str::from_utf8(cell).ok());
+                let number = cell.and_then(|cell| cell.parse::<f64>().ok()).map(|number| number * column.scale);
+                let Some(number) = number.filter(|number| number.is_finite()) else {
+                    let found = match cell {
+                        None | Some("") => "nothing".to_owned(),
+                        Some(cell) => format!("`{cell}`"),
+                    };
+                    return Err(LogError::NotANumber {
+                        path: path.to_owned(),
+                        line,
+                        row,
+                        column: column.name.clone(),
+                        found,
+                    });
+                };
+                column.values.push(number);
+            }
+            if let [.., before, now] = columns[0].values[..]
+                && now <= before
+            {
+                return Err(LogError::TimeNotRising {
+                    path: path.to_owned(),
+                    line,
+                    row,
+                    column: columns[0].name.clone(),
+                    what: if now < before { "runs backwards" } else { "stands still" },
+                    before,
+                    now,
+                });
+            }
+        }
+        row += 1;
+    }
+    Ok(row)
+}
+
+impl LogFormat {
+    fn is_free(&self, joint: usize) -> bool {
+        self.free.contains(&joint)
+    }
+
+    fn is_controlled_plan(&self) -> bool {
+        self.start.is_some() && self.has_controller
+    }
+
+    /// Whether the experiment says which column of the log this is.
+    fn is_mapped(&self, logical: &str) -> bool {
+        self.columns.iter().any(|(name, _)| name == logical)
+    }
+}
+
+/// The header of a log, to find columns in.
+struct Header<'a> {
+    path: &'a Path,
+    names: &'a [String],
+    format: &'a LogFormat,
+}
+
+impl Header<'_> {
+    /// The column of the project's name `logical`, through the experiment's column map.
+    fn find(&self, logical: &str) -> Result<Column, LogError> {
+        let mapped = self.format.columns.iter().find(|(name, _)| name == logical);
+        self.named(mapped.map_or(logical, |(_, name)| name), logical)
+    }
+
+    fn named(&self, name: &str, logical: &str) -> Result<Column, LogError> {
+        let mut places = self.names.iter().enumerate().filter(|(_, other)| *other == name).map(|(index, _)| index);
+        let Some(index) = places.next() else {
+            let guess = nearest(name, self.names.iter().map(String::as_str).filter(|other| !self.is_taken(other)));
+            let example = guess.unwrap_or("its name in the log");
+            return Err(LogError::MissingColumn {
+                path: self.path.to_owned(),
+                column: name.to_owned(),
+                available: self.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "),
+                hint: guess.map_or(String::new(), |guess| format!("; the nearest name is `{guess}`")),
+                remedy: match logical {
+                    "mask" => format!("mask = \"{example}\""),
+                    _ => format!("columns = {{ {logical} = \"{example}\" }}"),
+                },
+            });
+        };
+        if places.next().is_some() {
+            return Err(LogError::DuplicateColumn { path: self.path.to_owned(), column: name.to_owned() });
+        }
+        let scale = self.format.scale.iter().find(|(other, _)| other == logical).map_or(1.0, |(_, factor)| *factor);
+        Ok(Column { index, name: name.to_owned(), scale, values: Vec::new() })
+    }
+
+    /// True for the project's own name of another column.
+    fn is_taken(&self, name: &str) -> bool {
+        let joint = |prefix| name.strip_prefix(prefix).and_then(|index| index.parse::<usize>().ok());
+        let joint = joint("tau").or_else(|| joint("q")).or_else(|| joint("ref"));
+        name == "t" || joint.is_some_and(|joint| joint < self.format.n_joints)
+    }
+}
+
+fn unreadable(path: &Path, error: &csv::Error) -> LogError {
+    let reason = match error.kind() {
+        csv::ErrorKind::Io(error) => error.to_string(),
+        _ => error.to_string(),
+    };
+    LogError::Unreadable { path: path.to_owned(), reason }
+}

@@ -1,0 +1,199 @@
+//! What a log is worth before any model sees it: sampling, noise, digits, columns that do not move, excitation.
+
+use serde::Serialize;
+
+use crate::{experiment::Run, motion::Motion, noise::last_digit, noise::noise_of_log};
+use dynid_signal::motion_bandwidth;
+
+/// A step longer than this many typical ones is a gap.
+const GAP: f64 = 1.5;
+
+/// A command at its largest size in more than this share of the samples, in stretches, is cut there.
+const SATURATED: f64 = 0.02;
+
+/// One log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Quality {
+    /// As the experiment names it.
+    pub run: String,
+    /// `fit` or `validate`.
+    pub role: String,
+    /// Number of samples.
+    pub n_samples: usize,
+    /// s
+    pub duration_s: f64,
+    /// From the median step (Hz).
+    pub rate_hz: f64,
+    /// Root mean square deviation of the steps from their median, gaps left out (s).
+    pub jitter_s: f64,
+    /// Steps that are longer than 1.5 typical ones.
+    pub gaps: usize,
+    /// The longest step (s).
+    pub longest_step_s: f64,
+    /// Its free joints.
+    pub joints: Vec<JointQuality>,
+    /// What should be looked at, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+/// One free joint's columns.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointQuality {
+    /// The device's joint index.
+    pub joint: usize,
+    /// Standard deviation of the position's noise, from the log alone [rad or m].
+    pub noise_floor: f64,
+    /// Smallest step of the position: its last digit [rad or m].
+    pub quantum: f64,
+    /// Least and largest position [rad or m].
+    pub range: [f64; 2],
+    /// Root mean square speed of the filtered motion [rad/s or m/s].
+    pub rms_speed: Option<f64>,
+    /// How often the speed changes its sign.
+    pub reversals: Option<usize>,
+    /// The highest frequency at which the motion exceeds its noise (Hz).
+    pub bandwidth_hz: Option<f64>,
+    /// Least and largest command [its unit].
+    pub command: [f64; 2],
+}
+
+/// The quality of a run's log.
+pub fn of_run(run: &Run) -> Quality {
+    let t = &run.log.t;
+    let step = run.log.sample_time();
+    let steps: Vec<f64> = t.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let regular: Vec<f64> = steps.iter().copied().filter(|own| *own <= GAP * step).collect();
+    let jitter = (regular.iter().map(|own| (own - step).powi(2)).sum::<f64>() / regular.len().max(1) as f64).sqrt();
+    let motion = Motion::of(run).ok();
+    let joints: Vec<JointQuality> = run
+        .free
+        .iter()
+        .enumerate()
+        .map(|(slot, &joint)| {
+            let speed = motion.as_ref().map(|motion| &motion.dq[slot]);
+            let rms = |values: &Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+            JointQuality {
+                joint,
+                noise_floor: noise_of_log(&run.log.q[joint]),
+                quantum: last_digit(&run.log.q[joint]),
+                range: range(&run.log.q[joint]),
+                rms_speed: speed.map(rms),
+                reversals: speed.map(|speed| reversals(speed, 0.1 * rms(speed))),
+                bandwidth_hz: motion_bandwidth(&run.log.q[joint], step),
+                command: range(&run.log.tau[joint]),
+            }
+        })
+        .collect();
+    let gaps = steps.len() - regular.len();
+    let mut quality = Quality {
+        run: run.file.clone(),
+        role: run.role.to_string(),
+        n_samples: t.len(),
+        duration_s: t.last().copied().unwrap_or(0.0) - t.first().copied().unwrap_or(0.0),
+        rate_hz: if step > 0.0 { 1.0 / step } else { 0.0 },
+        jitter_s: jitter,
+        gaps,
+        longest_step_s: steps.iter().copied().fold(0.0, f64::max),
+        joints,
+        warnings: Vec::new(),
+    };
+    quality.warnings = warnings(run, &quality, step);
+    quality
+}
+
+fn warnings(run: &Run, quality: &Quality, step: f64) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if quality.gaps > 0 {
+        warnings.push(format!("{} gaps, the longest {:.4} s", quality.gaps, quality.longest_step_s));
+    }
+    if quality.jitter_s > 0.05 * step {
+        warnings.push(format!("the sample time varies by {:.0} % of itself", 100.0 * quality.jitter_s / step));
+    }
+    for own in &quality.joints {
+        let joint = own.joint;
+        if own.range[0] == own.range[1] {
+            warnings.push(format!("q{joint} is constant although joint {joint} is free"));
+        } else if own.range[1] - own.range[0] < 10.0 * own.noise_floor {
+            warnings.push(format!("joint {joint} hardly moves: its range is below 10 times the noise"));
+        } else if own.reversals.is_some_and(|reversals| reversals < 4) {
+            warnings.push(format!("joint {joint} reverses fewer than 4 times, which tells little of friction"));
+        }
+        if own.command[0] == own.command[1] && run.settings.controller.is_none() {
+            warnings.push(format!("tau{joint} is constant"));
+        }
+        let share = saturated(&run.log.tau[joint]);
+        if share > SATURATED {
+            warnings.push(format!(
+                "tau{joint} stands at its largest size for {:.0} % of the run: it may be cut off there",
+                100.0 * share
+            ));
+        }
+    }
+    warnings
+}
+
+fn range(values: &[f64]) -> [f64; 2] {
+    values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(*value), high.max(*value)])
+}
+
+/// Changes of sign between speeds outside a band about zero.
+fn reversals(speed: &[f64], band: f64) -> usize {
+    let signs = speed.iter().filter(|dq| dq.abs() > band).map(|dq| dq.signum());
+    let signs: Vec<f64> = signs.collect();
+    signs.windows(2).filter(|pair| pair[0] != pair[1]).count()
+}
+
+/// Share of samples in stretches of three or more at the largest or smallest value. Zero for a signal that knows fewer than
+/// eight values: square waves stand at their ends on purpose.
+fn saturated(values: &[f64]) -> f64 {
+    let mut distinct: Vec<u64> = values.iter().map(|value| value.to_bits()).collect();
+    distinct.sort_unstable();
+    distinct.dedup();
+    if distinct.len() < 8 {
+        return 0.0;
+    }
+    let [low, high] = range(values);
+    let at_end = values.chunk_by(|a, b| a == b).filter(|stretch| stretch.len() >= 3);
+    let at_end = at_end.filter(|stretch| stretch[0] == low || stretch[0] == high);
+    at_end.map(<[f64]>::len).sum::<usize>() as f64 / values.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{experiment::Role, experiment::Settings, log::Log};
+
+    fn run(t: Vec<f64>, q: Vec<f64>, tau: Vec<f64>) -> Run {
+        let log = Log { tau: vec![tau], q: vec![q], t, reference: None, mask: None };
+        let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
+        Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings }
+    }
+
+    #[test]
+    fn a_cut_command_a_gap_and_a_still_joint_are_said() {
+        let t: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k) + if k > 700 { 0.5 } else { 0.0 }).collect();
+        let tau: Vec<f64> = t.iter().map(|t| (2.0 * t).sin().clamp(-0.8, 0.8)).collect();
+        let q = vec![0.25; 2000];
+        let quality = of_run(&run(t, q, tau));
+        assert_eq!((quality.gaps, quality.n_samples), (1, 2000));
+        assert!((quality.rate_hz - 100.0).abs() < 1e-6 && quality.jitter_s < 1e-9);
+        let told = quality.warnings.join("; ");
+        for part in ["1 gaps, the longest 0.51", "q0 is constant", "tau0 stands at its largest size for 4"] {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+    }
+
+    #[test]
+    fn a_good_log_has_no_warnings_and_its_quantum_is_found() {
+        let t: Vec<f64> = (0..4000).map(|k| 0.01 * f64::from(k)).collect();
+        let q = t.iter().map(|t| (0.4 * (3.0 * t).sin() / 1e-3).round() * 1e-3).collect();
+        let tau = t.iter().map(|t| (3.0 * t + 0.4).sin()).collect();
+        let quality = of_run(&run(t, q, tau));
+        assert_eq!(quality.warnings, Vec::<String>::new());
+        let joint = &quality.joints[0];
+        assert!((joint.quantum - 1e-3).abs() < 1e-9);
+        // 40 s at 3 rad/s: 38 reversals.
+        assert_eq!(joint.reversals, Some(38));
+        assert!((joint.rms_speed.expect("it moves") - 0.4 * 3.0 / 2.0_f64.sqrt()).abs() < 0.02);
+    }
+}

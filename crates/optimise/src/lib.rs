@@ -1,0 +1,8 @@
+//! Optimisers, and what a least-squares problem leaves open.
+
+pub mod barrier;
+pub mod cma_es;
+pub mod identifiability;
+pub mod matrix;
+pub mod physical;
+pub mod sqp;

@@ -1,0 +1,73 @@
+//! How numbers and names are written for people, and the one error of a name that nothing has.
+
+/// Text as it may stand in SVG and HTML.
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A number as people read it: four digits, an exponent only where it helps, a true minus sign.
+pub fn number(value: f64) -> String {
+    if !value.is_finite() {
+        return if value > 0.0 {
+            "\u{221e}".to_owned()
+        } else if value < 0.0 {
+            "\u{2212}\u{221e}".to_owned()
+        } else {
+            "\u{2014}".to_owned()
+        };
+    }
+    let size = value.abs();
+    let text = if size == 0.0 {
+        "0".to_owned()
+    } else if (1e-3..1e4).contains(&size) {
+        let decimals = (3.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.3e}")
+    };
+    text.replace('-', "\u{2212}")
+}
+
+/// A name that nothing has: a device, an effect, a parameter.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown {kind} `{name}`; {help}")]
+pub struct UnknownName {
+    /// What was looked for.
+    pub kind: &'static str,
+    /// As the user wrote it.
+    pub name: String,
+    /// The nearest known name.
+    pub help: String,
+}
+
+impl UnknownName {
+    /// `name` is no `kind`; the help says which of `known` is nearest.
+    pub fn among<'a>(kind: &'static str, name: &str, known: impl IntoIterator<Item = &'a str>) -> Self {
+        Self { kind, name: name.to_owned(), help: dynid_model::did_you_mean(name, known) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_told_in_four_digits() {
+        let told: Vec<String> =
+            [0.0, 1.0, -0.376, 12.34567, 4321.0, 1.5e-5, -2.02e7, f64::INFINITY, f64::NAN].map(number).into();
+        assert_eq!(
+            told,
+            [
+                "0",
+                "1.000",
+                "\u{2212}0.3760",
+                "12.35",
+                "4321",
+                "1.500e\u{2212}5",
+                "\u{2212}2.020e7",
+                "\u{221e}",
+                "\u{2014}"
+            ]
+        );
+    }
+}

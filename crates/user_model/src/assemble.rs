@@ -1,0 +1,107 @@
+//! From a user's model to what is computed with: a [`System`], or [`Kinematics`].
+
+use std::collections::BTreeSet;
+
+use dynid_generated::{Kernel, Signal};
+use dynid_model::Effect;
+
+use dynid_dynamics::kinematics::{Kinematics, KinematicsError};
+use dynid_dynamics::system::{Output, PlacedEffect, SignalSet, System, SystemError};
+
+use crate::{EffectInstance, Model};
+
+impl Model {
+    /// The equations of this model with the joints `free`, the others locked at `position_of(joint)` [rad or m].
+    ///
+    /// # Errors
+    /// Joints that no configuration of the device frees, a value or an effect's kernel that is missing.
+    pub fn system(&self, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<System, SystemError> {
+        let kernel = kernel_of(self, free)?;
+        let values: std::collections::BTreeMap<String, f64> =
+            self.parameters().into_iter().map(|(name, parameter)| (name, parameter.value)).collect();
+        let link_parameters = kernel
+            .parameters
+            .iter()
+            .map(|name| {
+                let missing = || SystemError::MissingParameter { name: (*name).to_owned() };
+                values.get(*name).copied().ok_or_else(missing)
+            })
+            .collect::<Result<_, _>>()?;
+        let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
+        let placed = |instance: &EffectInstance| {
+            let link = instance.joint.and_then(|joint| self.device.last_link_moved_by(joint));
+            Ok(PlacedEffect { link: link.map(|index| index + 1), ..instance.placed()? })
+        };
+        let effects = self.effects.iter().map(placed).collect::<Result<Vec<_>, SystemError>>()?;
+        System::new(kernel, self.device.joints.len(), link_parameters, locked, &effects)
+    }
+
+    /// The end point of this model at a posture of all joints, of which the `free` ones will move.
+    ///
+    /// # Errors
+    /// As [`Kinematics::new`].
+    pub fn kinematics(&self, free: &[usize], posture: &[f64]) -> Result<Kinematics, KinematicsError> {
+        Kinematics::new(&self.device.id, free, posture, |name| Some(self.parameter(name)?.value))
+    }
+}
+
+/// The kernel of the configuration with these free joints.
+fn kernel_of(model: &Model, free: &[usize]) -> Result<&'static Kernel, SystemError> {
+    let device = model.device;
+    let number = device.configurations.iter().position(|configuration| configuration.free == free);
+    number.and_then(|index| dynid_generated::kernel(&device.id, index + 1)).ok_or_else(|| {
+        SystemError::NoConfiguration {
+            device: device.id.clone(),
+            free: free.to_vec(),
+            known: device.configurations.iter().map(|configuration| configuration.free.clone()).collect(),
+        }
+    })
+}
+
+impl EffectInstance {
+    /// The effect for a [`System`], with its values; which link a body joins is the device's to say.
+    pub fn placed(&self) -> Result<PlacedEffect, SystemError> {
+        let effect = self.effect;
+        let kernel =
+            dynid_generated::effect(&effect.id).ok_or_else(|| SystemError::NoEffectKernel { id: effect.id.clone() })?;
+        let names: Vec<String> = (0..effect.parameters.len()).map(|index| self.parameter_name(index)).collect();
+        let place = match (self.joint, self.from) {
+            (Some(joint), Some(from)) => format!("joint.{joint}.{}.{from}", effect.id),
+            (Some(joint), None) => format!("joint.{joint}.{}", effect.id),
+            _ => format!("device.{}", effect.id),
+        };
+        Ok(PlacedEffect {
+            kernel,
+            place: effect.place,
+            stage: effect.stage,
+            is_friction: effect.family.as_deref() == Some("friction"),
+            joint: self.joint,
+            from: self.from,
+            names,
+            parameters: self.values(),
+            state_names: effect.states.iter().map(|state| format!("{place}.{}", state.symbol)).collect(),
+            initial_states: effect.states.iter().map(|state| state.initial).collect(),
+            states_at_speed: (0..effect.states.len()).filter(|state| effect.states[*state].starts_at_speed).collect(),
+            link: None,
+            outputs: effect.outputs.iter().map(|(name, _)| Output::named(name)).collect(),
+            uses: signals_of(effect),
+        })
+    }
+}
+
+/// The signals that an effect's formulas read; a parameter hides a signal of its name.
+fn signals_of(effect: &Effect) -> SignalSet {
+    let mut symbols = BTreeSet::new();
+    let formulas = effect.terms.iter().chain(&effect.outputs).map(|(_, formula)| formula);
+    for formula in formulas.chain(effect.states.iter().map(|state| &state.rate)) {
+        formula.for_each_symbol(&mut |symbol| {
+            symbols.insert(symbol.to_owned());
+        });
+    }
+    let none: &[Signal] = &[];
+    symbols
+        .iter()
+        .filter(|symbol| effect.parameter(symbol).is_none())
+        .filter_map(|symbol| SignalSet::named(symbol))
+        .fold(SignalSet::of(none), SignalSet::union)
+}

@@ -1,0 +1,325 @@
+//! The user's model: a device, the effects it is believed to have, and parameter values.
+//!
+//! A model file states all of its effects; a link's or an effect's parameter that it does not state has the device's
+//! value. Parameters have one order everywhere: links, lengths, gravity, then effects in the order of the file.
+
+mod assemble;
+mod clip;
+mod drawn;
+mod edit;
+mod fit_record;
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+use std::collections::BTreeMap;
+
+use dynid_model::{Device, Effect, JointKind, Link, Parameter, did_you_mean, instance::instance_name};
+
+pub use edit::{Added, EffectError};
+pub use fit_record::{FitRecord, Share, Source};
+pub use read::device_of;
+
+use dynid_text::UnknownName;
+
+/// A device, the effects it is believed to have, and parameter values.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// The mechanism.
+    pub device: &'static Device,
+    /// As [`Device::links`], each in the order of [`Link::SYMBOLS`].
+    pub links: Vec<[Parameter; 10]>,
+    /// As [`Device::lengths`] \[m\].
+    pub lengths: Vec<Parameter>,
+    /// Gravity times the unit vector that points up, in the base frame [m/s^2].
+    pub base: [Parameter; 3],
+    /// In the order of the file.
+    pub effects: Vec<EffectInstance>,
+    /// How the values were found, if a fit found them.
+    pub fit: Option<FitRecord>,
+    /// What each parameter that a fit has moved was believed to be before the first fit of a series.
+    pub believed: BTreeMap<String, f64>,
+    /// What a person should be told about the file, e.g. values outside the device's bounds.
+    pub notes: Vec<String>,
+    /// Text that the model was read from, kept so that writing it keeps its comments.
+    origin: Option<String>,
+}
+
+/// An effect at its place, with its parameters.
+#[derive(Debug, Clone)]
+pub struct EffectInstance {
+    /// The law.
+    pub effect: &'static Effect,
+    /// The joint it acts on; `None` for an effect of the whole device.
+    pub joint: Option<usize>,
+    /// The other joint of a pair.
+    pub from: Option<usize>,
+    /// In the order of [`Effect::parameters`].
+    pub parameters: Vec<Parameter>,
+}
+
+/// Components of gravity, as in parameter names.
+const BASE_SYMBOLS: [&str; 3] = ["gx", "gy", "gz"];
+
+impl Model {
+    /// The device's default model.
+    pub fn of_device(device: &'static Device) -> Self {
+        let effects = device
+            .effects
+            .iter()
+            .filter_map(|default| EffectInstance::new(device, &default.id, default.joint, default.from))
+            .collect();
+        Self {
+            device,
+            links: device.links.iter().map(|link| link.inertial).collect(),
+            lengths: device.lengths.iter().map(|length| Parameter::known(length.value)).collect(),
+            base: device.up.map(|component| Parameter::known(device.gravity * component)),
+            effects,
+            fit: None,
+            believed: BTreeMap::new(),
+            notes: Vec::new(),
+            origin: None,
+        }
+    }
+
+    /// Every parameter's name, in the model's order.
+    pub fn names(&self) -> Vec<String> {
+        self.places().into_iter().map(|(name, _)| name).collect()
+    }
+
+    /// Every parameter with its name, in the model's order.
+    pub fn parameters(&self) -> Vec<(String, Parameter)> {
+        self.places().into_iter().map(|(name, place)| (name, *self.at(place))).collect()
+    }
+
+    /// The parameter of that name.
+    pub fn parameter(&self, name: &str) -> Option<Parameter> {
+        self.place(name).map(|place| *self.at(place))
+    }
+
+    /// What the parameter of that name was believed to be before the first fit of a series; its value where none was fitted.
+    pub fn believed(&self, name: &str) -> Option<f64> {
+        self.believed.get(name).copied().or_else(|| self.parameter(name).map(|parameter| parameter.value))
+    }
+
+    /// The model with other values of the parameters that are not fixed, within their bounds; those for which `value` is
+    /// `None` stay.
+    pub fn with_values(&self, value: &dyn Fn(&str) -> Option<f64>) -> Self {
+        let mut model = self.clone();
+        for (name, parameter) in self.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed) {
+            if let Some(value) = value(&name) {
+                // The name is the model's own.
+                let _ = model.set_value(&name, value.clamp(parameter.lower, parameter.upper));
+            }
+        }
+        model
+    }
+
+    /// The model with the values that were believed before the first fit of a series; `None` where those are its own.
+    pub fn as_believed(&self) -> Option<Self> {
+        let believed = self.with_values(&|name| self.believed(name));
+        (believed.digest() != self.digest()).then_some(believed)
+    }
+
+    /// The parameter of that name.
+    ///
+    /// # Errors
+    /// [`UnknownName`], with the nearest name.
+    pub fn require(&self, name: &str) -> Result<Parameter, UnknownName> {
+        self.parameter(name).ok_or_else(|| self.unknown(name))
+    }
+
+    /// Changes a value, not its bounds.
+    ///
+    /// # Errors
+    /// [`UnknownName`], with the nearest name.
+    pub fn set_value(&mut self, name: &str, value: f64) -> Result<(), UnknownName> {
+        let parameter = self.require(name)?;
+        self.set(name, Parameter { value, ..parameter })
+    }
+
+    /// Changes a parameter.
+    ///
+    /// # Errors
+    /// [`UnknownName`], with the nearest name.
+    pub fn set(&mut self, name: &str, parameter: Parameter) -> Result<(), UnknownName> {
+        let place = self.place(name).ok_or_else(|| self.unknown(name))?;
+        *self.at_mut(place) = parameter;
+        Ok(())
+    }
+
+    /// The unit of the parameter of that name, e.g. `N*m*s/rad`.
+    pub fn unit(&self, name: &str) -> Option<String> {
+        Some(match self.place(name)? {
+            ParameterPlace::Link(_, 0) => "kg".to_owned(),
+            ParameterPlace::Link(_, 1..=3) | ParameterPlace::Length(_) => "m".to_owned(),
+            ParameterPlace::Link(..) => "kg*m^2".to_owned(),
+            ParameterPlace::Base(_) => "m/s^2".to_owned(),
+            ParameterPlace::Effect(instance, index) => {
+                let instance = &self.effects[instance];
+                let joint = instance.joint.map(|joint| &self.device.joints[joint]);
+                let kind = joint.map_or(JointKind::Revolute, |joint| joint.kind);
+                let command = joint.map_or("command", |joint| joint.command_unit.as_str());
+                instance.effect.parameters[index].unit_at(kind, command)
+            }
+        })
+    }
+
+    /// The effects at a joint (of a pair: its `joint`), in the order of the file.
+    pub fn effects_at(&self, joint: usize) -> impl Iterator<Item = &EffectInstance> {
+        self.effects.iter().filter(move |instance| instance.joint == Some(joint))
+    }
+
+    fn unknown(&self, name: &str) -> UnknownName {
+        let names = self.names();
+        UnknownName {
+            kind: "parameter",
+            name: name.to_owned(),
+            help: did_you_mean(name, names.iter().map(String::as_str)),
+        }
+    }
+
+    fn places(&self) -> Vec<(String, ParameterPlace)> {
+        let mut places = Vec::new();
+        for link in 0..self.links.len() {
+            for (index, symbol) in Link::SYMBOLS.iter().enumerate() {
+                places.push((format!("link.{}.{symbol}", link + 1), ParameterPlace::Link(link, index)));
+            }
+        }
+        for (index, length) in self.device.lengths.iter().enumerate() {
+            places.push((format!("length.{}", length.symbol), ParameterPlace::Length(index)));
+        }
+        for (axis, symbol) in BASE_SYMBOLS.iter().enumerate() {
+            if self.device.up[axis] != 0.0 {
+                places.push((format!("base.{symbol}"), ParameterPlace::Base(axis)));
+            }
+        }
+        for (instance, effect) in self.effects.iter().enumerate() {
+            for index in 0..effect.parameters.len() {
+                places.push((effect.parameter_name(index), ParameterPlace::Effect(instance, index)));
+            }
+        }
+        places
+    }
+
+    /// As [`Model::places`], without making every name: fits set parameters by name in their inner loops.
+    fn place(&self, name: &str) -> Option<ParameterPlace> {
+        let parts: Vec<&str> = name.split('.').collect();
+        let number = |text: &str| text.parse::<usize>().ok().filter(|number| number.to_string() == text);
+        let effect = |id: &str, joint: Option<usize>, from: Option<usize>, symbol: &str| {
+            let instance = self.effects.iter().position(|instance| instance.is(id, joint, from))?;
+            let own = &self.effects[instance].effect.parameters;
+            Some(ParameterPlace::Effect(instance, own.iter().position(|parameter| parameter.symbol == symbol)?))
+        };
+        match parts.as_slice() {
+            ["link", link, symbol] => {
+                let link = number(link)?.checked_sub(1).filter(|link| *link < self.links.len())?;
+                Some(ParameterPlace::Link(link, Link::SYMBOLS.iter().position(|own| own == symbol)?))
+            }
+            ["length", symbol] => {
+                self.device.lengths.iter().position(|length| length.symbol == *symbol).map(ParameterPlace::Length)
+            }
+            ["base", symbol] => {
+                let axis = BASE_SYMBOLS.iter().position(|own| own == symbol)?;
+                (self.device.up[axis] != 0.0).then_some(ParameterPlace::Base(axis))
+            }
+            ["joint", joint, id, symbol] => effect(id, Some(number(joint)?), None, symbol),
+            ["joint", joint, id, from, symbol] => effect(id, Some(number(joint)?), Some(number(from)?), symbol),
+            ["device", id, symbol] => effect(id, None, None, symbol),
+            _ => None,
+        }
+    }
+
+    fn at(&self, place: ParameterPlace) -> &Parameter {
+        match place {
+            ParameterPlace::Link(link, index) => &self.links[link][index],
+            ParameterPlace::Length(index) => &self.lengths[index],
+            ParameterPlace::Base(axis) => &self.base[axis],
+            ParameterPlace::Effect(instance, index) => &self.effects[instance].parameters[index],
+        }
+    }
+
+    fn at_mut(&mut self, place: ParameterPlace) -> &mut Parameter {
+        match place {
+            ParameterPlace::Link(link, index) => &mut self.links[link][index],
+            ParameterPlace::Length(index) => &mut self.lengths[index],
+            ParameterPlace::Base(axis) => &mut self.base[axis],
+            ParameterPlace::Effect(instance, index) => &mut self.effects[instance].parameters[index],
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum ParameterPlace {
+    Link(usize, usize),
+    Length(usize),
+    Base(usize),
+    Effect(usize, usize),
+}
+
+impl EffectInstance {
+    /// The effect with the device's values, or its own first guesses; `None` for an unknown id.
+    pub fn new(device: &Device, id: &str, joint: Option<usize>, from: Option<usize>) -> Option<Self> {
+        let effect = dynid_model::effect(id)?;
+        let parameters = effect
+            .parameters
+            .iter()
+            .map(|own| default_parameter(device, effect, (joint, from), &own.symbol).unwrap_or_else(|| own.parameter()))
+            .collect();
+        Some(Self { effect, joint, from, parameters })
+    }
+
+    /// The value of a parameter by its symbol.
+    pub fn value(&self, symbol: &str) -> Option<f64> {
+        let index = self.effect.parameters.iter().position(|parameter| parameter.symbol == symbol)?;
+        self.parameters.get(index).map(|parameter| parameter.value)
+    }
+
+    /// The values in the order in which kernels take them.
+    pub fn values(&self) -> Vec<f64> {
+        self.parameters.iter().map(|parameter| parameter.value).collect()
+    }
+
+    /// `joint.3.lugre.sigma0`, `joint.4.input_coupling.5.gain`, `device.<effect>.<symbol>`.
+    pub fn parameter_name(&self, index: usize) -> String {
+        let symbol = &self.effect.parameters[index].symbol;
+        let id = &self.effect.id;
+        match (self.joint, self.from) {
+            (Some(joint), Some(from)) => format!("joint.{joint}.{id}.{from}.{symbol}"),
+            (Some(joint), None) => format!("joint.{joint}.{id}.{symbol}"),
+            _ => format!("device.{id}.{symbol}"),
+        }
+    }
+
+    /// "`lugre` at joint 3", for messages.
+    pub fn label(&self) -> String {
+        instance_name(&self.effect.id, self.joint, self.from)
+    }
+
+    fn is(&self, id: &str, joint: Option<usize>, from: Option<usize>) -> bool {
+        self.effect.id == id && self.joint == joint && self.from == from
+    }
+}
+
+/// What a parameter is where a model file does not state it: the device's, if its default model has this effect at this
+/// place, or the effect's own first guess.
+fn default_parameter(
+    device: &Device,
+    effect: &Effect,
+    (joint, from): (Option<usize>, Option<usize>),
+    symbol: &str,
+) -> Option<Parameter> {
+    let own = effect.parameter(symbol)?.parameter();
+    let of_device = device
+        .effects
+        .iter()
+        .find(|default| default.id == effect.id && default.joint == joint && default.from == from)
+        .and_then(|default| default.values.iter().find(|(name, _)| name == symbol));
+    Some(of_device.map_or(own, |(_, parameter)| *parameter))
+}
+
+/// Default bounds, widened so that a stated value lies within.
+fn widened(default: Parameter, value: f64) -> Parameter {
+    Parameter { value, lower: default.lower.min(value), upper: default.upper.max(value), fixed: default.fixed }
+}

@@ -4,8 +4,8 @@
 mod shared;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use dynid_identify::Watch;
 use dynid_identify::{position, position::Options};
-use dynid_optimise::sqp::Watch;
 
 fn one_joint(criterion: &mut Criterion) {
     let problem = match shared::one_joint_problem() {

@@ -14,8 +14,6 @@
 use std::time::{Duration, Instant};
 
 use dynid_control::{Compensation, Estimator, PlaneWall, Shares};
-use dynid_dynamics::kinematics::Kinematics;
-use dynid_dynamics::system::System;
 use dynid_haptics::{wall, wall::Setting, wall::space};
 use dynid_user_model::Model;
 

@@ -9,8 +9,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use assert_cmd::Command;
-use dynid::Error;
-use dynid_diagnose::{Diagnosis, Event, Finished, Options, Verdict, diagnose, suspects};
+
+use dynid_diagnose::{DiagnoseError, Diagnosis, Event, Finished, Options, Verdict, diagnose, suspects};
 use dynid_identify::identify::ErrorKind;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Parameter;
@@ -91,7 +91,7 @@ fn answer(
     finished: &Finished,
     tell: &(dyn Fn(&Event<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Diagnosis, Error> {
+) -> Result<Diagnosis, DiagnoseError> {
     let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap();
     let model = Model::load(&folder.join("believed.toml")).unwrap();
     let runs: Vec<&Run> = experiment.runs.iter().collect();

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::fs;
 
+use dynid_identify::Watch;
 use dynid_identify::{position, position::FitRun, position::Options, position::PositionFit, position::PositionProblem};
 use dynid_logs::{experiment::Experiment, experiment::Role};
-use dynid_optimise::sqp::Watch;
 use dynid_plant::{
     effects::EffectEntry,
     random::Noise,

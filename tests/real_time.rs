@@ -7,7 +7,6 @@ use std::alloc::{GlobalAlloc, Layout, System as Allocator};
 use std::cell::Cell;
 
 use dynid_control::{Compensation, Estimator, Law, PlaneWall, Shares, Wall};
-use dynid_dynamics::kinematics::Kinematics;
 use dynid_dynamics::system::System;
 use dynid_haptics::{wall, wall::Setting, wall::space};
 use dynid_user_model::{EffectInstance, Model};

@@ -5,13 +5,12 @@ mod wrist;
 use std::fs;
 use std::path::Path;
 
-use dynid::Error;
+use dynid_identify::Watch;
+use dynid_identify::position::Options;
 use dynid_identify::starts::Starts;
 use dynid_identify::{checkpoint, checkpoint::Identity};
 use dynid_identify::{identify::ErrorKind, identify::How, identify::State, identify::identify_as};
-use dynid_identify::{position::Options, position::PositionFitError};
 use dynid_logs::{experiment::Experiment, experiment::Run};
-use dynid_optimise::sqp::Watch;
 use dynid_user_model::Model;
 use wrist::folder;
 
@@ -42,7 +41,7 @@ fn fitted(folder: &Path, how: &How, every: usize) -> (String, usize, usize) {
         });
         match found {
             Ok(found) => return (found.model.to_toml(), stops, seen),
-            Err(Error::PositionFit(PositionFitError::Interrupted { .. })) => stops += 1,
+            Err(error) if error.interrupted_after().is_some() => stops += 1,
             Err(other) => panic!("{other}"),
         }
         state = checkpoint::read(&path, &identity).unwrap();

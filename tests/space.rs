@@ -4,7 +4,6 @@ use std::path::Path;
 
 use assert_cmd::Command;
 use dynid_control::{Law, LinearLaw, Shares, Wall};
-use dynid_dynamics::kinematics::Kinematics;
 use dynid_haptics::{wall, wall::Approach, wall::Measures};
 use dynid_haptics::{wall::space, wall::space::Case, wall::space::Contact, wall::space::Setting, wall::space::contact};
 use dynid_model::Parameter;

@@ -6,11 +6,9 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
-use dynid::Error;
 use dynid_diagnose::{self as diagnose, Diagnosis, Discovered, Event, Finished, Options, Ranked, Verdict};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_identify::identify::ErrorKind;
-use dynid_identify::position::PositionFitError;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::sha256_hex;
 use dynid_text::number;
@@ -122,13 +120,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let stop = || interrupt.is_asked();
     let found = diagnose::diagnose(&model, &experiment, &runs, &options, &finished, &tell, &stop);
     bar.finish_and_clear();
-    let found = match found {
-        Err(Error::PositionFit(PositionFitError::Interrupted { .. })) => {
-            let so_far = so_far.into_inner().unwrap_or_default();
-            return Ok(interrupted(kept.write(&so_far), so_far.len()));
-        }
-        found => found?,
-    };
+    if found.as_ref().is_err_and(|error| error.interrupted_after().is_some()) {
+        let so_far = so_far.into_inner().unwrap_or_default();
+        return Ok(interrupted(kept.write(&so_far), so_far.len()));
+    }
+    let found = found?;
     let wall_seconds = started.elapsed().as_secs_f64();
     let mut json = serde_json::to_value(&found)?;
     if let Some(object) = json.as_object_mut() {

@@ -6,18 +6,17 @@ use std::time::Instant;
 
 use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
-use dynid::Error;
 use dynid_diagnose::{self as diagnose, with_first_estimates};
-use dynid_files::{Overwrite, check_output, write_new};
+use dynid_files::{FileError, Overwrite, check_output, write_new};
+use dynid_identify::position::Options;
 use dynid_identify::sequence::Weighting;
 use dynid_identify::starts::Starts;
+use dynid_identify::{FitError, Watch};
 use dynid_identify::{checkpoint, checkpoint::CheckpointError, checkpoint::Identity};
 use dynid_identify::{
     identify, identify::ErrorKind, identify::Found, identify::How, identify::Identified, identify::State,
 };
-use dynid_identify::{position::Options, position::PositionFitError};
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
-use dynid_optimise::sqp::Watch;
 use dynid_text::number;
 use dynid_user_model::Model;
 use dynid_user_model::Share;
@@ -174,11 +173,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
         })
     });
-    let is_stopped = |found: &Result<Identified, Error>| {
-        matches!(found, Err(Error::PositionFit(PositionFitError::Interrupted { .. })))
-    };
+    let is_stopped =
+        |found: &Result<Identified, FitError>| found.as_ref().is_err_and(|error| error.interrupted_after().is_some());
     let is_minimum =
-        |found: &Result<Identified, Error>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
+        |found: &Result<Identified, FitError>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
     let is_interrupted = || interrupt.as_ref().is_some_and(Interrupt::is_asked);
     // Further searches are not kept for a later call. One that stays far above the cost that another came to is left.
     let search = |start: &Model, how: &How, least: f64| {
@@ -194,13 +192,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             })
         })
     };
-    let cost = |found: &Result<Identified, Error>| match found {
+    let cost = |found: &Result<Identified, FitError>| match found {
         Ok(found) if found.status.may_update_model() => found.cost_after,
         _ => f64::INFINITY,
     };
     let fitted = runs.iter().filter(|run| run.role == Role::Fit);
     let samples: usize = fitted.map(|run| run.log.len().saturating_sub(run.n_cut()) * run.free.len()).sum();
-    let cost_per_sample = |found: &Result<Identified, Error>| cost(found) / samples as f64;
+    let cost_per_sample = |found: &Result<Identified, FitError>| cost(found) / samples as f64;
     // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
     for other in first.others {
         let least = cost_per_sample(&found);
@@ -216,12 +214,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(error) = unsaved {
         return Err(error.into());
     }
-    let mut found = match found {
-        Err(Error::PositionFit(PositionFitError::Interrupted { iterations })) => {
-            return Ok(checkpoint.interrupted(iterations, started.elapsed().as_secs_f64()));
-        }
-        found => found?,
-    };
+    if let Err(Some(iterations)) = found.as_ref().map_err(FitError::interrupted_after) {
+        return Ok(checkpoint.interrupted(iterations, started.elapsed().as_secs_f64()));
+    }
+    let mut found = found?;
     let may_fall_back = arguments.error.is_none() && how.method.is_none() && how.error != ErrorKind::Torque;
     if !found.status.may_update_model() && may_fall_back {
         let ended = found.status.as_str();
@@ -357,7 +353,7 @@ impl Checkpoint {
         Ok(State::default())
     }
 
-    fn keep(&self, state: &State) -> Result<(), Error> {
+    fn keep(&self, state: &State) -> Result<(), FileError> {
         checkpoint::write(&self.path, &self.identity, state)
     }
 

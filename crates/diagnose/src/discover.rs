@@ -28,7 +28,6 @@ use super::{
     view::{Block, TorqueView, View},
     weighed::Weighed,
 };
-use dynid_dynamics::system::System;
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_optimise::identifiability::correlation_time;
 use dynid_random::Random;

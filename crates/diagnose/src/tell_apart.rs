@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use rayon::prelude::*;
 
 use super::Suspect;
-use dynid_dynamics::{simulate, simulate::Hold, simulate::Input, system::System};
+use dynid_dynamics::{simulate, simulate::Hold, simulate::Input};
 use dynid_logs::{experiment::Run, noise::noise_floor};
 use dynid_user_model::Model;
 

@@ -7,7 +7,7 @@ use super::{
     candidate::{is_symmetric, joined_link},
 };
 use crate::DiagnoseError;
-use dynid_identify::{identify::ErrorKind, position::PositionFitError};
+use dynid_identify::identify::ErrorKind;
 use dynid_judge::{compare::Finding, compare::compare, compare::locate};
 use dynid_user_model::Model;
 

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use dynid_dynamics::{simulate, simulate::Input, simulate::Tether, system::System, system::SystemError};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Tether, system::SystemError};
 use dynid_identify::{position::FitRun, position::first_state};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_torque as torque;

@@ -31,6 +31,7 @@ pub struct Input<'a> {
 }
 
 impl<'a> Input<'a> {
+    /// The commands as a simulation plays them.
     pub fn commands(&self, n_joints: usize) -> Commands<'a> {
         Commands { time: self.time, rows: self.command, n_joints, hold: self.hold }
     }
@@ -213,6 +214,10 @@ pub fn simulate_from(
     Ok(recorder.finish(stepper.x))
 }
 
+/// Whether an input and a start fit a system.
+///
+/// # Errors
+/// A length that is not the system's, or a time that does not rise.
 pub fn check(system: &System, input: &Input<'_>, q0: &[f64]) -> Result<(), SimulationError> {
     let expected = input.time.len() * system.n_joints();
     if input.command.len() != expected {
@@ -247,6 +252,7 @@ pub struct Grid {
 }
 
 impl Grid {
+    /// Steps of samples that are as far apart as these are in the mean.
     pub fn new(time: &[f64], substeps: usize) -> Self {
         let span = time.last().copied().unwrap_or(0.0) - time.first().copied().unwrap_or(0.0);
         let intervals = time.len().saturating_sub(1).max(1);
@@ -300,6 +306,7 @@ impl Recorder {
 
 /// Runge-Kutta's classical scheme and its room.
 pub struct Stepper {
+    /// The state: positions and speeds of the free joints, then the effects' states.
     pub x: Vec<f64>,
     scratch: Scratch,
     stage: Vec<f64>,
@@ -309,6 +316,7 @@ pub struct Stepper {
 }
 
 impl Stepper {
+    /// Room for a simulation that starts at `x0`.
     pub fn new(system: &System, x0: &[f64]) -> Self {
         let room = vec![0.0; x0.len()];
         Self {
@@ -390,6 +398,7 @@ pub fn step_bounds(start: f64, end: f64, steps: usize, k: usize) -> (f64, f64) {
     (at(k), at(k + 1))
 }
 
+/// `command` at a share of the way from `now` to `next`.
 pub fn interpolate(share: f64, now: &[f64], next: &[f64], command: &mut [f64]) {
     for ((command, now), next) in command.iter_mut().zip(now).zip(next) {
         *command = now + share * (next - now);

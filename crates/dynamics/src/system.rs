@@ -127,20 +127,27 @@ pub enum SystemError {
 /// An effect, resolved to indices.
 #[derive(Clone)]
 pub struct Element {
+    /// The law.
     pub kernel: &'static EffectKernel,
     /// First index and number of its parameters in `effect_parameters`.
     pub p: usize,
+    /// See `p`.
     pub np: usize,
     /// First index and number of its states in `x`.
     pub z: usize,
+    /// See `z`.
     pub nz: usize,
+    /// The joint that it acts on.
     pub joint: End,
+    /// The other joint of an effect between two.
     pub from: End,
     /// Index in `effect_parameters` of the rest position of the joint's spring.
     pub qeq: usize,
+    /// The signals that its law reads.
     pub uses: SignalSet,
     /// Which output is the torque on `joint`, and which the one on `from`.
     pub torque: usize,
+    /// See `torque`.
     pub torque_from: usize,
     /// Columns of the kernel's Jacobian that matter here, and the variable each stands for: states come first, effect
     /// parameter `p` is at `n_states + p`.
@@ -169,10 +176,15 @@ impl End {
 /// Room for one evaluation of the equations, so that a step allocates nothing.
 #[derive(Debug, Clone)]
 pub struct Scratch {
+    /// Torque or force that each free joint's drive delivers.
     pub drive: Vec<f64>,
+    /// What resists at each free joint: the sum of its effects, friction among them.
     pub load: Vec<f64>,
+    /// The friction laws' share of it, which other effects may read.
     pub friction: Vec<f64>,
+    /// D, row by row.
     pub inertia: Vec<f64>,
+    /// C dq + phi; the right-hand side while the equations are solved.
     pub bias: Vec<f64>,
 }
 
@@ -439,6 +451,7 @@ impl System {
         }
     }
 
+    /// Whether any effect stands between a joint and what its sensor shows.
     pub fn has_sensors(&self) -> bool {
         !self.sensors.is_empty()
     }

@@ -206,7 +206,7 @@ pub struct Information<'a> {
 }
 
 impl<'a> Information<'a> {
-    pub fn new(model: &Model, system: &'a System) -> Self {
+    pub(crate) fn new(model: &Model, system: &'a System) -> Self {
         let parameters = LinearParameters::of_model(model, std::slice::from_ref(system));
         let linear: Vec<usize> = (0..system.effect_names().len())
             .filter(|&index| parameters.names[parameters.n_link..].contains(&system.effect_names()[index]))

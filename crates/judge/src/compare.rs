@@ -19,8 +19,7 @@ use dynid_identify::{LONGEST_STEP, strays};
 
 use crate::CompareError;
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::SimulationError, simulate::Trajectory, simulate::control,
-    simulate::control::Controller, system::System,
+    simulate, simulate::Input, simulate::SimulationError, simulate::Trajectory, simulate::control, system::System,
 };
 use dynid_identify::{position, position::FitRun, position::RunError, position::first_state};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, noise::noise_of_log};

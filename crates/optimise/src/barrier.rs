@@ -29,8 +29,11 @@ const TO_BOUND: f64 = 0.99;
 
 /// Value, gradient and a positive semi-definite approximation of the second derivative.
 pub struct Quadratic {
+    /// Value.
     pub value: f64,
+    /// Gradient.
     pub gradient: DVector<f64>,
+    /// Second derivative, or what stands for it.
     pub hessian: DMatrix<f64>,
 }
 
@@ -68,6 +71,7 @@ pub enum Entry {
 /// A link's ten parameters, in the order of [`dynid_model::Link::SYMBOLS`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
+    /// Each of the ten: an unknown or a number.
     pub inertial: [Entry; 10],
     /// Whether it must be one that can exist; not asked of a link whose inertia is known.
     pub is_physical: bool,

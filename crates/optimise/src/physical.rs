@@ -93,9 +93,9 @@ fn second_moment(inertia: &[f64; 6]) -> Matrix3<f64> {
 /// `-log det` of the pseudo-inertia with its first and second derivatives by the standard parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyBarrier {
-    pub value: f64,
-    pub gradient: [f64; 10],
-    pub hessian: [[f64; 10]; 10],
+    pub(crate) value: f64,
+    pub(crate) gradient: [f64; 10],
+    pub(crate) hessian: [[f64; 10]; 10],
 }
 
 /// `-log det P = -log m - log det S` alone; `None` where P is not positive definite.

@@ -47,7 +47,7 @@ const DEPENDENT: f64 = 1e-8;
 
 /// The systems of these configurations (numbers from 1), and their linear parameters.
 pub struct Analysis {
-    pub parameters: LinearParameters,
+    pub(crate) parameters: LinearParameters,
     systems: Vec<System>,
     lengths: Vec<(String, f64)>,
 }

@@ -54,6 +54,7 @@ pub fn standard_errors(sum: f64, noise: &[f64], lags: usize) -> f64 {
     if variance > 0.0 { sum / variance.sqrt() } else { 0.0 }
 }
 
+/// Root mean square; zero of no values.
 pub fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }

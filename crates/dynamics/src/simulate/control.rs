@@ -93,6 +93,7 @@ impl<'a> Loop<'a> {
     }
 }
 
+/// The nearest multiple of a quantum; the value itself where there is none.
 pub fn round_to(value: f64, quantum: f64) -> f64 {
     if quantum > 0.0 { (value / quantum).round() * quantum } else { value }
 }

@@ -14,7 +14,9 @@ pub struct Commands<'a> {
     pub time: &'a [f64],
     /// All joints, one row a sample.
     pub rows: &'a [f64],
+    /// Joints of the device.
     pub n_joints: usize,
+    /// How a command runs between samples.
     pub hold: Hold,
 }
 

@@ -3,7 +3,6 @@
 use super::{ErrorKind, Found, Identified, Progress};
 use crate::FitError;
 use crate::{orders, torque, torque::TorqueFit, torque::TorqueRun};
-use dynid_dynamics::system::System;
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_user_model::Model;
 

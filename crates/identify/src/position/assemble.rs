@@ -1,7 +1,7 @@
 //! From a user's model and an experiment's runs to a [`PositionProblem`], and back.
 
 use super::{FitRun, PositionFit, PositionFitError, PositionProblem, Unknown};
-use dynid_dynamics::{system::System, system::SystemError};
+use dynid_dynamics::system::SystemError;
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 

@@ -4,7 +4,7 @@
 mod shared;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use dynid_identify::Watch;
+use dynid_identify::SearchControl;
 use dynid_identify::{position, position::Options};
 
 fn one_joint(criterion: &mut Criterion) {
@@ -13,7 +13,7 @@ fn one_joint(criterion: &mut Criterion) {
         Err(error) => panic!("{error}"),
     };
     let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(1).build() else { return };
-    let fit = || pool.install(|| position::fit(&problem, &Options::default(), &mut |_| Watch::Continue));
+    let fit = || pool.install(|| position::fit(&problem, &Options::default(), &mut |_| SearchControl::Continue));
     match fit() {
         Ok(fit) => {
             assert!(fit.runs[0].rmse[0] < 1.03 * shared::NOISE, "the noise is reached: {} rad", fit.runs[0].rmse[0])

@@ -5,7 +5,7 @@ mod shared;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use dynid_dynamics::{simulate::Hold, simulate::Input, simulate::Options, simulate::simulate};
+use dynid_dynamics::{simulate::Input, simulate::Intersample, simulate::Options, simulate::simulate};
 
 fn all_joints(criterion: &mut Criterion) {
     let system = match shared::all_joints() {
@@ -13,7 +13,7 @@ fn all_joints(criterion: &mut Criterion) {
         Err(error) => panic!("{error}"),
     };
     let (time, command) = shared::coupled_commands();
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let mut group = criterion.benchmark_group("simulate/freedom6s");
     group.sample_size(10);
     group.bench_function("all_60s", |bencher| {

@@ -13,7 +13,7 @@
 
 use std::time::{Duration, Instant};
 
-use dynid_control::{Compensation, Estimator, PlaneWall, Shares};
+use dynid_control::{Compensation, CompensationRatios, Estimator, PlaneWall};
 use dynid_haptics::{wall, wall::Setting, wall::space};
 use dynid_user_model::Model;
 
@@ -66,7 +66,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let kinematics = model.kinematics(&free, &place.posture)?;
     let felt = (place.wall(&wall::shipped("fuzzy")?)?, place.lever);
     let first_plane = PlaneWall::new(&system, kinematics, place.plane, felt, &place.torque_limits)?;
-    let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S)?;
+    let mut compensation = Compensation::new(system, CompensationRatios::default(), SAMPLE_S)?;
     let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, QUANTUM, 1);
     // A fuzzy wall at joint 0, below its position 0.
     let setting = Setting { sample_s: SAMPLE_S, ..Setting::shipped()? };
@@ -108,18 +108,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     spans.sort_unstable();
     let at = |share: f64| spans.get(((spans.len() as f64 * share) as usize).min(spans.len().saturating_sub(1)));
-    let told = |name: &str, span: Option<&u32>| {
+    let reported = |name: &str, span: Option<&u32>| {
         if let Some(span) = span {
             println!("{name:>22}  {:8.2} us", f64::from(*span) / 1e3);
         }
     };
     println!("{ticks} ticks of estimator, compensation, a wall at a joint and one in space, {JOINTS} joints");
-    told("median", at(0.5));
-    told("99 %", at(0.99));
-    told("99.99 %", at(0.9999));
-    told("worst", spans.last());
+    reported("median", at(0.5));
+    reported("99 %", at(0.99));
+    reported("99.99 %", at(0.9999));
+    reported("worst", spans.last());
     if passes > 1 {
-        told("the same, fastest pass", fastest.iter().max());
+        reported("the same, fastest pass", fastest.iter().max());
     }
     Ok(())
 }

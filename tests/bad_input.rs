@@ -51,13 +51,13 @@ fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
 fn refused(folder: &TempDir, arguments: &[&str]) -> String {
     let before = contents(folder.path());
     let output = Command::cargo_bin("dynid").unwrap().args(arguments).current_dir(folder.path()).output().unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?} said: {told}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?} said: {message}");
     assert!(output.stdout.is_empty(), "{arguments:?} wrote to stdout");
-    assert_eq!(told.matches("error: ").count(), 1, "one error, not more: {told}");
-    assert!(told.starts_with("error: "), "{told}");
+    assert_eq!(message.matches("error: ").count(), 1, "one error, not more: {message}");
+    assert!(message.starts_with("error: "), "{message}");
     assert!(before == contents(folder.path()), "{arguments:?} changed files");
-    told.replace(&folder.path().display().to_string(), "[folder]")
+    message.replace(&folder.path().display().to_string(), "[folder]")
 }
 
 /// The smallest device file of the library with one thing replaced.
@@ -272,9 +272,9 @@ fn a_start_outside_its_bounds_is_clipped_on_request() {
         .current_dir(folder.path())
         .output()
         .unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{told}");
-    assert!(told.contains("link.2.m started at 0.7, outside its bounds 0.8 .. 0.9; clipped to 0.8"), "{told}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{message}");
+    assert!(message.contains("link.2.m started at 0.7, outside its bounds 0.8 .. 0.9; clipped to 0.8"), "{message}");
 }
 
 #[test]
@@ -287,9 +287,9 @@ fn a_start_that_no_body_can_be_is_moved_on_request() {
     let output =
         Command::cargo_bin("dynid").unwrap().args(&arguments).arg("--clip").current_dir(folder.path()).output();
     let output = output.unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{told}");
-    assert!(told.contains("link 2 started with an inertia that no body has"), "{told}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{message}");
+    assert!(message.contains("link 2 started with an inertia that no body has"), "{message}");
 }
 
 #[test]

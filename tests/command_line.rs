@@ -81,8 +81,8 @@ fn fit_and_compare_speak_to_programs() {
 #[test]
 fn simulate_writes_logs_that_can_be_compared_with() {
     let folder = folder();
-    let told = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
-    assert_eq!(told["runs"][0]["joints"][0]["joint"], 1);
+    let message = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
+    assert_eq!(message["runs"][0]["joints"][0]["joint"], 1);
     let log = fs::read_to_string(folder.path().join("simulated/one.csv")).unwrap();
     assert_eq!(log.lines().next(), Some("t,tau0,tau1,q0,q1"));
     assert_eq!(log.lines().count(), 402);
@@ -105,12 +105,15 @@ fn a_run_with_a_controller_is_in_closed_loop() {
 
     for error in ["position", "both"] {
         let fit = dynid(folder.path(), &["fit", "experiment.toml", "--error", error, "--out", "fitted.toml"]).code(2);
-        let told = String::from_utf8(fit.get_output().stderr.clone()).unwrap();
-        assert!(told.contains("one.csv: the run is in closed loop") && told.contains("--error torque"), "{told}");
+        let message = String::from_utf8(fit.get_output().stderr.clone()).unwrap();
+        assert!(
+            message.contains("one.csv: the run is in closed loop") && message.contains("--error torque"),
+            "{message}"
+        );
     }
     let simulated = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
     let compared = json(folder.path(), &["compare", "experiment.toml"]);
-    let rmse = |told: &Value| told["runs"][0]["joints"][0]["rmse"].as_f64().unwrap();
+    let rmse = |message: &Value| message["runs"][0]["joints"][0]["rmse"].as_f64().unwrap();
     assert!((rmse(&simulated) / rmse(&compared) - 1.0).abs() < 1e-3, "{simulated} {compared}");
     let log = fs::read_to_string(folder.path().join("simulated/one.csv")).unwrap();
     let torques = log.lines().skip(1).map(|row| row.split(',').nth(2).unwrap().parse::<f64>().unwrap());

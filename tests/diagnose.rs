@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use assert_cmd::Command;
 
-use dynid_diagnose::{DiagnoseError, Diagnosis, Event, Finished, Options, Verdict, diagnose, suspects};
+use dynid_diagnose::{DiagnoseError, Diagnosis, Event, Finished, Options, Verdict, candidates, diagnose};
 use dynid_identify::identify::ErrorKind;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Parameter;
@@ -100,7 +100,7 @@ fn answer(
 
 /// Cables were laid anew after the first run: the spring is stiffer in the other two. No effect is missing.
 #[test]
-fn what_moved_between_runs_is_told_from_what_is_missing() {
+fn what_moved_between_runs_is_reported_from_what_is_missing() {
     let case = case(Kind::Nothing, "freedom6s-5-coulomb", 8.0);
     let folder = played(&case);
     let mut later = case.truth.clone();
@@ -148,22 +148,22 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let folder = arm(&format!("[parameters]\n{VISCOUS}{coulomb}"), SWINGS);
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
     let options = Options { error: Some(ErrorKind::Torque), refits: 4, ..Options::default() };
-    let told: Mutex<Vec<String>> = Mutex::default();
+    let message: Mutex<Vec<String>> = Mutex::default();
     let hear = |event: &Event<'_>| {
         if let Event::Refitted(key, _) = event {
-            told.lock().unwrap().push((*key).to_owned());
+            message.lock().unwrap().push((*key).to_owned());
         }
     };
     let whole = answer(folder.path(), &options, &Finished::new(), &hear, &|| false).unwrap();
     assert_eq!(whole.verdict, Verdict::MissingEffect, "{:#?}", whole.sentences);
-    let all = told.lock().unwrap().len();
+    let all = message.lock().unwrap().len();
 
     let kept: Mutex<Finished> = Mutex::default();
     let asked = AtomicBool::new(false);
     let keep = |event: &Event<'_>| {
         if let Event::Refitted(key, refit) = event {
             kept.lock().unwrap().insert((*key).to_owned(), (*refit).clone());
-            asked.fetch_or(refit.suspect.is_some(), Ordering::SeqCst);
+            asked.fetch_or(refit.candidate.is_some(), Ordering::SeqCst);
         }
     };
     let stopped = answer(folder.path(), &options, &Finished::new(), &keep, &|| asked.load(Ordering::SeqCst));
@@ -175,17 +175,17 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let mut read: BTreeMap<String, Finished> = toml::from_str(&text).unwrap();
     let finished = read.remove("fits").unwrap();
 
-    told.lock().unwrap().clear();
+    message.lock().unwrap().clear();
     let again = answer(folder.path(), &options, &finished, &hear, &|| false).unwrap();
     let json = |found: &Diagnosis| serde_json::to_string_pretty(found).unwrap();
     assert_eq!(json(&again), json(&whole));
-    assert_eq!(told.lock().unwrap().len(), all - kept.len(), "what was done is not done again");
+    assert_eq!(message.lock().unwrap().len(), all - kept.len(), "what was done is not done again");
 }
 
-/// Stopped while suspects are compared on a tether and gone on with, and at any number of threads, a diagnosis by the position
+/// Stopped while candidates are compared with an observer and gone on with, and at any number of threads, a diagnosis by the position
 /// error ends at the same answer.
 #[test]
-fn comparing_suspects_on_a_tether_changes_with_neither_threads_nor_a_stop() {
+fn comparing_candidates_on_a_observer_changes_with_neither_threads_nor_a_stop() {
     let stribeck = "[[effect]]\nid = \"stribeck\"\njoint = 1\nFc = 0.1\nFs = 0.2\nvs = 0.1\nv_eps = 0.01\n";
     let folder = arm(&format!("[parameters]\n{VISCOUS}{stribeck}"), SWINGS);
     let experiment = fs::read_to_string(folder.path().join("experiment.toml")).unwrap();
@@ -222,16 +222,16 @@ fn comparing_suspects_on_a_tether_changes_with_neither_threads_nor_a_stop() {
     assert_eq!(json(&again), whole);
 }
 
-/// A body joins the last link, which both joints move: it is suspected once, unless one that is known is held at its values.
+/// A body joins the last link, which both joints move: it is considered once, unless one that is known is held at its values.
 #[test]
-fn a_body_is_suspected_once_a_link() {
+fn a_body_is_considered_once_a_link() {
     let hanging = "[[run]]\nfile = \"three.csv\"\nfree = [0]\nrole = \"fit\"\nduration_s = 1.0\ntorque = []\n";
     let folder = arm(&format!("[parameters]\n{VISCOUS}"), &format!("{SWINGS}{hanging}"));
     let experiment = Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices()).unwrap();
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     let places = |model: &Model, effect: &str| -> Vec<Option<usize>> {
-        let all = suspects(model, &runs).into_iter();
-        all.filter(|suspect| suspect.effect == effect).map(|suspect| suspect.joint).collect()
+        let all = candidates(model, &runs).into_iter();
+        all.filter(|candidate| candidate.effect == effect).map(|candidate| candidate.joint).collect()
     };
     let mut model = Model::of_device(dynid_model::device("planar2r").unwrap());
     assert_eq!(places(&model, "payload"), [Some(0)]);

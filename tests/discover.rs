@@ -42,10 +42,10 @@ fn found(effect: &str) -> Option<Discovered> {
         fs::write(folder.path().join(name), text).unwrap();
     }
     let experiment = Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices()).unwrap();
-    let believed = format!("device = \"planar2r\"\n{}", viscous.replace("0.6\n", "0.55\n"));
-    let believed = Model::parse(&believed, Path::new("believed.toml")).unwrap();
+    let prior = format!("device = \"planar2r\"\n{}", viscous.replace("0.6\n", "0.55\n"));
+    let prior = Model::parse(&prior, Path::new("believed.toml")).unwrap();
     let runs: Vec<&Run> = experiment.runs.iter().collect();
-    discover(&believed, &runs)
+    discover(&prior, &runs)
 }
 
 #[test]

@@ -36,8 +36,8 @@ fn inputs_of_the_thesis_are_played_by_name() {
     let list = json(folder.path(), &["excite", "freedom6s", "--list"]);
     assert_eq!(list["inputs"].as_array().unwrap().len(), 48);
     let name = "table-4.7-configuration-1";
-    let told = json(folder.path(), &["excite", "freedom6s", "--input", name, "--out", "run.csv"]);
-    assert_eq!(told["free"], serde_json::json!([4, 5]));
+    let message = json(folder.path(), &["excite", "freedom6s", "--input", name, "--out", "run.csv"]);
+    assert_eq!(message["free"], serde_json::json!([4, 5]));
     let (header, columns) = columns(&folder.path().join("run.csv"));
     assert_eq!(header, ["t", "tau0", "tau1", "tau2", "tau3", "tau4", "tau5"]);
     assert_eq!(columns[0].len(), 6001);
@@ -55,9 +55,9 @@ fn a_planned_run_can_be_simulated() {
     let path = folder.path();
     let excite = "excite planar2r --free 0,1 --signal optimised --position-limits=-2:-1,-0.5:0.5 --as torque --period 2 \
                   --rate 500 --evaluations 100 --out run.csv --picture run.svg";
-    let told = json(path, &excite.split_whitespace().collect::<Vec<_>>());
+    let message = json(path, &excite.split_whitespace().collect::<Vec<_>>());
     assert!(fs::read_to_string(path.join("run.svg")).unwrap().contains("joint 1: torque"));
-    let start: Vec<f64> = told["start"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    let start: Vec<f64> = message["start"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
     let experiment = format!(
         "device = \"planar2r\"\n\n[[run]]\nfile = \"run.csv\"\nfree = [0, 1]\nrole = \"validate\"\nstart = {start:?}\nhold = \"linear\"\n"
     );
@@ -80,8 +80,8 @@ fn a_planned_run_can_be_simulated() {
     // nothing was measured, so nothing is fitted or compared
     for verb in [&["compare", "experiment.toml"][..], &["fit", "experiment.toml", "--out", "fitted.toml"]] {
         let output = dynid(path, verb).code(2).get_output().stderr.clone();
-        let told = String::from_utf8(output).unwrap();
-        assert!(told.contains("experiment.toml:7:9") && told.contains("only planned"), "{told}");
+        let message = String::from_utf8(output).unwrap();
+        assert!(message.contains("experiment.toml:7:9") && message.contains("only planned"), "{message}");
     }
     let short = experiment.replace(&format!("{start:?}"), "[0.0]");
     fs::write(path.join("experiment.toml"), short).unwrap();
@@ -97,12 +97,12 @@ fn references_are_followed_by_a_controller() {
     let path = folder.path();
     let excite = "excite planar2r --free 1 --signal multisine --to 1 --amplitude 0.3 --as reference --duration 5 \
                   --pose=-1.5,0.2 --out run.csv";
-    let told = json(path, &excite.split_whitespace().collect::<Vec<_>>());
-    assert_eq!(told["quantity"], "positions");
+    let message = json(path, &excite.split_whitespace().collect::<Vec<_>>());
+    assert_eq!(message["quantity"], "positions");
     fs::write(path.join("controller.toml"), "P = [0, 20]\nD = [0, 1]\ncutoff_hz = 20\n").unwrap();
     let experiment = format!(
         "device = \"planar2r\"\n[[run]]\nfile = \"run.csv\"\nfree = [1]\nrole = \"validate\"\nstart = {}\ncontroller = \"controller.toml\"\n",
-        told["start"]
+        message["start"]
     );
     fs::write(path.join("experiment.toml"), experiment).unwrap();
     json(path, &["simulate", "experiment.toml", "--out-dir", "simulated"]);
@@ -129,7 +129,7 @@ fn a_seed_gives_one_motion() {
 }
 
 #[test]
-fn what_cannot_be_played_is_told_and_nothing_is_written() {
+fn what_cannot_be_played_is_reported_and_nothing_is_written() {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("mine.csv"), "mine\n").unwrap();
     let refused = [
@@ -152,7 +152,7 @@ fn what_cannot_be_played_is_told_and_nothing_is_written() {
         "planar2r --free 0 --signal cosine --frequency 1 --amplitude 1 --duration 1e12 --out run.csv",
         "planar2r --free 0 --signal cosine --frequency 1 --amplitude 1 --out run.csv --picture run.csv",
     ];
-    let told = refused.map(|arguments| {
+    let message = refused.map(|arguments| {
         let arguments: Vec<&str> = std::iter::once("excite").chain(arguments.split_whitespace()).collect();
         let output = dynid(folder.path(), &arguments).code(2).get_output().clone();
         assert!(output.stdout.is_empty(), "{arguments:?}");
@@ -160,7 +160,7 @@ fn what_cannot_be_played_is_told_and_nothing_is_written() {
         let first = error.lines().next().unwrap_or_default().to_owned();
         format!("{}\n  {first}\n", arguments.join(" "))
     });
-    insta::assert_snapshot!(told.concat());
+    insta::assert_snapshot!(message.concat());
     assert_eq!(fs::read_to_string(folder.path().join("mine.csv")).unwrap(), "mine\n");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }

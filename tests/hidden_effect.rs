@@ -74,7 +74,7 @@ fn says_that_it_knows_no_such_effect() {
 /// Where simulations that are held to the logs stay far from them with every effect, and a formula does far better, it does
 /// not fit one effect after the other.
 #[test]
-fn what_no_effect_comes_near_is_told_without_a_fit_of_each() {
+fn what_no_effect_comes_near_is_reported_without_a_fit_of_each() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let outcome = tried_in(folder.path(), "freedom6s-5-viscous_position");
     assert!(outcome.right && outcome.discovered == Some(true), "{outcome:?}");

@@ -1,6 +1,6 @@
 //! The exact derivatives of simulated positions against central differences, on a whole device.
 
-use dynid_dynamics::{simulate, simulate::Hold, simulate::Input, simulate::Options, system::System};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample, simulate::Options, system::System};
 use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_plant::random::Noise;
 use dynid_user_model::Model;
@@ -69,7 +69,7 @@ impl Case {
     }
 
     fn input(&self) -> Input<'_> {
-        Input { time: &self.time, command: &self.command, hold: Hold::Zero }
+        Input { time: &self.time, command: &self.command, intersample: Intersample::ZeroOrder }
     }
 
     fn positions(&self, unknown: Unknown, change: f64) -> Vec<f64> {

@@ -4,14 +4,14 @@ mod lineage;
 
 use std::fs;
 
-use lineage::{lineage, refused, told};
+use lineage::{lineage, message, refused};
 use serde_json::Value;
 
 #[test]
 fn the_error_falls_to_the_noise_when_the_hidden_effect_is_added() {
     let folder = lineage();
     let models = ["believed.toml", "fitted.toml", "better.toml", "better-fitted.toml"];
-    let call = |more: &[&str]| told(folder.path(), &[&["ladder", "experiment.toml"], &models[..], more].concat());
+    let call = |more: &[&str]| message(folder.path(), &[&["ladder", "experiment.toml"], &models[..], more].concat());
     let json: Value =
         serde_json::from_str(&call(&["--json", "--out", "ladder.svg", "--report", "ladder.html"])).unwrap();
     let rungs = json["rungs"].as_array().unwrap();
@@ -42,9 +42,9 @@ fn the_error_falls_to_the_noise_when_the_hidden_effect_is_added() {
     let text = call(&[]);
     assert!(text.contains("each model is the child of the one before it"), "{text}");
     let added = ["believed.toml", "fitted.toml", "better-fitted.toml"];
-    let text = told(folder.path(), &[&["ladder", "experiment.toml"], &added[..]].concat());
+    let text = message(folder.path(), &[&["ladder", "experiment.toml"], &added[..]].concat());
     assert!(text.contains("each model is the child of the one before it"), "with the effect added between: {text}");
-    let text = told(folder.path(), &["ladder", "experiment.toml", "better-fitted.toml", "fitted.toml"]);
+    let text = message(folder.path(), &["ladder", "experiment.toml", "better-fitted.toml", "fitted.toml"]);
     assert!(
         text.contains("fitted is not the child of better-fitted") && text.contains("\u{2212} joint.4.input_coupling.5"),
         "{text}"
@@ -61,10 +61,10 @@ fn what_cannot_be_put_on_a_ladder_is_refused_and_nothing_is_written() {
     fs::write(folder.path().join("mine.svg"), "mine").unwrap();
     let bad = |arguments: &[&str]| refused(folder.path(), &[&["ladder", "experiment.toml"], arguments].concat());
     assert!(bad(&["believed.toml", "absent.toml"]).contains("absent.toml"));
-    let told = bad(&["believed.toml", "other.toml", "--out", "new.svg"]);
-    assert!(told.contains("`planar2r`") && told.contains("`freedom6s`"), "{told}");
-    let told = bad(&["believed.toml", "--out", "mine.svg"]);
-    assert!(told.contains("mine.svg exists already") && told.contains("--force"), "{told}");
+    let message = bad(&["believed.toml", "other.toml", "--out", "new.svg"]);
+    assert!(message.contains("`planar2r`") && message.contains("`freedom6s`"), "{message}");
+    let message = bad(&["believed.toml", "--out", "mine.svg"]);
+    assert!(message.contains("mine.svg exists already") && message.contains("--force"), "{message}");
     assert!(bad(&["believed.toml", "--out", "one", "--report", "one"]).contains("a file of its own"));
     assert!(bad(&["believed.toml", "--out", "no/such/new.svg"]).contains("there is no folder"));
     assert!(refused(folder.path(), &["ladder", "absent.toml", "believed.toml"]).contains("absent.toml"));

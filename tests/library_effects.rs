@@ -1,8 +1,8 @@
 //! Every effect of the library at work: it vanishes at its null, and simulated positions have exact derivatives by its
-//! parameters, in open loop and on a tether of samples, held or straight commands.
+//! parameters, in open loop and with an observer of samples, held or straight commands.
 
 use dynid_dynamics::{
-    simulate, simulate::Hold, simulate::Input, simulate::Options, simulate::SimulationError, simulate::control,
+    simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::SimulationError, simulate::control,
     simulate::control::Controller, simulate::control::Filter, system::System,
 };
 use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
@@ -71,19 +71,19 @@ struct Case {
     system: System,
     time: Vec<f64>,
     command: Vec<f64>,
-    hold: Hold,
+    intersample: Intersample,
 }
 
 impl Case {
-    fn new(effect: &Effect, hold: Hold) -> Self {
+    fn new(effect: &Effect, intersample: Intersample) -> Self {
         let system = model(effect).system(&FREE, |_| 0.0).expect("a configuration of the device");
         let time: Vec<f64> = (0..SAMPLES).map(|k| STEP_S * k as f64).collect();
         let command = time.iter().flat_map(|t| [3.0 * (11.0 * t + 0.4).cos(), 3.0 * (17.0 * t).sin() - 0.4]).collect();
-        Self { system, time, command, hold }
+        Self { system, time, command, intersample }
     }
 
     fn input(&self) -> Input<'_> {
-        Input { time: &self.time, command: &self.command, hold: self.hold }
+        Input { time: &self.time, command: &self.command, intersample: self.intersample }
     }
 
     /// Positions, then speeds, at the start.
@@ -157,15 +157,17 @@ fn every_effect_vanishes_at_its_null() {
         }
         let mut without = with.clone();
         without.effects.remove(index);
-        for hold in [Hold::Zero, Hold::Linear] {
+        for intersample in [Intersample::ZeroOrder, Intersample::FirstOrder] {
             let run = |model: &Model| {
-                let case =
-                    Case { system: model.system(&FREE, |_| 0.0).expect("a configuration"), ..Case::new(effect, hold) };
+                let case = Case {
+                    system: model.system(&FREE, |_| 0.0).expect("a configuration"),
+                    ..Case::new(effect, intersample)
+                };
                 simulate::simulate(&case.system, &case.input(), &Case::START, &OPTIONS).expect("it stays bounded").q
             };
             let (with, without) = (run(&with), run(&without));
             let error = with.iter().zip(&without).fold(0.0_f64, |error, (a, b)| error.max((a - b).abs()));
-            assert!(error <= 1e-12, "{} ({hold:?}): {error:.2e} rad", effect.id);
+            assert!(error <= 1e-12, "{} ({intersample:?}): {error:.2e} rad", effect.id);
         }
     }
 }
@@ -174,8 +176,8 @@ fn every_effect_vanishes_at_its_null() {
 fn derivatives_by_every_effect_are_those_of_central_differences() {
     let mut wrong = Vec::new();
     for effect in dynid_model::effects() {
-        for hold in [Hold::Zero, Hold::Linear] {
-            let case = Case::new(effect, hold);
+        for intersample in [Intersample::ZeroOrder, Intersample::FirstOrder] {
+            let case = Case::new(effect, intersample);
             let mut met = 0;
             for (name, unknown, exact) in case.exact() {
                 let scale = largest(&exact);
@@ -191,7 +193,7 @@ fn derivatives_by_every_effect_are_those_of_central_differences() {
                 let difference = case.difference(unknown, size);
                 let error = largest(&exact.iter().zip(&difference).map(|(a, b)| a - b).collect::<Vec<_>>()) / scale;
                 if error > 2e-5 {
-                    wrong.push(format!("with {}: {name} ({hold:?}): {error:.2e} of {scale:.2e}", effect.id));
+                    wrong.push(format!("with {}: {name} ({intersample:?}): {error:.2e} of {scale:.2e}", effect.id));
                 }
             }
             assert!(met >= 1, "{} has no effect on the motion", effect.id);
@@ -205,8 +207,8 @@ fn effect(id: &str) -> &'static Effect {
 }
 
 /// The case of an effect with one of its parameters set.
-fn case(id: &str, symbol: &str, value: f64, hold: Hold) -> Case {
-    let mut case = Case::new(effect(id), hold);
+fn case(id: &str, symbol: &str, value: f64, intersample: Intersample) -> Case {
+    let mut case = Case::new(effect(id), intersample);
     let mut effects = case.system.effect_parameters().to_vec();
     let named = |name: &String| name.ends_with(&format!(".{id}.{symbol}"));
     effects[case.system.effect_names().iter().position(named).expect("its own name")] = value;
@@ -226,22 +228,22 @@ fn difference(a: &[f64], b: &[f64]) -> f64 {
 #[test]
 fn a_delay_of_whole_samples_shifts_the_commands() {
     const SHIFT: usize = 3;
-    for hold in [Hold::Zero, Hold::Linear] {
-        let late = case("input_delay", "delay", SHIFT as f64 * STEP_S, hold);
-        let mut shifted = case("input_delay", "delay", 0.0, hold);
+    for intersample in [Intersample::ZeroOrder, Intersample::FirstOrder] {
+        let late = case("input_delay", "delay", SHIFT as f64 * STEP_S, intersample);
+        let mut shifted = case("input_delay", "delay", 0.0, intersample);
         // Joint 1 alone is late.
         for sample in 0..SAMPLES {
             shifted.command[2 * sample + 1] = late.command[2 * sample.saturating_sub(SHIFT) + 1];
         }
         let (late, shifted) = (positions(&late).expect("bounded"), positions(&shifted).expect("bounded"));
-        assert!(difference(&late, &shifted) < 1e-12, "{hold:?}: {:.2e}", difference(&late, &shifted));
+        assert!(difference(&late, &shifted) < 1e-12, "{intersample:?}: {:.2e}", difference(&late, &shifted));
     }
 }
 
 /// What a controller commands arrives as late as what a log does.
 #[test]
 fn a_controller_s_commands_are_late_too() {
-    let late = case("input_delay", "delay", 0.0137, Hold::Zero);
+    let late = case("input_delay", "delay", 0.0137, Intersample::ZeroOrder);
     let controller = Controller {
         proportional: vec![4.0, 2.0],
         derivative: vec![0.1, 0.05],
@@ -256,9 +258,9 @@ fn a_controller_s_commands_are_late_too() {
         control::simulate(&case.system, &controller, &case.time, &reference, start, &OPTIONS).expect("bounded")
     };
     let (motion, command) = run(&late);
-    let input = Input { time: &late.time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &late.time, command: &command, intersample: Intersample::ZeroOrder };
     assert_eq!(simulate::simulate(&late.system, &input, start, &OPTIONS).expect("bounded"), motion);
-    let (prompt, _) = run(&case("input_delay", "delay", 0.0, Hold::Zero));
+    let (prompt, _) = run(&case("input_delay", "delay", 0.0, Intersample::ZeroOrder));
     assert!(difference(&prompt.q, &motion.q) > 1e-3, "the delay acts");
 }
 
@@ -272,15 +274,15 @@ fn effects_that_are_too_fast_for_a_step_fade() {
         ("backlash", "gap", vec![1e-15, 1e-9, 1e-7, 1e-6], 2e5),
     ];
     for (id, symbol, values, slope) in cases {
-        for hold in [Hold::Zero, Hold::Linear] {
-            let null = positions(&case(id, symbol, 0.0, hold)).expect("bounded");
+        for intersample in [Intersample::ZeroOrder, Intersample::FirstOrder] {
+            let null = positions(&case(id, symbol, 0.0, intersample)).expect("bounded");
             for &value in &values {
-                let moved = difference(&positions(&case(id, symbol, value, hold)).expect("bounded"), &null);
-                assert!(moved <= slope * value + 1e-13, "{id} {symbol} = {value:e}: {moved:.2e} rad ({hold:?})");
+                let moved = difference(&positions(&case(id, symbol, value, intersample)).expect("bounded"), &null);
+                assert!(moved <= slope * value + 1e-13, "{id} {symbol} = {value:e}: {moved:.2e} rad ({intersample:?})");
             }
         }
         for value in [0.01, 0.1, 1.0] {
-            assert!(positions(&case(id, symbol, value, Hold::Zero)).is_ok(), "{id} {symbol} = {value}");
+            assert!(positions(&case(id, symbol, value, Intersample::ZeroOrder)).is_ok(), "{id} {symbol} = {value}");
         }
     }
 }
@@ -288,7 +290,7 @@ fn effects_that_are_too_fast_for_a_step_fade() {
 /// A motor that no step can resolve is an error that says so, not a panic.
 #[test]
 fn a_motor_without_inertia_diverges() {
-    let error = positions(&case("joint_elasticity", "Jm", 0.0, Hold::Zero)).expect_err("0/0");
+    let error = positions(&case("joint_elasticity", "Jm", 0.0, Intersample::ZeroOrder)).expect_err("0/0");
     assert!(matches!(error, SimulationError::Diverged { .. }), "{error}");
 }
 

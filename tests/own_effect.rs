@@ -88,8 +88,8 @@ fn a_made_up_effect_is_one_file() {
     for (name, text) in recipe::make(&recipe, dynid_model::device("planar2r").unwrap()).unwrap() {
         fs::write(at(&name), text).unwrap();
     }
-    let believed = "device = \"planar2r\"\n[[effect]]\nid = \"viscous\"\njoint = 1\nFv = 0.08\n";
-    fs::write(at("believed.toml"), believed).unwrap();
+    let prior = "device = \"planar2r\"\n[[effect]]\nid = \"viscous\"\njoint = 1\nFv = 0.08\n";
+    fs::write(at("believed.toml"), prior).unwrap();
     let added = ["add", "end_stops", "--joint", "1", "--model", "believed.toml"];
     dynid(folder.path(), &[&added[..], &["--set", "Ke=4.0,q_end=1.7", "--out", "truth.toml"]].concat());
     dynid(folder.path(), &["simulate", "experiment.toml", "--model", "truth.toml", "--out-dir", "logs"]);

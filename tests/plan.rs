@@ -130,7 +130,7 @@ fn an_industrial_arm_is_planned_for() {
     assert_eq!(plan["method"], "found");
     let base = &plan["base_parameters"];
     let combinations = texts(&base["combinations"]);
-    assert_eq!(combinations.iter().filter(|told| told.starts_with("link.")).count(), 36);
+    assert_eq!(combinations.iter().filter(|message| message.starts_with("link.")).count(), 36);
     assert_eq!(base["rank"], combinations.len());
     assert_eq!(base["exact"], true);
     assert!(combinations.contains(&"link.2.mx + a3*link.3.m + a3*link.4.m + a3*link.5.m + a3*link.6.m"));
@@ -169,7 +169,7 @@ fn base_parameters_are_written_out() {
 
 /// One joint at a time never shows what only acts where joints move together.
 #[test]
-fn what_a_method_does_not_reach_is_told() {
+fn what_a_method_does_not_reach_is_reported() {
     let folder = TempDir::new().unwrap();
     let why = |plan: &Value, name: &str| {
         let missing = plan["unreachable"].as_array().unwrap().iter().find(|missing| missing["name"] == name);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use dynid_identify::Watch;
+use dynid_identify::SearchControl;
 use dynid_identify::{position, position::FitRun, position::Options, position::PositionFit, position::PositionProblem};
 use dynid_logs::{experiment::Experiment, experiment::Role};
 use dynid_plant::{
@@ -94,7 +94,7 @@ fn fitted(model: &Model, runs: Vec<FitRun>, start: impl Fn(&str, f64) -> f64, su
         }
     }
     problem.runs = runs;
-    position::fit(&problem, &Options { substeps, ..Options::default() }, &mut |_| Watch::Continue)
+    position::fit(&problem, &Options { substeps, ..Options::default() }, &mut |_| SearchControl::Continue)
         .expect("the fit comes to an end")
 }
 
@@ -121,7 +121,7 @@ fn shown(fit: &PositionFit, truth: &Model) -> Vec<Shown> {
     }));
     let from_data = (&fit.information + wide).cholesky().expect("positive definite").inverse();
     let gain = fit.parameters[place(GAIN)].value;
-    let mut told = Vec::new();
+    let mut message = Vec::new();
     for (index, found) in fit.parameters.iter().enumerate().filter(|(_, found)| found.name.starts_with("joint.4")) {
         let name = found.name.as_str();
         let mut gradient = DVector::zeros(n);
@@ -137,10 +137,10 @@ fn shown(fit: &PositionFit, truth: &Model) -> Vec<Shown> {
         };
         let std_error = |covariance: &DMatrix<f64>| gradient.dot(&(covariance * &gradient)).sqrt();
         if std_error(&from_data) <= LEANING * std_error(&fit.covariance) {
-            told.push(Shown { name: name.to_owned(), error, std_error: std_error(&fit.covariance) });
+            message.push(Shown { name: name.to_owned(), error, std_error: std_error(&fit.covariance) });
         }
     }
-    told
+    message
 }
 
 /// Honest errors: of 100 logs that differ by their noise, the 95 % intervals hold the truth in 90 to 99.
@@ -164,7 +164,7 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         .collect();
     let names: Vec<&str> = fits[0].iter().map(|shown| shown.name.as_str()).collect();
     assert!(names.len() >= 6, "the log shows {names:?}");
-    let (mut covered, mut told) = (0, 0);
+    let (mut covered, mut message) = (0, 0);
     for name in names {
         let all = fits.iter().flatten().filter(|shown| shown.name == name);
         let n_all = all.clone().count();
@@ -173,9 +173,9 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         assert_eq!(n_all as u64, SEEDS, "{name} is shown by every log");
         assert!((90..=99).contains(&n_covered), "{name}: {n_covered} of {n_all}");
         covered += n_covered;
-        told += n_all;
+        message += n_all;
     }
-    let share = covered as f64 / told as f64;
+    let share = covered as f64 / message as f64;
     assert!((0.93..=0.97).contains(&share), "{share} of all");
 }
 

@@ -45,9 +45,9 @@ fn the_readme_is_true() {
     assert_ne!(fs::read_to_string(folder.path().join("dynid-tour/fitted.toml")).unwrap(), "mine\n");
     let tour = String::from_utf8(tour.stdout).unwrap();
     // How long it took differs.
-    let told: Vec<&str> = tour.lines().filter(|line| !line.starts_with("The whole loop took")).collect();
-    assert!(told.len() > 30, "{tour}");
-    for line in told {
+    let message: Vec<&str> = tour.lines().filter(|line| !line.starts_with("The whole loop took")).collect();
+    assert!(message.len() > 30, "{tour}");
+    for line in message {
         assert!(readme.contains(line), "the README's tour is not the program's: {line}");
     }
     for picture in ["docs/ladder.svg", "docs/report.png", "docs/report-where.png", "docs/wall.png"] {

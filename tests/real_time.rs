@@ -6,7 +6,7 @@
 use std::alloc::{GlobalAlloc, Layout, System as Allocator};
 use std::cell::Cell;
 
-use dynid_control::{Compensation, Estimator, Law, PlaneWall, Shares, Wall};
+use dynid_control::{Compensation, CompensationRatios, Estimator, Law, PlaneWall, Wall};
 use dynid_dynamics::system::System;
 use dynid_haptics::{wall, wall::Setting, wall::space};
 use dynid_user_model::{EffectInstance, Model};
@@ -88,7 +88,8 @@ fn ticks(model: &Model, readings: impl Fn(u32, usize) -> f64) -> (u64, Vec<f64>)
     const JOINTS: usize = 6;
     let system = model.system(&[0, 1, 2, 3, 4, 5], |_| 0.0).expect("a configuration of the device");
     let mut walls = walls(model, &system);
-    let mut compensation = Compensation::new(system, Shares::default(), SAMPLE_S).expect("a model that can be carried");
+    let mut compensation =
+        Compensation::new(system, CompensationRatios::default(), SAMPLE_S).expect("a model that can be carried");
     let mut estimator = Estimator::new(JOINTS, SAMPLE_S, 20.0, 1e-4, 1);
     let [mut reading, mut q, mut dq, mut ddq, mut sum] = [[0.0; JOINTS]; 5];
     let before = asked();

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 use assert_cmd::Command;
-use lineage::{lineage, refused, told};
+use lineage::{lineage, message, refused};
 use page::{is_well_formed, opens_with_no_network};
 use serde_json::{Value, json};
 
@@ -35,7 +35,7 @@ fn the_page_holds_everything_and_reaches_nothing() {
     let call = ["report", "experiment.toml", "believed.toml", "fitted.toml", "better-fitted.toml", "--diagnosis"];
     let call = [&call[..], &["diagnosis.json", "--out"]].concat();
     let json: Value =
-        serde_json::from_str(&told(folder.path(), &[&call[..], &["page.html", "--json"]].concat())).unwrap();
+        serde_json::from_str(&message(folder.path(), &[&call[..], &["page.html", "--json"]].concat())).unwrap();
     assert_eq!(json["sentences"].as_array().unwrap().len(), 3, "{json}");
     let answer = "Missing: `input_coupling` from joint 5 to joint 4. It could as well be `backlash` at joint 4.";
     assert_eq!(json["sentences"][2], answer);
@@ -86,7 +86,7 @@ fn the_page_holds_everything_and_reaches_nothing() {
 /// What the fitted model without the effect leaves is located at the right joint and called by the right name.
 fn fit_of_a_poor_model_is_located(folder: &Path) {
     let json: Value =
-        serde_json::from_str(&told(folder, &["compare", "experiment.toml", "--model", "fitted.toml", "--json"]))
+        serde_json::from_str(&message(folder, &["compare", "experiment.toml", "--model", "fitted.toml", "--json"]))
             .unwrap();
     let first = &json["where"][0];
     assert_eq!((&first["joint"], &first["other"]), (&4.into(), &5.into()), "{first}");
@@ -113,11 +113,14 @@ fn what_makes_no_page_is_refused_and_nothing_is_written() {
     let bad = |arguments: &[&str]| refused(folder.path(), &[&["report", "experiment.toml"], arguments].concat());
     assert!(bad(&["absent.toml", "--out", "new.html"]).contains("absent.toml"));
     assert!(bad(&["believed.toml", "other.toml", "--out", "new.html"]).contains("`planar2r`"));
-    let told = bad(&["believed.toml", "--out", "mine.html"]);
-    assert!(told.contains("mine.html exists already") && told.contains("--force"), "{told}");
+    let message = bad(&["believed.toml", "--out", "mine.html"]);
+    assert!(message.contains("mine.html exists already") && message.contains("--force"), "{message}");
     for (file, what) in [("absent.json", "cannot read"), ("words.json", "not JSON"), ("empty.json", "no `verdict`")] {
-        let told = bad(&["believed.toml", "--out", "new.html", "--diagnosis", file]);
-        assert!(told.contains(file) && told.contains(what) && told.contains("dynid diagnose --json"), "{told}");
+        let message = bad(&["believed.toml", "--out", "new.html", "--diagnosis", file]);
+        assert!(
+            message.contains(file) && message.contains(what) && message.contains("dynid diagnose --json"),
+            "{message}"
+        );
     }
     assert!(
         refused(folder.path(), &["report", "absent.toml", "believed.toml", "--out", "new.html"])

@@ -5,11 +5,11 @@ mod wrist;
 use std::fs;
 use std::path::Path;
 
-use dynid_identify::Watch;
+use dynid_identify::SearchControl;
 use dynid_identify::position::Options;
 use dynid_identify::starts::Starts;
 use dynid_identify::{checkpoint, checkpoint::Identity};
-use dynid_identify::{identify::ErrorKind, identify::How, identify::State, identify::identify_as};
+use dynid_identify::{identify::ErrorKind, identify::FitSettings, identify::State, identify::identify_as};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 use wrist::folder;
@@ -18,13 +18,13 @@ fn experiment(folder: &Path) -> Experiment {
     Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap()
 }
 
-fn position() -> How {
-    How::plain(ErrorKind::Position, Options { substeps: 20, ..Options::default() })
+fn position() -> FitSettings {
+    FitSettings::plain(ErrorKind::Position, Options { substeps: 20, ..Options::default() })
 }
 
 /// Fits, stops after so many iterations, writes and reads the checkpoint, goes on, and so on to the end. Returns the
 /// model's file, how often it was stopped, and how many iterations the last stretch had.
-fn fitted(folder: &Path, how: &How, every: usize) -> (String, usize, usize) {
+fn fitted(folder: &Path, how: &FitSettings, every: usize) -> (String, usize, usize) {
     let experiment = experiment(folder);
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     let model = Model::load(&folder.join("believed.toml")).unwrap();
@@ -37,7 +37,7 @@ fn fitted(folder: &Path, how: &How, every: usize) -> (String, usize, usize) {
         let found = identify_as(&model, &experiment, &runs, how, state, &mut |_, state| {
             seen += 1;
             checkpoint::write(&path, &identity, state.expect("a position fit has a state")).unwrap();
-            if seen == every { Watch::Stop } else { Watch::Continue }
+            if seen == every { SearchControl::Stop } else { SearchControl::Continue }
         });
         match found {
             Ok(found) => return (found.model.to_toml(), stops, seen),
@@ -64,7 +64,7 @@ fn however_often_it_is_stopped_the_model_is_the_same() {
 #[test]
 fn so_it_is_along_a_method_and_from_several_starts() {
     let folder = folder();
-    let how = How {
+    let how = FitSettings {
         method: Some("isolated".to_owned()),
         starts: Starts { count: 2, seed: 1, ..Starts::default() },
         ..position()
@@ -85,22 +85,22 @@ fn a_checkpoint_of_another_fit_is_refused() {
     let how = position();
     let path = folder.path().join("out.toml.checkpoint");
     let identity = Identity::new(&model, &experiment, &runs, &how);
-    let told = |identity: &Identity| checkpoint::read(&path, identity).unwrap_err().to_string();
-    assert!(told(&identity).contains("there is no checkpoint"), "{}", told(&identity));
+    let message = |identity: &Identity| checkpoint::read(&path, identity).unwrap_err().to_string();
+    assert!(message(&identity).contains("there is no checkpoint"), "{}", message(&identity));
 
     checkpoint::write(&path, &identity, &State::default()).unwrap();
     assert!(checkpoint::read(&path, &identity).is_ok());
-    let finer = How { options: Options { substeps: 30, ..how.options }, ..how.clone() };
-    let other = told(&Identity::new(&model, &experiment, &runs, &finer));
+    let finer = FitSettings { options: Options { substeps: 30, ..how.options }, ..how.clone() };
+    let other = message(&Identity::new(&model, &experiment, &runs, &finer));
     assert!(other.contains("belongs to another fit: the request was") && other.contains("--substeps 30 "), "{other}");
-    let other = told(&Identity::new(&model, &experiment, &runs[..2], &how));
+    let other = message(&Identity::new(&model, &experiment, &runs[..2], &how));
     assert!(other.contains("the data was"), "{other}");
     model.set_value("link.7.m", 0.061).unwrap();
-    let other = told(&Identity::new(&model, &experiment, &runs, &how));
+    let other = message(&Identity::new(&model, &experiment, &runs, &how));
     assert!(other.contains("the model was"), "{other}");
 
     fs::write(&path, "x = [").unwrap();
-    assert!(told(&identity).contains("cannot be read"), "{}", told(&identity));
+    assert!(message(&identity).contains("cannot be read"), "{}", message(&identity));
 }
 
 /// Through the binary: Ctrl-C, then `kill -9`, then to the end.
@@ -138,9 +138,9 @@ mod through_the_binary {
 
         let checkpoint = folder.path().join("again.toml.checkpoint");
         let child = fit(folder.path(), "again.toml", &[]).spawn().unwrap();
-        let (status, told) = stopped(child, &checkpoint, None, "-INT");
-        assert_eq!(status.code(), Some(130), "{told}");
-        assert!(told.contains("--resume goes on from again.toml.checkpoint"), "{told}");
+        let (status, message) = stopped(child, &checkpoint, None, "-INT");
+        assert_eq!(status.code(), Some(130), "{message}");
+        assert!(message.contains("--resume goes on from again.toml.checkpoint"), "{message}");
         assert!(!folder.path().join("again.toml").exists());
 
         let refused = fit(folder.path(), "again.toml", &[]).output().unwrap();

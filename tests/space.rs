@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use assert_cmd::Command;
-use dynid_control::{Law, LinearLaw, Shares, Wall};
+use dynid_control::{CompensationRatios, Law, LinearLaw, Wall};
 use dynid_haptics::{wall, wall::Approach, wall::Measures};
 use dynid_haptics::{wall::space, wall::space::Case, wall::space::Contact, wall::space::Setting, wall::space::contact};
 use dynid_model::Parameter;
@@ -30,10 +30,11 @@ fn fast(setting: &Setting) -> Approach {
     setting.reaching.approaches.last().expect("approaches").clone()
 }
 
-fn played(model: &Model, setting: &Setting, wall: &str, carried: Option<Shares>) -> (Wall, Contact) {
+fn played(model: &Model, setting: &Setting, wall: &str, carried: Option<CompensationRatios>) -> (Wall, Contact) {
     let wall = setting.wall(&wall::shipped(wall).expect("shipped")).expect("a wall");
-    let told = contact(model, setting, &wall, (&setting.people.typical, &fast(setting)), carried).expect("a contact");
-    (wall, told)
+    let message =
+        contact(model, setting, &wall, (&setting.people.typical, &fast(setting)), carried).expect("a contact");
+    (wall, message)
 }
 
 /// A device with one sliding joint: the plane across it is the wall at the joint.
@@ -141,17 +142,17 @@ fn energy_is_accounted_for() {
     let setting = parsed(&text);
     let model = bare("freedom6s");
     let plant = Mechanism::new(model.device, &|name| model.parameter(name).map_or(0.0, |own| own.value));
-    let (_, told) = played(&model, &setting, "pd", None);
-    let energy = |tick: usize| plant.energy(&told.q[tick], &told.dq[tick]).iter().sum::<f64>();
+    let (_, message) = played(&model, &setting, "pd", None);
+    let energy = |tick: usize| plant.energy(&message.q[tick], &message.dq[tick]).iter().sum::<f64>();
     let (start, mut given, mut largest) = (energy(0), 0.0, 0.0_f64);
     let mut wall_share = 0.0_f64;
-    for tick in 1..told.q.len() {
-        given += told.given(tick - 1);
+    for tick in 1..message.q.len() {
+        given += message.given(tick - 1);
         wall_share = wall_share.max(given.abs());
-        let missing = energy(tick) - start - given - told.hand_work[tick];
+        let missing = energy(tick) - start - given - message.hand_work[tick];
         largest = largest.max(missing.abs());
     }
-    assert!(told.along.touched.is_some() && wall_share > 0.01, "{wall_share}");
+    assert!(message.along.touched.is_some() && wall_share > 0.01, "{wall_share}");
     assert!(largest < 1e-6, "{largest} J are lost, of {wall_share} J that the wall moved");
 }
 
@@ -162,13 +163,13 @@ fn what_settles_is_in_equilibrium() {
     let text = space::SETTING.replace("position_quantum = 1e-4", "position_quantum = 0.0");
     let setting = parsed(&text.replace("after_s = 3.0", "after_s = 25.0"));
     let model = bare("freedom6s");
-    let (_, told) = played(&model, &setting, "pd_tuned", Some(Shares::WEIGHT));
-    let last = told.q.len() - 1;
+    let (_, message) = played(&model, &setting, "pd_tuned", Some(CompensationRatios::WEIGHT));
+    let last = message.q.len() - 1;
     let (hand, normal) = (&setting.people.typical, setting.plane.normal);
     let mut arm = model.kinematics(&setting.free, &setting.posture).expect("an end point");
     let (start, axes) = (arm.position(), arm.rotation());
     let away = setting.plane.distance(start);
-    arm.move_to(&told.q[last]);
+    arm.move_to(&message.q[last]);
     let (point, hold) = (arm.position(), setting.reaching.hold_after(&fast(&setting)));
     // The arm's spring pulls to the foot of the way, the grip's spring is in series with it.
     let force = [0, 1, 2].map(|k| {
@@ -185,15 +186,15 @@ fn what_settles_is_in_equilibrium() {
     let mut torques = [0.0; 6];
     arm.torques(force, moment, &mut torques);
     for slot in 0..6 {
-        assert!(told.dq[last][slot].abs() < 1e-7, "it has settled: {:?}", told.dq[last]);
-        let sum = torques[slot] + told.torque[last][slot];
-        assert!(sum.abs() < 1e-6, "joint {slot}: {} and {}", torques[slot], told.torque[last][slot]);
+        assert!(message.dq[last][slot].abs() < 1e-7, "it has settled: {:?}", message.dq[last]);
+        let sum = torques[slot] + message.torque[last][slot];
+        assert!(sum.abs() < 1e-6, "joint {slot}: {} and {}", torques[slot], message.torque[last][slot]);
     }
-    assert!(told.torque[last].iter().any(|torque| torque.abs() > 0.05), "{:?}", told.torque[last]);
+    assert!(message.torque[last].iter().any(|torque| torque.abs() > 0.05), "{:?}", message.torque[last]);
     // and the wall's torques are those of a force along its normal
     let mut by_normal = [0.0; 6];
-    arm.torques(normal.map(|own| own * told.along.torque[last]), [0.0; 3], &mut by_normal);
-    assert!((0..6).all(|slot| (by_normal[slot] - told.torque[last][slot]).abs() < 1e-6));
+    arm.torques(normal.map(|own| own * message.along.torque[last]), [0.0; 3], &mut by_normal);
+    assert!((0..6).all(|slot| (by_normal[slot] - message.torque[last][slot]).abs() < 1e-6));
 }
 
 /// Gravity is along the first axis: turned about it, plane and arm together, nothing else changes.
@@ -211,7 +212,7 @@ fn turning_plane_and_arm_together_turns_everything() {
     let mut model = Model::of_device(setting.device);
     // a spring at the first joint knows where it is
     model.effects.retain(|own| own.joint != Some(0) || own.effect.id == "gain");
-    for carried in [None, Some(Shares::WEIGHT)] {
+    for carried in [None, Some(CompensationRatios::WEIGHT)] {
         let (_, one) = played(&model, &setting, "pd_tuned", carried);
         let (_, other) = played(&model, &turned, "pd_tuned", carried);
         assert!(one.along.touched.is_some() && one.along.touched == other.along.touched);
@@ -233,8 +234,8 @@ fn tuned_gains_are_still_in_space_too() {
     let cases = |more: &[&str]| {
         let all = [&["wall", "space", "--json", "--hands", "6"], more].concat();
         let output = dynid().args(all).assert().success().get_output().stdout.clone();
-        let told: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
-        told["cases"].as_array().expect("cases").clone()
+        let message: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
+        message["cases"].as_array().expect("cases").clone()
     };
     let bare = cases(&[]);
     assert_eq!(bare.len(), 3 * 3 * 6);
@@ -267,39 +268,39 @@ fn a_share_of_the_inertia_carried_lessens_the_slip() {
     let setting = parsed(&text);
     assert_eq!(setting.sampling.sample_s, 0.001);
     let model = Model::of_device(setting.device);
-    let slip = |shares: Shares| {
-        let (_, told) = played(&model, &setting, "pd_tuned", Some(shares));
-        told.coupling(&setting).expect("it is met").settled_slip
+    let slip = |shares: CompensationRatios| {
+        let (_, message) = played(&model, &setting, "pd_tuned", Some(shares));
+        message.coupling(&setting).expect("it is met").settled_slip
     };
-    let (none, fifth) = (slip(Shares::WEIGHT), slip(Shares { inertia: 0.2, friction: 0.0 }));
+    let (none, fifth) = (slip(CompensationRatios::WEIGHT), slip(CompensationRatios { inertia: 0.2, friction: 0.0 }));
     assert!(fifth < 0.9 * none, "{fifth} of {none}");
 }
 
 /// A joint that reaches its limit shortens the force, and the measures say so.
 #[test]
-fn a_reached_limit_is_told_and_the_force_keeps_its_direction() {
+fn a_reached_limit_is_reported_and_the_force_keeps_its_direction() {
     let mut setting = Setting::shipped().expect("shipped");
     setting.torque_limits = vec![0.02; 6];
     let model = Model::of_device(setting.device);
     let law = Law::Linear(LinearLaw { k1: 474.2, k2: 17.13, offset: 0.0 });
     let wall = Wall::new(law, 0.03, setting.sampling.sample_s, 10.0).expect("a wall");
     let hand = (&setting.people.typical, &fast(&setting));
-    let told = contact(&model, &setting, &wall, hand, Some(Shares::WEIGHT)).expect("a contact");
-    let coupling = told.coupling(&setting).expect("it is met");
+    let message = contact(&model, &setting, &wall, hand, Some(CompensationRatios::WEIGHT)).expect("a contact");
+    let coupling = message.coupling(&setting).expect("it is met");
     assert!(coupling.limited > 0.9, "{coupling:?}");
     let largest = coupling.torque.iter().copied().fold(0.0, f64::max);
     assert!((largest - 0.02).abs() < 1e-12 && coupling.torque.iter().all(|torque| *torque <= 0.02 + 1e-12));
     // What acts from a tick on was asked for a tick before it, at the positions that were shown then.
     let mut arm = model.kinematics(&setting.free, &setting.posture).expect("an end point");
     let mut shortened = 0;
-    for tick in 1..told.q.len() {
+    for tick in 1..message.q.len() {
         let quantum = setting.sampling.position_quantum;
-        arm.move_to(&told.q[tick - 1].iter().map(|q| (q / quantum).round() * quantum).collect::<Vec<f64>>());
+        arm.move_to(&message.q[tick - 1].iter().map(|q| (q / quantum).round() * quantum).collect::<Vec<f64>>());
         let mut expected = [0.0; 6];
-        arm.torques(setting.plane.normal.map(|own| own * told.along.torque[tick]), [0.0; 3], &mut expected);
-        let apart = (0..6).map(|slot| (expected[slot] - told.torque[tick][slot]).abs()).fold(0.0, f64::max);
-        assert!(apart < 1e-12, "{apart} N*m at tick {tick}, {} of the force", told.share[tick]);
-        shortened += usize::from(told.share[tick] < 1.0);
+        arm.torques(setting.plane.normal.map(|own| own * message.along.torque[tick]), [0.0; 3], &mut expected);
+        let apart = (0..6).map(|slot| (expected[slot] - message.torque[tick][slot]).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-12, "{apart} N*m at tick {tick}, {} of the force", message.share[tick]);
+        shortened += usize::from(message.share[tick] < 1.0);
     }
     assert!(shortened > 100, "{shortened}");
 }
@@ -312,11 +313,12 @@ fn a_page_of_walls_that_no_hand_met_says_so() {
     let model = Model::of_device(setting.device);
     let named = |name: &str| (name.to_owned(), setting.wall(&wall::shipped(name).expect("shipped")).expect("a wall"));
     let walls = [named("pd"), named("pd_tuned")];
-    let cases = space::compare(&model, &setting, &walls, Some(Shares::WEIGHT)).expect("contacts");
+    let cases = space::compare(&model, &setting, &walls, Some(CompensationRatios::WEIGHT)).expect("contacts");
     let some: Vec<Case> =
         cases.iter().filter(|case| case.controller == "pd" && case.speed != "slow").cloned().collect();
     let felt = |cases: &[Case]| {
-        let report = SpaceReport::new(&model, &setting, &walls, cases, Some(Shares::WEIGHT)).expect("a report");
+        let report =
+            SpaceReport::new(&model, &setting, &walls, cases, Some(CompensationRatios::WEIGHT)).expect("a report");
         report.sections()[0].html()
     };
     let (all, some) = (felt(&cases), felt(&some));
@@ -327,7 +329,7 @@ fn a_page_of_walls_that_no_hand_met_says_so() {
     assert!(!some.contains("NaN") && !some.contains('\u{2014}'), "{some}");
 }
 
-/// Joints that slide are told in mm and N.
+/// Joints that slide are reported in mm and N.
 #[test]
 fn sliding_joints_have_units_of_their_own() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -344,8 +346,8 @@ fn sliding_joints_have_units_of_their_own() {
     std::fs::write(folder.path().join("m.toml"), model.to_toml()).expect("written");
     let asked = ["wall", "space", "--setting", "s.toml", "--model", "m.toml", "--hands", "2", "--wall", "pd_tuned"];
     let run = dynid().current_dir(folder.path()).args(asked).args(["--out", "page.html"]).assert().success();
-    let told = String::from_utf8(run.get_output().stdout.clone()).expect("text");
-    assert!(told.contains("q0, mm") && !told.contains("q0, mrad"), "{told}");
+    let message = String::from_utf8(run.get_output().stdout.clone()).expect("text");
+    assert!(message.contains("q0, mm") && !message.contains("q0, mrad"), "{message}");
     let page = std::fs::read_to_string(folder.path().join("page.html")).expect("written");
     assert!(page.contains("force [N]") && !page.contains("torque [N*m]"));
 }
@@ -376,8 +378,8 @@ fn the_start_is_that_of_the_model() {
     let path = Path::new("s.toml");
     let started = Setting::parse(&text, path, Some(&model));
     assert!(started.is_ok(), "{}", started.expect_err("no start"));
-    let told = Setting::parse(&text, path, None).expect_err("the device's own lengths").to_string();
-    assert!(told.contains("inside of the wall"), "{told}");
+    let message = Setting::parse(&text, path, None).expect_err("the device's own lengths").to_string();
+    assert!(message.contains("inside of the wall"), "{message}");
 }
 
 fn wrong(folder: &Path, text: &str) -> String {
@@ -389,7 +391,7 @@ fn wrong(folder: &Path, text: &str) -> String {
 }
 
 #[test]
-fn bad_input_is_told_once_with_its_place_and_remedy() {
+fn bad_input_is_reported_once_with_its_place_and_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let output = dynid().args(["wall", "show", "space"]).assert().success().get_output().stdout.clone();
     let good = String::from_utf8(output).expect("text");
@@ -412,19 +414,22 @@ fn bad_input_is_told_once_with_its_place_and_remedy() {
     ];
     for (from, to, what, remedy) in cases {
         assert!(good.contains(from), "{from}");
-        let told = wrong(folder.path(), &good.replacen(from, to, 1));
-        assert!(told.contains("s.toml:") && told.contains(what) && told.contains(remedy), "{to}: {told}");
+        let message = wrong(folder.path(), &good.replacen(from, to, 1));
+        assert!(message.contains("s.toml:") && message.contains(what) && message.contains(remedy), "{to}: {message}");
     }
     // a device without an end point, and a plane that it cannot move towards
     let other = |device: &str, posture: &str| {
         let text = good.replacen("freedom6s", device, 1).replacen(posture_line(&good), posture, 1);
         text.lines().filter(|line| !line.starts_with("torque_limits")).collect::<Vec<_>>().join("\n")
     };
-    let told = wrong(folder.path(), &other("double_pendulum", "posture = [0.3, 0.4]"));
-    assert!(told.contains("s.toml:") && told.contains("no end point") && told.contains("[end_point]"), "{told}");
+    let message = wrong(folder.path(), &other("double_pendulum", "posture = [0.3, 0.4]"));
+    assert!(
+        message.contains("s.toml:") && message.contains("no end point") && message.contains("[end_point]"),
+        "{message}"
+    );
     let flat = other("planar2r", "posture = [0.3, 0.4]").replacen("[0.6, -0.48, 0.64]", "[0, 0, -1]", 1);
-    let told = wrong(folder.path(), &flat.replacen("point = [-0.2, -0.23, 0.0]", "point = [0, 0, 0.1]", 1));
-    assert!(told.contains("s.toml:") && told.contains("no joint moves the end point along"), "{told}");
+    let message = wrong(folder.path(), &flat.replacen("point = [-0.2, -0.23, 0.0]", "point = [0, 0, 0.1]", 1));
+    assert!(message.contains("s.toml:") && message.contains("no joint moves the end point along"), "{message}");
 }
 
 fn posture_line(text: &str) -> &str {
@@ -452,7 +457,7 @@ fn the_page_holds_the_pictures_and_is_the_same_for_any_number_of_threads() {
     for outside in ["http", "src=", "href=", "@import", "url("] {
         assert!(!html.contains(outside), "{outside} in the page");
     }
-    let told = run("1", "a.html").code(2).get_output().stderr.clone();
-    assert!(String::from_utf8(told).expect("text").contains("--force"));
+    let message = run("1", "a.html").code(2).get_output().stderr.clone();
+    assert!(String::from_utf8(message).expect("text").contains("--force"));
     assert_eq!(page("a.html"), html);
 }

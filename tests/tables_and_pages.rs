@@ -19,8 +19,8 @@ fn fitted() -> &'static (TempDir, Value) {
 fn fit() -> (TempDir, Value) {
     let folder = wrist::folder();
     let fit = ["fit", "experiment.toml", "--model", "believed.toml", "--method", "isolated", "--substeps", "20"];
-    let told = json(folder.path(), &[&fit[..], &["--starts", "2", "--out", "fitted.toml"]].concat());
-    (folder, told)
+    let message = json(folder.path(), &[&fit[..], &["--starts", "2", "--out", "fitted.toml"]].concat());
+    (folder, message)
 }
 
 fn dynid(folder: &Path, arguments: &[&str]) -> String {
@@ -40,16 +40,16 @@ fn stands_alone(page: &str) {
 }
 
 #[test]
-fn a_fit_along_a_method_is_told_whole() {
-    let (folder, told) = fitted();
-    let numbers = |key: &str| told[key].as_array().unwrap().clone();
+fn a_fit_along_a_method_is_reported_whole() {
+    let (folder, message) = fitted();
+    let numbers = |key: &str| message[key].as_array().unwrap().clone();
 
     let steps = numbers("steps");
     assert_eq!(steps.len(), 1, "the logs are of one configuration: {steps:?}");
     assert_eq!((&steps[0]["configuration"], &steps[0]["free"]), (&Value::from(1), &serde_json::json!([4])));
-    assert!(told["notes"][0].as_str().unwrap().contains("without a run to fit to"), "{}", told["notes"]);
+    assert!(message["notes"][0].as_str().unwrap().contains("without a run to fit to"), "{}", message["notes"]);
     assert_eq!(numbers("starts").len(), 2);
-    assert!(numbers("starts")[0]["cost"].as_f64().is_some_and(f64::is_finite), "{}", told["starts"]);
+    assert!(numbers("starts")[0]["cost"].as_f64().is_some_and(f64::is_finite), "{}", message["starts"]);
     for pair in numbers("correlations") {
         let value = pair["value"].as_f64().unwrap();
         assert!((0.5..=1.0 + 1e-9).contains(&value.abs()), "{pair}");
@@ -79,9 +79,9 @@ fn a_fit_along_a_method_is_told_whole() {
 
 #[test]
 fn the_table_and_the_page_show_it() {
-    let (folder, told) = fitted();
+    let (folder, message) = fitted();
     let table = json(folder.path(), &["table", "believed.toml", "fitted.toml", "--out", "table.html"]);
-    let fitted = told["parameters"].as_array().unwrap();
+    let fitted = message["parameters"].as_array().unwrap();
     let rows = table["parameters"].as_array().unwrap();
     assert_eq!(rows.len(), fitted.len());
     for parameter in fitted {
@@ -122,7 +122,10 @@ fn models_of_two_devices_make_no_table() {
     fs::write(folder.path().join("one.toml"), "device = \"planar2r\"\n").unwrap();
     fs::write(folder.path().join("two.toml"), "device = \"double_pendulum\"\n").unwrap();
     let mut command = Command::cargo_bin("dynid").unwrap();
-    let told = command.args(["table", "one.toml", "two.toml"]).current_dir(folder.path()).assert().code(2);
-    let told = String::from_utf8(told.get_output().stderr.clone()).unwrap();
-    assert!(told.contains("two.toml: the model is of device `double_pendulum`, one.toml of `planar2r`"), "{told}");
+    let message = command.args(["table", "one.toml", "two.toml"]).current_dir(folder.path()).assert().code(2);
+    let message = String::from_utf8(message.get_output().stderr.clone()).unwrap();
+    assert!(
+        message.contains("two.toml: the model is of device `double_pendulum`, one.toml of `planar2r`"),
+        "{message}"
+    );
 }

@@ -106,7 +106,7 @@ fn known_parameters_come_back() {
     assert!((second / (0.84 * 0.143) - 1.0).abs() < 0.01, "{second}");
     assert!((first / (1.25 * 0.21 + 0.4 * 0.84) - 1.0).abs() < 0.01, "{first}");
 
-    // Held out, little of the torque is left unexplained; with the believed values much more was.
+    // Held out, little of the torque is left unexplained; with the prior values much more was.
     let percent = |model: &Model| -> f64 {
         compare(model, &runs).expect("comparable").torque_percent_validate.expect("there is torque")
     };

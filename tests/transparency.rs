@@ -1,6 +1,6 @@
 //! What a hand feels of a device whose controller carries it by a model that is not quite right.
 
-use dynid_haptics::{felt::Options, felt::survey};
+use dynid_haptics::{rendered_impedance::Options, rendered_impedance::survey};
 use dynid_plant::random::Noise;
 use dynid_user_model::{FitRecord, Model};
 
@@ -19,10 +19,9 @@ fn off_by(share: f64, seed: u64) -> Model {
 /// of the device are each up to 5 % off what is believed of them.
 #[test]
 fn less_than_half_of_the_device_is_felt() {
-    let believed = off_by(0.0, 1);
+    let prior = off_by(0.0, 1);
     let options = Options { frequencies: vec![0.5, 1.0, 2.0], ..Options::new(6) };
-    let survey =
-        survey(&off_by(0.05, 3), &believed, &[0, 1, 2, 3, 4, 5], &options).expect("a model that can be carried");
+    let survey = survey(&off_by(0.05, 3), &prior, &[0, 1, 2, 3, 4, 5], &options).expect("a model that can be carried");
     for joint in &survey.joints {
         let worst = joint.worst(0.0, 2.0);
         assert!(worst.inertia < 0.5 && worst.damping < 0.5, "joint {}: {worst:?}", joint.joint);
@@ -34,20 +33,22 @@ fn less_than_half_of_the_device_is_felt() {
 #[test]
 fn models_off_by_their_standard_errors_leave_more() {
     let of = |relative: f64| {
-        let mut believed = off_by(0.0, 1);
-        let errors = believed
+        let mut prior = off_by(0.0, 1);
+        let errors = prior
             .parameters()
             .into_iter()
             .filter(|(name, _)| name.starts_with("joint.4"))
             .map(|(name, known)| (name, relative * known.value.abs()));
-        believed.fit = Some(FitRecord { std_error: errors.collect(), ..FitRecord::default() });
+        prior.fit = Some(FitRecord { std_error: errors.collect(), ..FitRecord::default() });
         let options = Options { frequencies: vec![1.0], draws: 3, ..Options::new(6) };
-        survey(&off_by(0.0, 1), &believed, &[4], &options).expect("a model that can be carried")
+        survey(&off_by(0.0, 1), &prior, &[4], &options).expect("a model that can be carried")
     };
     let (small, large) = (of(0.01), of(0.1));
     assert_eq!(small, of(0.01));
     assert_eq!(small.joints[0].drawn.len(), 3);
-    let left = |survey: &dynid_haptics::felt::Survey| survey.joints[0].worst(0.0, 2.0).damping_drawn.expect("drawn");
+    let left = |survey: &dynid_haptics::rendered_impedance::Survey| {
+        survey.joints[0].worst(0.0, 2.0).damping_drawn.expect("drawn")
+    };
     assert!(left(&large) > left(&small), "{} {}", left(&large), left(&small));
 }
 
@@ -73,8 +74,8 @@ fn the_verb_tells_and_draws_what_is_felt() {
     let (status, _, errors) = feel(&arguments);
     assert!(status == Some(2) && errors.contains("--force"), "{errors}");
     let (_, text, _) = feel(&["--free", "4", "--frequencies", "2,1", "--json"]);
-    let told: serde_json::Value = serde_json::from_str(&text).expect("one object");
-    let joint = &told["joints"][0];
+    let message: serde_json::Value = serde_json::from_str(&text).expect("one object");
+    let joint = &message["joints"][0];
     assert_eq!(joint["joint"], 4);
     assert_eq!(joint["bare"][0]["frequency_hz"], 1.0);
     assert!(joint["left"]["inertia"].as_f64().is_some_and(|left| left < 0.5), "{joint}");

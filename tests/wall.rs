@@ -15,8 +15,8 @@ fn dynid() -> Command {
 fn compared(arguments: &[&str]) -> Vec<serde_json::Value> {
     let all = [&["wall", "compare", "--json"], arguments].concat();
     let output = dynid().args(all).assert().success().get_output().stdout.clone();
-    let told: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
-    told["cases"].as_array().expect("cases").clone()
+    let message: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
+    message["cases"].as_array().expect("cases").clone()
 }
 
 fn of<'a>(cases: &'a [serde_json::Value], controller: &str) -> Vec<&'a serde_json::Value> {
@@ -66,7 +66,7 @@ fn fuzzy_walls_are_still_where_the_thesis_pd_chatters() {
     }
 }
 
-/// What other programs read stays; what stands beside is told when asked.
+/// What other programs read stays; what stands beside is reported when asked.
 #[test]
 fn walls_of_other_kinds_stand_beside_when_asked() {
     let names = |cases: &[serde_json::Value]| -> Vec<String> {
@@ -238,13 +238,13 @@ fn a_still_hand_settles_where_the_springs_balance() {
     let wall = Wall::new(Law::Linear(law), scale, setting.sample_s, setting.torque_limit).expect("a wall");
     let approach = Approach { name: "steady".to_owned(), peak: 1.0, hold: Some(0.3) };
     let contact = contact(&model, &setting, &wall, &setting.hand, &approach).expect("a contact");
-    let told = Measures::of(&contact, &wall).expect("it is met");
+    let message = Measures::of(&contact, &wall).expect("it is met");
     // wall * q + grip * (q - place) = 0 and grip * (q - place) - arm * place - hold = 0
     let (stiffness, grip, arm) = (scale * law.k1, setting.hand.grip_stiffness, setting.hand.arm_stiffness);
     let place = |q: f64| q * (stiffness + grip) / grip;
     let q = -0.3 / (stiffness + arm * place(1.0));
-    assert!((told.settled_position - q).abs() < 1e-4, "{} for {q}", told.settled_position);
-    assert!(told.energy_out < 1e-3 && told.outside == 0.0, "{told:?}");
+    assert!((message.settled_position - q).abs() < 1e-4, "{} for {q}", message.settled_position);
+    assert!(message.energy_out < 1e-3 && message.outside == 0.0, "{message:?}");
 }
 
 /// A tuning tries its start first and gives back nothing worse, and its file names the command that makes it.
@@ -257,11 +257,11 @@ fn a_tuning_is_never_worse_than_its_start() {
         let run = || {
             let output =
                 dynid().current_dir(folder.path()).args(arguments).args(more).arg("--force").assert().success();
-            let told: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).expect("JSON");
-            (told, std::fs::read_to_string(folder.path().join("new.toml")).expect("written"))
+            let message: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).expect("JSON");
+            (message, std::fs::read_to_string(folder.path().join("new.toml")).expect("written"))
         };
-        let (told, file) = run();
-        assert!(told["cost"].as_f64() <= told["cost_at_start"].as_f64(), "{told}");
+        let (message, file) = run();
+        assert!(message["cost"].as_f64() <= message["cost_at_start"].as_f64(), "{message}");
         let command = format!(
             "`dynid wall tune --law {law} --hands 2 --start pd_tuned --stiffness 7 --evaluations 3 --out new.toml`"
         );
@@ -288,18 +288,21 @@ fn a_lag_of_the_drive_is_played_and_a_delay_is_refused() {
     let mut late = plain.clone();
     late.add_effect("input_delay", Some(0), None).expect("added");
     late.set_value("joint.0.input_delay.delay", 0.02).expect("its own");
-    let told = played(&late).expect_err("late").to_string();
-    assert!(told.contains("joint 0") && told.contains("0.02 s late") && told.contains("delay_samples"), "{told}");
+    let message = played(&late).expect_err("late").to_string();
+    assert!(
+        message.contains("joint 0") && message.contains("0.02 s late") && message.contains("delay_samples"),
+        "{message}"
+    );
     // Nor is a wall tuned on it: no trial of it could tell one wall from another.
     let folder = tempfile::tempdir().expect("a folder");
     let tune = ["tune", "--model", "late.toml", "--hands", "1", "--evaluations", "2", "--out", "new.toml"];
-    let told = wrong(folder.path(), "late.toml", &late.to_toml(), &tune);
-    assert!(told.contains("0.02 s late") && !folder.path().join("new.toml").exists(), "{told}");
+    let message = wrong(folder.path(), "late.toml", &late.to_toml(), &tune);
+    assert!(message.contains("0.02 s late") && !folder.path().join("new.toml").exists(), "{message}");
 }
 
 /// Hands that never come to the wall leave no numbers, and none is made up.
 #[test]
-fn walls_that_no_hand_meets_are_told_with_dashes() {
+fn walls_that_no_hand_meets_are_reported_with_dashes() {
     let folder = tempfile::tempdir().expect("a folder");
     let setting = String::from_utf8(dynid().args(["wall", "show", "setting"]).assert().get_output().stdout.clone());
     let setting = setting.expect("text");
@@ -310,9 +313,9 @@ fn walls_that_no_hand_meets_are_told_with_dashes() {
     std::fs::write(folder.path().join("s.toml"), weak).expect("written");
     let arguments = ["wall", "compare", "--setting", "s.toml", "--hands", "1", "--wall", "pd,fuzzy"];
     let output = dynid().current_dir(folder.path()).args(arguments).assert().success().get_output().clone();
-    let told = String::from_utf8(output.stdout).expect("text");
-    assert!(!told.contains("NaN") && !told.contains("inf"), "{told}");
-    assert!(told.contains('\u{2014}') && told.contains("fuzzy: no hand met both it and pd"), "{told}");
+    let message = String::from_utf8(output.stdout).expect("text");
+    assert!(!message.contains("NaN") && !message.contains("inf"), "{message}");
+    assert!(message.contains('\u{2014}') && message.contains("fuzzy: no hand met both it and pd"), "{message}");
     let note = String::from_utf8(output.stderr).expect("text");
     assert!(note.contains("2 approaches never came to the wall"), "{note}");
 }
@@ -336,14 +339,14 @@ fn a_tuning_starts_from_gains_or_from_its_own_kind() {
         String::from_utf8(tune(law, start).code(2).get_output().stderr.clone()).expect("text")
     };
     for (law, start) in [("rules", "fuzzy"), ("linear", "leaky"), ("leaky", "coupled"), ("coupled", "fuzzy")] {
-        let told = refused(law, start);
-        assert!(told.contains(&format!("--start {start}")) && told.contains("a wall of gains"), "{told}");
+        let message = refused(law, start);
+        assert!(message.contains(&format!("--start {start}")) && message.contains("a wall of gains"), "{message}");
     }
-    let told = refused("linear", "passive");
-    assert!(told.contains("--start passive") && told.contains("`passive = true`"), "{told}");
+    let message = refused("linear", "passive");
+    assert!(message.contains("--start passive") && message.contains("`passive = true`"), "{message}");
     std::fs::write(folder.path().join("l.toml"), leaky.replacen("share = 0.5", "share = 0.0", 1)).expect("written");
-    let told = refused("leaky", "l.toml");
-    assert!(told.contains("share is 0") && told.contains("positive"), "{told}");
+    let message = refused("leaky", "l.toml");
+    assert!(message.contains("share is 0") && message.contains("positive"), "{message}");
 }
 
 fn wrong(folder: &Path, name: &str, text: &str, arguments: &[&str]) -> String {
@@ -355,50 +358,50 @@ fn wrong(folder: &Path, name: &str, text: &str, arguments: &[&str]) -> String {
 }
 
 #[test]
-fn bad_input_is_told_once_with_its_remedy() {
+fn bad_input_is_reported_once_with_its_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let shown = |name: &str| {
         let output = dynid().args(["wall", "show", name]).assert().success().get_output().stdout.clone();
         String::from_utf8(output).expect("text")
     };
     let (setting, fuzzy) = (shown("setting"), shown("fuzzy"));
-    let told = wrong(
+    let message = wrong(
         folder.path(),
         "w.toml",
         &fuzzy.replacen("0.0, 0.005", "0.005, 0.0", 1),
         &["compare", "--wall", "pd,w.toml"],
     );
-    assert!(told.contains("w.toml:") && told.contains("does not lie above that before it"), "{told}");
-    let told = wrong(
+    assert!(message.contains("w.toml:") && message.contains("does not lie above that before it"), "{message}");
+    let message = wrong(
         folder.path(),
         "s.toml",
         &setting.replacen("step_s = 0.0005", "step_s = 0.05", 1),
         &["compare", "--setting", "s.toml"],
     );
-    assert!(told.contains("s.toml:") && told.contains("longer than the controller's sample time"), "{told}");
+    assert!(message.contains("s.toml:") && message.contains("longer than the controller's sample time"), "{message}");
     // Without a limit, gains a thousand times too high tear the joint away.
     let setting = setting.replacen("torque_limit = 1.0", "torque_limit = 1e12", 1);
     std::fs::write(folder.path().join("u.toml"), setting).expect("written");
     let mut pd = shown("pd");
     pd = pd.replacen("k2 = 100.0", "k2 = 1e6", 1);
-    let told = wrong(folder.path(), "p.toml", &pd, &["run", "--wall", "p.toml", "--setting", "u.toml"]);
-    assert!(told.contains("wall `p`, slow approach, the typical hand: the closed loop diverges at"), "{told}");
-    assert!(told.contains("joint 0"), "{told}");
-    let told = wrong(folder.path(), "p.toml", &pd, &["compare", "--wall", "pd,p.toml", "--setting", "u.toml"]);
-    assert!(told.contains("wall `p`, slow approach, hand 0: the closed loop diverges at"), "{told}");
+    let message = wrong(folder.path(), "p.toml", &pd, &["run", "--wall", "p.toml", "--setting", "u.toml"]);
+    assert!(message.contains("wall `p`, slow approach, the typical hand: the closed loop diverges at"), "{message}");
+    assert!(message.contains("joint 0"), "{message}");
+    let message = wrong(folder.path(), "p.toml", &pd, &["compare", "--wall", "pd,p.toml", "--setting", "u.toml"]);
+    assert!(message.contains("wall `p`, slow approach, hand 0: the closed loop diverges at"), "{message}");
     let report = ["report", "--wall", "pd,p.toml", "--setting", "u.toml", "--out", "page.html"];
-    let told = wrong(folder.path(), "p.toml", &pd, &report);
-    assert!(told.contains("wall `p`, slow approach, the typical hand: the closed loop diverges at"), "{told}");
+    let message = wrong(folder.path(), "p.toml", &pd, &report);
+    assert!(message.contains("wall `p`, slow approach, the typical hand: the closed loop diverges at"), "{message}");
     assert!(!folder.path().join("page.html").exists());
     // A tuning multiplies its start.
     for (from, to) in [("k1 = 100.0", "k1 = -3.0"), ("k2 = 100.0", "k2 = 0.0")] {
         let start = shown("pd").replacen(from, to, 1);
-        let told = wrong(folder.path(), "n.toml", &start, &["tune", "--start", "n.toml", "--out", "new.toml"]);
-        assert!(told.contains("n.toml") && told.contains(&to[..2]) && told.contains("positive"), "{told}");
+        let message = wrong(folder.path(), "n.toml", &start, &["tune", "--start", "n.toml", "--out", "new.toml"]);
+        assert!(message.contains("n.toml") && message.contains(&to[..2]) && message.contains("positive"), "{message}");
     }
-    let told = wrong(folder.path(), "n.toml", "", &["tune", "--start", "fuzzy", "--out", "new.toml"]);
-    assert!(told.contains("--start fuzzy") && told.contains("[linear]"), "{told}");
+    let message = wrong(folder.path(), "n.toml", "", &["tune", "--start", "fuzzy", "--out", "new.toml"]);
+    assert!(message.contains("--start fuzzy") && message.contains("[linear]"), "{message}");
     assert!(!folder.path().join("new.toml").exists());
-    let told = wrong(folder.path(), "x.toml", "", &["compare", "--wall", "fuzy"]);
-    assert!(told.contains("unknown wall `fuzy`") && told.contains("fuzzy"), "{told}");
+    let message = wrong(folder.path(), "x.toml", "", &["compare", "--wall", "fuzy"]);
+    assert!(message.contains("unknown wall `fuzy`") && message.contains("fuzzy"), "{message}");
 }

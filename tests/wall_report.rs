@@ -15,7 +15,7 @@ fn run(folder: &Path, arguments: &[&str], threads: &str) -> Output {
     command.arg("wall").args(arguments).env("RAYON_NUM_THREADS", threads).current_dir(folder).output().unwrap()
 }
 
-fn told(folder: &Path, arguments: &[&str]) -> Value {
+fn message(folder: &Path, arguments: &[&str]) -> Value {
     let output = run(folder, &[arguments, &["--json"]].concat(), "2");
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
@@ -24,16 +24,16 @@ fn told(folder: &Path, arguments: &[&str]) -> Value {
 fn refused(folder: &Path, arguments: &[&str]) -> String {
     let output = run(folder, &[&["report"], arguments].concat(), "2");
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stdout));
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(told.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{told}");
-    told
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(message.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{message}");
+    message
 }
 
 #[test]
 fn the_page_holds_everything_and_reaches_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let walls = ["--wall", "pd,fuzzy", "--hands", "3"];
-    let json = told(folder.path(), &[&["report"], &walls[..], &["--out", "page.html"]].concat());
+    let json = message(folder.path(), &[&["report"], &walls[..], &["--out", "page.html"]].concat());
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     opens_with_no_network(&page);
     is_well_formed(&page);
@@ -70,7 +70,7 @@ fn the_page_holds_everything_and_reaches_nothing() {
         assert!(page.contains(&format!("<dt>wall {name}</dt><dd>sha256 {digest}</dd>")), "{name}");
     }
     // the cases are those of `compare`, and the sentences are made of them
-    let compared = told(folder.path(), &[&["compare"], &walls[..]].concat());
+    let compared = message(folder.path(), &[&["compare"], &walls[..]].concat());
     assert_eq!(json["cases"], compared["cases"]);
     let cases = compared["cases"].as_array().unwrap();
     let worst = cases
@@ -95,7 +95,7 @@ fn the_page_holds_everything_and_reaches_nothing() {
 #[test]
 fn a_page_without_rules_has_no_sections_about_them() {
     let folder = tempfile::tempdir().unwrap();
-    let json = told(folder.path(), &["report", "--wall", "pd", "--hands", "1", "--out", "page.html"]);
+    let json = message(folder.path(), &["report", "--wall", "pd", "--hands", "1", "--out", "page.html"]);
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     is_well_formed(&page);
     assert_eq!(json["sentences"].as_array().unwrap().len(), 2, "nothing to compare with: {json}");
@@ -106,7 +106,7 @@ fn a_page_without_rules_has_no_sections_about_them() {
 #[test]
 fn laws_of_other_kinds_stand_beside() {
     let folder = tempfile::tempdir().unwrap();
-    let json = told(folder.path(), &["report", "--hands", "1", "--out", "page.html"]);
+    let json = message(folder.path(), &["report", "--hands", "1", "--out", "page.html"]);
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     is_well_formed(&page);
     opens_with_no_network(&page);
@@ -119,7 +119,7 @@ fn laws_of_other_kinds_stand_beside() {
     // Colgate & Schenkel's bound is that of a spring and damper, and the device's damping stands beside it only.
     assert_eq!(page.matches("Colgate &amp; Schenkel").count(), 2, "pd and pd_tuned");
     assert!(page.contains("of its own (joint.0.lugre.sigma2)"));
-    told(folder.path(), &["report", "--wall", "leaky,fuzzy", "--hands", "1", "--out", "other.html"]);
+    message(folder.path(), &["report", "--wall", "leaky,fuzzy", "--hands", "1", "--out", "other.html"]);
     let page = fs::read_to_string(folder.path().join("other.html")).unwrap();
     assert!(!page.contains("Colgate") && !page.contains("of its own (joint.0.lugre.sigma2)"));
 }
@@ -132,8 +132,8 @@ fn what_makes_no_page_is_refused_and_nothing_is_written() {
     put("pd.toml", dynid_haptics::wall::SHIPPED[0].1);
     put("broken.toml", "title = \"x\"\ntorque_per_unit = 1\n");
     let bad = |arguments: &[&str]| refused(folder.path(), arguments);
-    let told = bad(&["--out", "mine.html"]);
-    assert!(told.contains("mine.html exists already") && told.contains("--force"), "{told}");
+    let message = bad(&["--out", "mine.html"]);
+    assert!(message.contains("mine.html exists already") && message.contains("--force"), "{message}");
     assert!(bad(&["--wall", "fuzy", "--out", "new.html"]).contains("`fuzzy`"));
     assert!(bad(&["--wall", "absent.toml", "--out", "new.html"]).contains("absent.toml"));
     assert!(bad(&["--wall", "broken.toml", "--out", "new.html"]).contains("no law"));

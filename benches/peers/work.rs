@@ -6,13 +6,13 @@
 #[path = "../shared/mod.rs"]
 mod shared;
 
-use dynid_dynamics::{simulate::Hold, simulate::Input, simulate::Options, simulate::simulate};
+use dynid_dynamics::{simulate::Input, simulate::Intersample, simulate::Options, simulate::simulate};
 use serde_json::json;
 
 fn main() -> anyhow::Result<()> {
     let system = shared::all_joints()?;
     let (time, command) = shared::coupled_commands();
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate(&system, &input, &shared::START, &Options::default())?;
     let problem = shared::one_joint_problem()?;
     let run = &problem.runs[0];

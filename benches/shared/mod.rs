@@ -2,7 +2,7 @@
 #![allow(dead_code)] // each includer takes its part
 
 use anyhow::{Context, Result};
-use dynid_dynamics::{simulate, simulate::Hold, simulate::Input, system::System};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample, system::System};
 use dynid_identify::{position::FitRun, position::PositionProblem};
 use dynid_user_model::Model;
 
@@ -68,7 +68,7 @@ fn log(model: &Model) -> Result<FitRun> {
     for (row, t) in command.chunks_exact_mut(system.n_joints()).zip(&time) {
         row[JOINT] = 0.005 * ((0.5 + 2.5 / 60.0 * t) * t).cos();
     }
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate::simulate(&system, &input, &[-0.28], &simulate::Options::default())?;
     let mut noise = Noise(11);
     let position = motion.q.iter().map(|q| q + NOISE * noise.next()).collect();
@@ -78,7 +78,7 @@ fn log(model: &Model) -> Result<FitRun> {
         time,
         command,
         position,
-        hold: Hold::Zero,
+        intersample: Intersample::ZeroOrder,
         weights: vec![1.0],
         first_half: 1.0,
         moving: false,

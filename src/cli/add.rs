@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         None => vec![None],
     };
     let mut text = String::new();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for joint in joints {
         let added = model.add_effect_at_null(&arguments.effect, joint, arguments.from)?;
         for setting in &arguments.set {
@@ -75,11 +75,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             let _ = writeln!(text, "  {name} = {} {unit} ({range})", number(value));
             values.push(json!({ "name": name, "value": value, "unit": unit, "fixed": fixed }));
         }
-        told.push(json!({ "added": added.label, "replaced": added.replaced, "parameters": values }));
+        reported.push(json!({ "added": added.label, "replaced": added.replaced, "parameters": values }));
     }
     write_new(&arguments.out, &model.to_toml(), overwrite)?;
     let _ = writeln!(text, "written: {}; `dynid fit` finds its values", arguments.out.display());
-    let json = json!({ "added": told, "out": arguments.out.display().to_string() });
+    let json = json!({ "added": reported, "out": arguments.out.display().to_string() });
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 

@@ -31,9 +31,9 @@ Examples:
   dynid compare experiment.toml --model fitted.toml --free 4        only runs with just joint 4 free
   dynid compare experiment.toml                                     the device's default model
 
-Two errors are told where they can be computed. Position: measured minus simulated from the commanded torque; `noise`
+Two errors are reported where they can be computed. Position: measured minus simulated from the commanded torque; `noise`
 is the log's own, so an RMS error near it leaves nothing to explain, and `white` says that the rest has no pattern.
-Torque: commanded minus what the measured, filtered motion needs, as a share of the torque. Where the two part is told
+Torque: commanded minus what the measured, filtered motion needs, as a share of the torque. Where the two part is reported
 below the table: shares of the squared error beside what chance would give, and only what differs from chance.
 Judge a fitted model by the runs whose role is `validate`: it has not seen them.")]
 pub struct Arguments {
@@ -198,22 +198,22 @@ fn table(comparison: &Comparison, shown: Shown) -> String {
         columns.extend([("torque RMS", Align::Right), ("torque %", Align::Right)]);
     }
     let mut table = Table::new(&columns);
-    let told = |value: Option<f64>| value.map_or_else(|| "\u{2014}".to_owned(), number);
+    let reported = |value: Option<f64>| value.map_or_else(|| "\u{2014}".to_owned(), number);
     let percent = |value: Option<f64>| value.map_or_else(|| "\u{2014}".to_owned(), |value| format!("{value:.1}"));
     for run in &comparison.runs {
         for joint in &run.joints {
             let mut cells = vec![run.file.clone(), run.role.clone(), joint.joint.to_string()];
             if shown != Shown::Torque {
                 cells.extend([
-                    told(joint.rmse),
+                    reported(joint.rmse),
                     number(joint.noise_floor),
-                    told(joint.max_abs),
+                    reported(joint.max_abs),
                     percent(joint.fit_percent),
                     joint.rmse.map_or("\u{2014}", |_| if joint.white { "yes" } else { "no" }).to_owned(),
                 ]);
             }
             if shown != Shown::Position {
-                cells.extend([told(joint.torque_rmse), percent(joint.torque_percent)]);
+                cells.extend([reported(joint.torque_rmse), percent(joint.torque_percent)]);
             }
             table.cells(cells);
         }

@@ -53,7 +53,7 @@ pub struct Arguments {
     /// Look for so many effects, one after the other.
     #[arg(long, value_name = "N", default_value_t = 1)]
     depth: usize,
-    /// Fit so many suspects for good at most, and what the first of them contain.
+    /// Fit so many candidates for good at most, and what the first of them contain.
     #[arg(long, value_name = "N", default_value_t = Options::default().refits)]
     refits: usize,
     /// Write the fitted model with the effects that were found.
@@ -130,7 +130,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(object) = json.as_object_mut() {
         object.insert("wall_seconds".to_owned(), json!(wall_seconds));
     }
-    let mut text = told(&found, wall_seconds);
+    let mut text = reported(&found, wall_seconds);
     if let Some(out) = &arguments.out {
         if let Some(better) = &found.better {
             write_new(out, &better.to_toml(), overwrite)?;
@@ -172,17 +172,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 fn message(event: &Event<'_>, seconds: f64) -> String {
     match event {
         Event::FittingModel => format!("fitting the model itself, {seconds:.0} s"),
-        Event::Screened(done, of) => format!("screening: {done} of {of} suspects, {seconds:.0} s"),
-        Event::Comparing(count) => format!("comparing {count} suspects on a tether, {seconds:.0} s"),
-        Event::Refitting(suspect) => format!("fitting with {suspect}, {seconds:.0} s"),
-        Event::Refitted(_, refit) => match &refit.suspect {
-            Some(suspect) => format!("fitted with {suspect}, {seconds:.0} s"),
+        Event::Screened(done, of) => format!("screening: {done} of {of} candidates, {seconds:.0} s"),
+        Event::Comparing(count) => format!("comparing {count} candidates with an observer, {seconds:.0} s"),
+        Event::Refitting(candidate) => format!("fitting with {candidate}, {seconds:.0} s"),
+        Event::Refitted(_, refit) => match &refit.candidate {
+            Some(candidate) => format!("fitted with {candidate}, {seconds:.0} s"),
             None => format!("fitted the model itself, {seconds:.0} s"),
         },
     }
 }
 
-fn told(found: &Diagnosis, wall_seconds: f64) -> String {
+fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
     let mut text = String::new();
     for sentence in &found.sentences {
         let _ = writeln!(text, "{sentence}");
@@ -201,11 +201,11 @@ fn told(found: &Diagnosis, wall_seconds: f64) -> String {
     if let Some(discovered) = &found.discovered {
         text.push_str(&formula(discovered));
     }
-    if !found.refused.is_empty() {
+    if !found.rejected.is_empty() {
         let _ = writeln!(text, "\nNo credit:");
-        for alike in found.refused.chunk_by(|one, next| one.reason == next.reason) {
-            let suspects: Vec<String> = alike.iter().map(|refused| refused.suspect.to_string()).collect();
-            let _ = writeln!(text, "  {}: {}", suspects.join(", "), alike[0].reason);
+        for alike in found.rejected.chunk_by(|one, next| one.reason == next.reason) {
+            let candidates: Vec<String> = alike.iter().map(|rejected| rejected.candidate.to_string()).collect();
+            let _ = writeln!(text, "  {}: {}", candidates.join(", "), alike[0].reason);
         }
     }
     if !found.moved.is_empty() {
@@ -270,7 +270,7 @@ fn table(found: &Diagnosis) -> String {
     for ranked in &found.ranking {
         let others: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
         table.row([
-            ranked.suspect.to_string(),
+            ranked.candidate.to_string(),
             position(ranked.rmse_validate_before),
             position(ranked.rmse_validate_after),
             torque(ranked.torque_percent_before),
@@ -283,7 +283,7 @@ fn table(found: &Diagnosis) -> String {
 }
 
 fn evidence(ranked: &Ranked) -> String {
-    let mut text = format!("\n{}\n", ranked.suspect);
+    let mut text = format!("\n{}\n", ranked.candidate);
     for own in &ranked.parameters {
         let error = own.std_error.map_or(String::new(), |error| format!(" +- {}", number(error)));
         let _ = writeln!(text, "  {} = {}{error}", own.name, number(own.value));
@@ -312,14 +312,14 @@ fn next(arguments: &Arguments, found: &Diagnosis) -> String {
     }
     let Some(best) = found.ranking.first() else { return String::new() };
     let model = arguments.model.as_deref().map_or("fitted.toml".to_owned(), |path| path.display().to_string());
-    let joint = best.suspect.joint.map_or(String::new(), |joint| format!(" --joint {joint}"));
-    let from = best.suspect.from.map_or(String::new(), |from| format!(" --from {from}"));
+    let joint = best.candidate.joint.map_or(String::new(), |joint| format!(" --joint {joint}"));
+    let from = best.candidate.from.map_or(String::new(), |from| format!(" --from {from}"));
     let experiment = arguments.experiment.display();
     let asked = as_asked(arguments);
     format!(
         "\nNext:\n  dynid add {}{joint}{from} --model {model} --out better.toml\n  dynid fit {experiment}{asked} --model \
          better.toml --out better-fitted.toml\n",
-        best.suspect.effect
+        best.candidate.effect
     )
 }
 
@@ -375,7 +375,7 @@ fn interrupted(path: Option<&Path>, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 8;
+const FORMAT: u32 = 9;
 
 /// Fits that are done, for a diagnosis that is stopped.
 struct Kept {
@@ -392,9 +392,9 @@ struct File {
 
 impl Kept {
     fn new(arguments: &Arguments, experiment: &Experiment, model: &Model, runs: &[&Run], options: &Options) -> Self {
-        let believed = &model.believed;
+        let prior = &model.prior;
         let mut text = format!(
-            "{FORMAT} {} {} {} {believed:?} {options:?}",
+            "{FORMAT} {} {} {} {prior:?} {options:?}",
             env!("CARGO_PKG_VERSION"),
             experiment.digest,
             model.digest()
@@ -456,7 +456,7 @@ fn places(input: &Path, here: &Path, identity: &str) -> Vec<PathBuf> {
 mod tests {
     use std::fs;
 
-    use dynid_diagnose::Followed;
+    use dynid_diagnose::SearchExtent;
     use dynid_identify::FitStatus;
 
     use super::*;
@@ -474,7 +474,7 @@ mod tests {
         fs::create_dir(&here).unwrap();
         let places = places(&logs.join("experiment.toml"), &here, IDENTITY);
         let refit = serde_json::from_value(json!({
-            "suspect": null, "model": "", "status": FitStatus::Converged, "followed": Followed::ToItsEnd, "parameters": [],
+            "candidate": null, "model": "", "status": FitStatus::Converged, "followed": SearchExtent::ToItsEnd, "parameters": [],
             "unknowns": 0.0, "rmse_fit": null, "rmse_validate": null, "torque_percent_fit": null,
             "torque_percent_validate": null, "left": []
         }));

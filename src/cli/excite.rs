@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use dynid_dynamics::system::System;
-use dynid_dynamics::{simulate, simulate::Hold, simulate::Input};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample};
 use dynid_excite::wave::Wave;
 use dynid_excite::{Excitation, times};
 use dynid_excite::{fourier, fourier::Limits};
@@ -193,7 +193,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let file = out.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     Ok(Outcome {
-        text: told(model.device, &planned, &file),
+        text: reported(model.device, &planned, &file),
         json: described(&model, &planned, out, arguments.seed),
         answer: Answer::Yes,
     })
@@ -591,7 +591,7 @@ fn expected(
 /// What to say of a pose of the locked joints that hides something.
 fn special(rank: usize, elsewhere: usize) -> Option<String> {
     (elsewhere > rank).then(|| {
-        format!("the locked joints stand where {rank} base parameters can be told; elsewhere it would be {elsewhere} (see --pose)")
+        format!("the locked joints stand where {rank} base parameters can be identified; elsewhere it would be {elsewhere} (see --pose)")
     })
 }
 
@@ -615,7 +615,7 @@ fn simulated(system: &System, excitation: &Excitation, start: &[f64]) -> anyhow:
     let rows = 0..excitation.time.len();
     let command: Vec<f64> = rows.flat_map(|k| excitation.values.iter().map(move |joint| joint[k])).collect();
     let sample_s = excitation.time[1] - excitation.time[0];
-    let input = Input { time: &excitation.time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &excitation.time, command: &command, intersample: Intersample::ZeroOrder };
     let substeps = (sample_s / STEP).ceil().clamp(1.0, 600.0) as usize;
     let options = simulate::Options { substeps, ..simulate::Options::default() };
     let first: Vec<f64> = free.iter().map(|&joint| start[joint]).collect();
@@ -681,7 +681,7 @@ fn unit(device: &Device, joint: usize, what: Quantity) -> String {
     }
 }
 
-fn told(device: &Device, planned: &Planned, file: &str) -> String {
+fn reported(device: &Device, planned: &Planned, file: &str) -> String {
     let excitation = &planned.excitation;
     let duration_s = excitation.time.last().copied().unwrap_or(0.0);
     let rate = (excitation.time.len() - 1) as f64 / duration_s;

@@ -11,15 +11,16 @@ use dynid_files::{FileError, Overwrite, check_output, write_new};
 use dynid_identify::position::Options;
 use dynid_identify::sequence::Weighting;
 use dynid_identify::starts::Starts;
-use dynid_identify::{FitError, Watch};
+use dynid_identify::{FitError, SearchControl};
 use dynid_identify::{checkpoint, checkpoint::CheckpointError, checkpoint::Identity};
 use dynid_identify::{
-    identify, identify::ErrorKind, identify::Found, identify::How, identify::Identified, identify::State,
+    identify, identify::ErrorKind, identify::FitResult, identify::FitSettings, identify::FittedParameter,
+    identify::State,
 };
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
 use dynid_text::number;
+use dynid_user_model::ErrorShare;
 use dynid_user_model::Model;
-use dynid_user_model::Share;
 use serde_json::{Value, json};
 
 use super::inputs::{self, Outside};
@@ -162,43 +163,47 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
     }
     let start = first.model;
-    let mut found = progress::shown(|told| {
+    let mut found = progress::shown(|reported| {
         identify::identify_as(&start, &experiment, &runs, &how, state, &mut |progress, state| {
-            told(progress);
+            reported(progress);
             let saved = state.map_or(Ok(()), |state| checkpoint.keep(state));
             if let Err(error) = saved {
                 unsaved = Some(error);
-                return Watch::Stop;
+                return SearchControl::Stop;
             }
-            if interrupt.as_ref().is_some_and(Interrupt::is_asked) { Watch::Stop } else { Watch::Continue }
+            if interrupt.as_ref().is_some_and(Interrupt::is_asked) {
+                SearchControl::Stop
+            } else {
+                SearchControl::Continue
+            }
         })
     });
     let is_stopped =
-        |found: &Result<Identified, FitError>| found.as_ref().is_err_and(|error| error.interrupted_after().is_some());
+        |found: &Result<FitResult, FitError>| found.as_ref().is_err_and(|error| error.interrupted_after().is_some());
     let is_minimum =
-        |found: &Result<Identified, FitError>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
+        |found: &Result<FitResult, FitError>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
     let is_interrupted = || interrupt.as_ref().is_some_and(Interrupt::is_asked);
     // Further searches are not kept for a later call. One that stays far above the cost that another came to is left.
-    let search = |start: &Model, how: &How, least: f64| {
+    let search = |start: &Model, how: &FitSettings, least: f64| {
         let mut free = 0;
-        progress::shown(|told| {
+        progress::shown(|reported| {
             identify::identify_as(start, &experiment, &runs, how, State::default(), &mut |progress, _| {
-                told(progress);
+                reported(progress);
                 // What further starts or configurations come to is not comparable, and stopping there would lose the first's end.
                 let is_first = progress.start == 0 && progress.configuration.is_none();
-                free += usize::from(is_first && progress.tether == 0.0);
+                free += usize::from(is_first && progress.observer == 0.0);
                 let is_hopeless = is_first && diagnose::stays_far_above(free, progress.cost, least);
-                if is_interrupted() || is_hopeless { Watch::Stop } else { Watch::Continue }
+                if is_interrupted() || is_hopeless { SearchControl::Stop } else { SearchControl::Continue }
             })
         })
     };
-    let cost = |found: &Result<Identified, FitError>| match found {
+    let cost = |found: &Result<FitResult, FitError>| match found {
         Ok(found) if found.status.may_update_model() => found.cost_after,
         _ => f64::INFINITY,
     };
     let fitted = runs.iter().filter(|run| run.role == Role::Fit);
     let samples: usize = fitted.map(|run| run.log.len().saturating_sub(run.n_cut()) * run.free.len()).sum();
-    let cost_per_sample = |found: &Result<Identified, FitError>| cost(found) / samples as f64;
+    let cost_per_sample = |found: &Result<FitResult, FitError>| cost(found) / samples as f64;
     // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
     for other in first.others {
         let least = cost_per_sample(&found);
@@ -221,7 +226,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let may_fall_back = arguments.error.is_none() && how.method.is_none() && how.error != ErrorKind::Torque;
     if !found.status.may_update_model() && may_fall_back {
         let ended = found.status.as_str();
-        let other = search(&start, &How { error: ErrorKind::Torque, ..how.clone() }, f64::INFINITY);
+        let other = search(&start, &FitSettings { error: ErrorKind::Torque, ..how.clone() }, f64::INFINITY);
         // Where even that comes to nothing, the first fit says why.
         if let Ok(mut other) = other
             && other.status.may_update_model()
@@ -266,7 +271,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "notes": found.notes,
         "out": may_write.then(|| arguments.out.display().to_string()),
     });
-    let mut text = told(&found, wall_seconds);
+    let mut text = reported(&found, wall_seconds);
     text.push_str(&compare::summary(&judged));
     text.push_str(&if may_write {
         format!("written: {}\n", arguments.out.display())
@@ -286,7 +291,7 @@ fn or_clip(error: anyhow::Error, path: Option<&Path>, outside: Outside) -> anyho
 }
 
 /// What is asked for, as the library takes it.
-fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<How> {
+fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<FitSettings> {
     let is_torque = matches!(arguments.error, Some(Kind::Torque | Kind::Both));
     if arguments.method.is_some() && is_torque {
         bail!("a method is fitted to the position error; leave --error out, or use --free with --error torque");
@@ -312,7 +317,7 @@ fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<Ho
     if arguments.first_half.is_some_and(|weight| !(weight > 0.0 && weight.is_finite())) {
         bail!("--first-half takes a positive weight; the thesis's is 0.5");
     }
-    Ok(How {
+    Ok(FitSettings {
         error,
         method: arguments.method.clone(),
         weighting: match arguments.weights {
@@ -337,7 +342,7 @@ struct Checkpoint {
 }
 
 impl Checkpoint {
-    fn new(arguments: &Arguments, model: &Model, experiment: &Experiment, runs: &[&Run], how: &How) -> Self {
+    fn new(arguments: &Arguments, model: &Model, experiment: &Experiment, runs: &[&Run], how: &FitSettings) -> Self {
         let path = checkpoint::path_beside(&arguments.out);
         Self { path, identity: Identity::new(model, experiment, runs, how) }
     }
@@ -383,7 +388,7 @@ fn finite(value: f64) -> Option<f64> {
     Some(value).filter(|value| value.is_finite())
 }
 
-fn parameter(model: &Model, found: &Found) -> Value {
+fn parameter(model: &Model, found: &FittedParameter) -> Value {
     json!({
         "name": found.name,
         "unit": model.unit(&found.name),
@@ -395,7 +400,7 @@ fn parameter(model: &Model, found: &Found) -> Value {
     })
 }
 
-fn told(found: &Identified, wall_seconds: f64) -> String {
+fn reported(found: &FitResult, wall_seconds: f64) -> String {
     let mut text = format!(
         "{} error: {} after {} iterations, {wall_seconds:.1} s; cost {} -> {}\n",
         found.error,
@@ -439,7 +444,7 @@ fn told(found: &Identified, wall_seconds: f64) -> String {
     text
 }
 
-fn open(found: &Identified) -> String {
+fn open(found: &FitResult) -> String {
     let mut text = String::new();
     if !found.open.is_empty() {
         let n_open = found.open.len();
@@ -457,7 +462,7 @@ fn open(found: &Identified) -> String {
 }
 
 /// The pairs that are told apart worst.
-fn correlated(found: &Identified) -> String {
+fn correlated(found: &FitResult) -> String {
     /// Below this two parameters are told apart well enough.
     const STRONG: f64 = 0.95;
     const AT_MOST: usize = 5;
@@ -473,7 +478,7 @@ fn correlated(found: &Identified) -> String {
 }
 
 /// What each configuration of a method gave before the fit of all runs.
-fn steps(found: &Identified) -> String {
+fn steps(found: &FitResult) -> String {
     if found.steps.is_empty() {
         return String::new();
     }
@@ -498,7 +503,7 @@ fn steps(found: &Identified) -> String {
 }
 
 /// Where each joint's remaining error comes from.
-pub fn budget(shares: &[Share]) -> String {
+pub fn budget(shares: &[ErrorShare]) -> String {
     let Some(first) = shares.first() else { return String::new() };
     let mut columns: Vec<(String, Align)> = vec![
         ("configuration".to_owned(), Align::Left),
@@ -531,7 +536,7 @@ pub fn budget(shares: &[Share]) -> String {
 }
 
 /// What came of each start.
-fn tried(found: &Identified) -> String {
+fn tried(found: &FitResult) -> String {
     let mut text = String::new();
     for (number_of, tried) in found.tried.iter().enumerate() {
         let kept = if number_of == found.best_start { ", kept" } else { "" };

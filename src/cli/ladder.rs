@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let models = models(&arguments.models, &experiment)?;
     let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
     let ladder = ladder(&models, &runs)?;
-    let mut text = told(&ladder);
+    let mut text = reported(&ladder);
     if let Some(out) = &arguments.out {
         write_new(out, &steps::standalone(&report::ladder_pictures(&ladder)), overwrite)?;
         let _ = writeln!(text, "drawn: {}", out.display());
@@ -88,7 +88,7 @@ pub fn label(path: &Path, all: &[PathBuf]) -> String {
 }
 
 /// The ladder as text.
-pub fn told(ladder: &Ladder) -> String {
+pub fn reported(ladder: &Ladder) -> String {
     let dash = || "\u{2014}".to_owned();
     let size = |value: Option<f64>| value.map_or_else(dash, number);
     let percent = |value: Option<f64>| value.map_or_else(dash, |value| format!("{value:.1}"));

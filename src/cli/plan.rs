@@ -6,7 +6,7 @@ use anyhow::bail;
 use dynid_model::Link;
 use dynid_plan::{self as plan, NOWHERE, Plan, Unreachable};
 use dynid_plan::{base::BaseParameters, base::base_parameters};
-use dynid_plan::{flat::FlatDirection, flat::flat_directions};
+use dynid_plan::{unidentifiable::UnidentifiableDirection, unidentifiable::unidentifiable_directions};
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
@@ -48,28 +48,29 @@ pub struct Arguments {
 /// What is known of one step or of all together.
 struct Reach {
     base: BaseParameters,
-    flat: Vec<FlatDirection>,
+    directions: Vec<UnidentifiableDirection>,
 }
 
 impl Reach {
     fn of(model: &Model, configurations: &[usize]) -> anyhow::Result<Self> {
         let base = base_parameters(model, configurations)?;
-        let flat = flat_directions(model, configurations, &base)?;
-        Ok(Self { base, flat })
+        let directions = unidentifiable_directions(model, configurations, &base)?;
+        Ok(Self { base, directions })
     }
 
     fn json(&self, model: &Model) -> (Value, Value) {
-        let told: Vec<String> = self.base.combinations.iter().map(|combination| self.base.told(combination)).collect();
+        let reported: Vec<String> =
+            self.base.combinations.iter().map(|combination| self.base.reported(combination)).collect();
         let base = json!({
             "rank": self.base.rank(),
             "rank_at_one_pose": self.base.rank_at_one_pose.iter().max(),
-            "combinations": told,
+            "combinations": reported,
             "exact": self.base.is_exact(),
             "alone": self.base.alone(),
             "identifiable_alone": self.base.identifiable_alone(model),
             "vanishing": self.base.vanishing(),
         });
-        let flat = self.flat.iter().map(|direction| {
+        let directions = self.directions.iter().map(|direction| {
             let changes: Vec<Value> = direction
                 .changes
                 .iter()
@@ -77,7 +78,7 @@ impl Reach {
                 .collect();
             json!({ "scale": direction.is_scale(), "changes": changes, "fix_one_of": direction.fix_one_of })
         });
-        (base, flat.collect())
+        (base, directions.collect())
     }
 }
 
@@ -102,7 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .iter()
         .zip(&steps)
         .map(|(step, reach)| {
-            let (base, flat) = reach.json(&model);
+            let (base, directions) = reach.json(&model);
             json!({
                 "number": step.number,
                 "configuration": step.configuration,
@@ -110,11 +111,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 "new_parameters": step.new_parameters,
                 "parameters": step.parameters,
                 "base_parameters": base,
-                "flat_directions": flat,
+                "flat_directions": directions,
             })
         })
         .collect();
-    let (base, flat) = together.json(&model);
+    let (base, directions) = together.json(&model);
     let unreachable: Vec<Value> =
         plan.unreachable.iter().map(|missing| json!({ "name": missing.name, "why": missing.why })).collect();
     let json = json!({
@@ -124,16 +125,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "never": plan.never,
         "unreachable": unreachable,
         "base_parameters": base,
-        "flat_directions": flat,
+        "flat_directions": directions,
     });
-    let mut text = told(&model, &plan, &steps);
-    text.push_str(&base_told(&model, &together.base, arguments.base));
-    text.push_str(&flat_told(&together.flat));
+    let mut text = reported(&model, &plan, &steps);
+    text.push_str(&base_reported(&model, &together.base, arguments.base));
+    text.push_str(&unidentifiable_reported(&together.directions));
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
 /// How many base parameters there are, and, where wanted, which.
-fn base_told(model: &Model, base: &BaseParameters, all: bool) -> String {
+fn base_reported(model: &Model, base: &BaseParameters, all: bool) -> String {
     let of_links = base.combinations.iter().filter(|combination| combination.leading < base.n_link).count();
     let mut text = format!(
         "\nTogether the steps reveal {of_links} base parameters of links, {} more of effects whose torque is linear in them.\n",
@@ -141,12 +142,16 @@ fn base_told(model: &Model, base: &BaseParameters, all: bool) -> String {
     );
     let alone = base.identifiable_alone(model);
     if !alone.is_empty() {
-        text.push_str(&format!("Of the link parameters {} can be told alone: {}.\n", alone.len(), compact(&alone)));
+        text.push_str(&format!(
+            "Of the link parameters {} can be identified alone: {}.\n",
+            alone.len(),
+            compact(&alone)
+        ));
     }
     if all {
         text.push_str("\nBase parameters:\n\n");
         for combination in &base.combinations {
-            text.push_str(&format!("  {}\n", base.told(combination)));
+            text.push_str(&format!("  {}\n", base.reported(combination)));
         }
         text.push_str(
             "\nmx = m*x; J is the inertia about the origin of the link's frame: Jxx = Ixx + m*(y^2 + z^2), Jxy = Ixy - m*x*y, ..\n",
@@ -157,9 +162,9 @@ fn base_told(model: &Model, base: &BaseParameters, all: bool) -> String {
     text
 }
 
-fn flat_told(flat: &[FlatDirection]) -> String {
+fn unidentifiable_reported(directions: &[UnidentifiableDirection]) -> String {
     let mut text = String::new();
-    for direction in flat {
+    for direction in directions {
         let is_effect = |name: &str| name.starts_with("joint.") || name.starts_with("device.");
         if direction.is_scale() {
             let effects: Vec<String> =
@@ -224,11 +229,11 @@ fn compact(names: &[String]) -> String {
             None => groups.push((place, vec![symbol])),
         }
     }
-    let told = groups.iter().map(|(place, symbols)| match symbols.as_slice() {
+    let reported = groups.iter().map(|(place, symbols)| match symbols.as_slice() {
         [symbol] => format!("{place}.{symbol}"),
         _ => format!("{place}.{{{}}}", symbols.join(", ")),
     });
-    wrapped(&told.collect::<Vec<_>>().join(", "))
+    wrapped(&reported.collect::<Vec<_>>().join(", "))
 }
 
 /// Broken at spaces so that no line is long.
@@ -250,7 +255,7 @@ fn wrapped(text: &str) -> String {
     lines.join("\n  ")
 }
 
-fn told(model: &Model, plan: &Plan, reaches: &[Reach]) -> String {
+fn reported(model: &Model, plan: &Plan, reaches: &[Reach]) -> String {
     let joints = |free: &[usize]| free.iter().map(|joint| format!("q{joint}")).collect::<Vec<_>>().join(" ");
     let mut text = format!("{}, method {}\n\n", model.device.id, plan.method);
     let mut steps = Table::new(&[

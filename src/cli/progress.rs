@@ -11,21 +11,24 @@ pub fn shown<T>(work: impl FnOnce(&mut dyn FnMut(&Progress)) -> T) -> T {
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     let started = Instant::now();
-    let result = work(&mut |told| bar.set_message(message(told, started.elapsed())));
+    let result = work(&mut |reported| bar.set_message(message(reported, started.elapsed())));
     bar.finish_and_clear();
     result
 }
 
-fn message(told: &Progress, elapsed: Duration) -> String {
-    let start = if told.start > 0 { format!("start {}: ", told.start + 1) } else { String::new() };
-    let configuration = told.configuration.map_or(String::new(), |number| format!("configuration {number}: "));
-    let step = told.step.map_or(String::new(), |step| format!(", step {}", number(step)));
-    let tether =
-        if told.tether > 0.0 { format!(", pulled to the logs at {:.0}/s", told.tether) } else { String::new() };
+fn message(reported: &Progress, elapsed: Duration) -> String {
+    let start = if reported.start > 0 { format!("start {}: ", reported.start + 1) } else { String::new() };
+    let configuration = reported.configuration.map_or(String::new(), |number| format!("configuration {number}: "));
+    let step = reported.step.map_or(String::new(), |step| format!(", step {}", number(step)));
+    let observer = if reported.observer > 0.0 {
+        format!(", pulled to the logs at {:.0}/s", reported.observer)
+    } else {
+        String::new()
+    };
     format!(
-        "{start}{configuration}iteration {}, cost {}{step}{tether}, {:.0} s",
-        told.iteration,
-        number(told.cost),
+        "{start}{configuration}iteration {}, cost {}{step}{observer}, {:.0} s",
+        reported.iteration,
+        number(reported.cost),
         elapsed.as_secs_f64()
     )
 }

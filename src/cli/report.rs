@@ -233,9 +233,9 @@ impl<'a> Report<'a> {
                 (None, None) => format!("It has {} models before it.", self.models.len() - 1),
             });
         }
-        let told = self.diagnosis.as_ref().and_then(answer);
-        sentences.push(match (told, self.findings.first()) {
-            (Some(told), _) => told,
+        let reported = self.diagnosis.as_ref().and_then(answer);
+        sentences.push(match (reported, self.findings.first()) {
+            (Some(reported), _) => reported,
             (None, Some(finding)) => {
                 format!("Most telling of what is left: {}, joint {}: {}.", finding.run, finding.joint, finding.what)
             }

@@ -104,7 +104,7 @@ fn played(model: &Model, run: &Run, options: &Options) -> anyhow::Result<Played>
         return Ok(Played { rmse, position: trajectory.q, command });
     }
     if run.settings.start.is_some() {
-        let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
+        let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
         let start: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
         let trajectory = simulate::simulate(&fit_run.system, &input, &start, &how)
             .map_err(|error| anyhow!("{}: {error}", run.file))?;

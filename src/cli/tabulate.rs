@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         );
     }
     let table = Models::new(&models);
-    let mut text = told(&table);
+    let mut text = reported(&table);
     for (name, model) in &models {
         if let Some(fit) = &model.fit {
             let method = fit.method.as_ref().map_or(String::new(), |method| format!(", method {method}"));
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json: json(&models, &table, &arguments.models), answer: Answer::Yes })
 }
 
-fn told(models: &Models) -> String {
+fn reported(models: &Models) -> String {
     let mut columns = vec![("parameter", Align::Left), ("unit", Align::Left)];
     for (name, fitted) in models.names.iter().zip(&models.fitted) {
         columns.push((name, Align::Right));
@@ -105,7 +105,7 @@ fn told(models: &Models) -> String {
 }
 
 fn json(models: &[(String, Model)], table: &Models, paths: &[PathBuf]) -> Value {
-    let told: Vec<Value> = models
+    let reported: Vec<Value> = models
         .iter()
         .zip(paths)
         .map(|((name, model), path)| {
@@ -141,7 +141,7 @@ fn json(models: &[(String, Model)], table: &Models, paths: &[PathBuf]) -> Value 
             json!({ "name": row.name, "unit": row.unit, "models": values })
         })
         .collect();
-    json!({ "models": told, "parameters": rows })
+    json!({ "models": reported, "parameters": rows })
 }
 
 fn page(models: &[(String, Model)], table: &Models, paths: &[PathBuf]) -> String {

@@ -10,7 +10,7 @@ use dynid::{tour::FILES, tour::truth};
 use dynid_diagnose::{self as diagnose, Diagnosis, Event, Finished, Ranked, Verdict, diagnose, with_first_estimates};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_identify::position::Options;
-use dynid_identify::{identify, identify::Identified};
+use dynid_identify::{identify, identify::FitResult};
 use dynid_judge::{compare::Comparison, compare::Finding, compare::compare, compare::locate::locate};
 use dynid_judge::{ladder::Ladder, ladder::ladder};
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     outcome
 }
 
-/// Does everything in `partial`; what is told is about `folder`.
+/// Does everything in `partial`; what is reported is about `folder`.
 fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     fs::create_dir_all(partial).map_err(|error| anyhow!("cannot make the folder {}: {error}", partial.display()))?;
@@ -80,10 +80,10 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
         put(name, text)?;
     }
     let experiment = inputs::experiment(&partial.join("experiment.toml"))?;
-    let believed = inputs::model(Some(&partial.join("believed.toml")), &experiment)?;
+    let prior = inputs::model(Some(&partial.join("believed.toml")), &experiment)?;
     let runs: Vec<&Run> = experiment.runs.iter().collect();
 
-    let fitted = fit(&believed, &experiment, &runs)?;
+    let fitted = fit(&prior, &experiment, &runs)?;
     put(FITTED, &fitted.model.to_toml())?;
     let fitted_model = Model::load(&partial.join(FITTED))?;
 
@@ -98,7 +98,7 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
     };
 
     let mut better = fitted_model.clone();
-    better.add_effect_at_null(&best.suspect.effect, best.suspect.joint, best.suspect.from)?;
+    better.add_effect_at_null(&best.candidate.effect, best.candidate.joint, best.candidate.from)?;
     put(BETTER, &better.to_toml())?;
     let better = Model::load(&partial.join(BETTER))?;
     let better_fitted = fit(&better, &experiment, &runs)?;
@@ -114,7 +114,7 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
     let seconds = started.elapsed().as_secs_f64();
     let tour = Tour {
         experiment: &experiment,
-        believed: &believed,
+        prior: &prior,
         fitted,
         comparison,
         findings,
@@ -128,11 +128,11 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
 }
 
 /// As `dynid fit` does it; only a fit that ends at a minimum goes on.
-fn fit(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<Identified> {
+fn fit(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<FitResult> {
     let error = identify::default_error(model, runs);
     let start = with_first_estimates(model, runs, error).model;
     let mut found =
-        progress::shown(|told| identify::identify(&start, experiment, runs, error, &Options::default(), told))?;
+        progress::shown(|reported| identify::identify(&start, experiment, runs, error, &Options::default(), reported))?;
     if let Some(record) = &mut found.model.fit {
         record.parent_digest = model.digest();
     }
@@ -151,9 +151,9 @@ fn diagnosed(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::R
     let tell = |event: &Event<'_>| {
         bar.set_message(match event {
             Event::FittingModel => "diagnosis: fitting the model itself".to_owned(),
-            Event::Screened(done, of) => format!("diagnosis: {done} of {of} suspects screened"),
-            Event::Comparing(count) => format!("diagnosis: {count} suspects compared on a tether"),
-            Event::Refitting(suspect) => format!("diagnosis: fitting with {suspect}"),
+            Event::Screened(done, of) => format!("diagnosis: {done} of {of} candidates screened"),
+            Event::Comparing(count) => format!("diagnosis: {count} candidates compared with an observer"),
+            Event::Refitting(candidate) => format!("diagnosis: fitting with {candidate}"),
             Event::Refitted(..) => return,
         });
     };
@@ -165,9 +165,9 @@ fn diagnosed(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::R
 
 /// The steps of the loop as commands, in the tour's folder.
 fn commands(best: &Ranked) -> [(&'static str, String); 7] {
-    let joint = best.suspect.joint.map_or(String::new(), |joint| format!(" --joint {joint}"));
-    let from = best.suspect.from.map_or(String::new(), |from| format!(" --from {from}"));
-    let effect = &best.suspect.effect;
+    let joint = best.candidate.joint.map_or(String::new(), |joint| format!(" --joint {joint}"));
+    let from = best.candidate.from.map_or(String::new(), |from| format!(" --from {from}"));
+    let effect = &best.candidate.effect;
     [
         ("fit", format!("dynid fit experiment.toml --model believed.toml --out {FITTED}")),
         ("compare", format!("dynid compare experiment.toml --model {FITTED}")),
@@ -186,15 +186,15 @@ fn commands(best: &Ranked) -> [(&'static str, String); 7] {
 
 /// Moves what was made to where it belongs.
 fn settle(partial: &Path, folder: &Path) -> anyhow::Result<()> {
-    let told = |error: std::io::Error| anyhow!("cannot write {}: {error}", folder.display());
+    let reported = |error: std::io::Error| anyhow!("cannot write {}: {error}", folder.display());
     if !folder.exists() {
-        return fs::rename(partial, folder).map_err(told);
+        return fs::rename(partial, folder).map_err(reported);
     }
-    for entry in fs::read_dir(partial).map_err(told)? {
-        let entry = entry.map_err(told)?;
-        fs::rename(entry.path(), folder.join(entry.file_name())).map_err(told)?;
+    for entry in fs::read_dir(partial).map_err(reported)? {
+        let entry = entry.map_err(reported)?;
+        fs::rename(entry.path(), folder.join(entry.file_name())).map_err(reported)?;
     }
-    fs::remove_dir(partial).map_err(told)
+    fs::remove_dir(partial).map_err(reported)
 }
 
 /// Where to write, and the name that was taken, if another had to be found.
@@ -225,13 +225,13 @@ fn folder(arguments: &Arguments, overwrite: Overwrite) -> anyhow::Result<(PathBu
 
 struct Tour<'a> {
     experiment: &'a Experiment,
-    believed: &'a Model,
-    fitted: Identified,
+    prior: &'a Model,
+    fitted: FitResult,
     comparison: Comparison,
     findings: Vec<Finding>,
     best: &'a Ranked,
     diagnosis: &'a Diagnosis,
-    better_fitted: Identified,
+    better_fitted: FitResult,
     ladder: Ladder,
     seconds: f64,
 }
@@ -246,13 +246,13 @@ impl Tour<'_> {
         };
 
         step(&mut text, 1, fit, "first the believed model's own values, so that they are not to blame");
-        let held_out = |comparison: &Comparison| told(comparison.rmse_validate);
+        let held_out = |comparison: &Comparison| reported(comparison.rmse_validate);
         let _ = writeln!(
             text,
             "   {} values moved. On the run that no fit sees, the position error is now {} rad RMS; the log's own noise is {}.",
             self.fitted.parameters.len(),
             held_out(&self.comparison),
-            told(self.ladder.noise_floor)
+            reported(self.ladder.noise_floor)
         );
 
         step(&mut text, 2, compare, "where do model and logs part?");
@@ -274,7 +274,7 @@ impl Tour<'_> {
         text.push_str(&indented(&self.parameters()));
 
         step(&mut text, 6, ladder, "did it pay?");
-        text.push_str(&indented(&ladder_verb::told(&self.ladder)));
+        text.push_str(&indented(&ladder_verb::reported(&self.ladder)));
 
         step(&mut text, 7, report, "all of it on one page");
         let _ = writeln!(text, "   {}/{REPORT} opens with no network.", folder.display());
@@ -292,7 +292,7 @@ impl Tour<'_> {
 
     /// Robot, logs, what is believed.
     fn setting(&self, text: &mut String) {
-        let device = self.believed.device;
+        let device = self.prior.device;
         let free: Vec<String> = self
             .experiment
             .runs
@@ -319,7 +319,7 @@ impl Tour<'_> {
                 }
             );
         }
-        let effects: Vec<String> = self.believed.effects.iter().map(|effect| effect.label()).collect();
+        let effects: Vec<String> = self.prior.effects.iter().map(|effect| effect.label()).collect();
         let _ = writeln!(text, "believed  {}", effects.join(", "));
         text.push_str(
             "          The logs were made by an independent simulator (tests/plant), with one effect more.\n",
@@ -351,9 +351,9 @@ impl Tour<'_> {
         for ranked in self.diagnosis.ranking.iter().take(3) {
             let others: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
             table.row([
-                ranked.suspect.to_string(),
-                told(ranked.rmse_validate_before),
-                told(ranked.rmse_validate_after),
+                ranked.candidate.to_string(),
+                reported(ranked.rmse_validate_before),
+                reported(ranked.rmse_validate_after),
                 format!("{:.0}", ranked.delta_bic).replace('-', "\u{2212}"),
                 if others.is_empty() { "\u{2014}".to_owned() } else { others.join(", ") },
             ]);
@@ -373,21 +373,21 @@ impl Tour<'_> {
         ]);
         for parameter in &self.better_fitted.parameters {
             let name = &parameter.name;
-            let value = |model: &Model| told(model.parameter(name).map(|own| own.value));
+            let value = |model: &Model| reported(model.parameter(name).map(|own| own.value));
             table.row([
                 name.clone(),
-                value(self.believed),
+                value(self.prior),
                 value(&self.fitted.model),
                 number(parameter.value),
-                told(parameter.std_error),
-                told(truth.get(name).copied()),
+                reported(parameter.std_error),
+                reported(truth.get(name).copied()),
             ]);
         }
         table.text()
     }
 
     fn json(&self, folder: &Path) -> anyhow::Result<Value> {
-        let found = &self.best.suspect;
+        let found = &self.best.candidate;
         let steps: Vec<String> = commands(self.best).map(|(_, command)| command).into();
         Ok(json!({
             "folder": folder.display().to_string(),
@@ -402,7 +402,7 @@ impl Tour<'_> {
     }
 }
 
-fn told(value: Option<f64>) -> String {
+fn reported(value: Option<f64>) -> String {
     value.map_or_else(|| "\u{2014}".to_owned(), number)
 }
 

@@ -15,7 +15,7 @@ use dynid_haptics::{
     wall, wall::Case, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting, wall::Told, wall::WallFile,
 };
 use dynid_model::Device;
-use dynid_report::{Provenance, Section, WallReport, told_damping};
+use dynid_report::{Provenance, Section, WallReport, reported_damping};
 use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
@@ -49,7 +49,7 @@ enum Verb {
     Compare(CompareArguments),
     /// One hand's approach to one wall.
     Run(RunArguments),
-    /// A better wall, found by trying it under many hands, on a device whose drive delivers up to 1.3 times what it is told. Of a
+    /// A better wall, found by trying it under many hands, on a device whose drive delivers up to 1.3 times what is commanded. Of a
     /// model that states standard errors, models are tried that are off by them, each parameter by itself: its file has no
     /// covariances, so what only a combination of parameters determines scatters more than the fit allows.
     Tune(TuneArguments),
@@ -202,7 +202,7 @@ impl Where {
     }
 
     /// The options that were given, as they stand in a command.
-    fn told(&self) -> String {
+    fn reported(&self) -> String {
         let Self { setting, model, hands, seed } = self;
         let mut text = String::new();
         for (option, path) in [("setting", setting), ("model", model)] {
@@ -273,12 +273,12 @@ fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     if never > 0 {
         eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
-    let text = told(&setting, &walls, &cases, &wall::own_damping(&model, &setting)?);
+    let text = reported(&setting, &walls, &cases, &wall::own_damping(&model, &setting)?);
     Ok(Outcome { text, json: json!({ "cases": cases }), answer: Answer::Yes })
 }
 
 /// A row for each wall and approach: the median hand, and the worst where that matters.
-fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDamping) -> String {
+fn reported(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDamping) -> String {
     let mut text = format!(
         "joint {} of {}, {} hands, controller at {} Hz\n",
         setting.joint,
@@ -350,7 +350,7 @@ fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDa
         );
     }
     if !bounds.is_empty() {
-        let _ = writeln!(text, "{}", told_damping(own, setting));
+        let _ = writeln!(text, "{}", reported_damping(own, setting));
     }
     text
 }
@@ -440,14 +440,14 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let interrupt = super::interrupt::Interrupt::listen()?;
     let bar = indicatif::ProgressBar::new(goal.evaluations as u64);
     let stopped = AtomicBool::new(false);
-    let told = |told: Told| {
-        bar.set_position(told.evaluations as u64);
+    let reported = |reported: Told| {
+        bar.set_position(reported.evaluations as u64);
         if interrupt.is_asked() {
             stopped.store(true, Ordering::Relaxed);
         }
         stopped.load(Ordering::Relaxed)
     };
-    let tuned = wall::tune(&model, &setting, &family, scale, &goal, &told)?;
+    let tuned = wall::tune(&model, &setting, &family, scale, &goal, &reported)?;
     bar.finish_and_clear();
     let errors = match &model.fit {
         Some(fit) if !fit.std_error.is_empty() => {
@@ -543,7 +543,7 @@ fn start(arguments: &TuneArguments) -> anyhow::Result<(wall::Family, f64)> {
 /// The command that makes the same file again.
 fn tuned_by(arguments: &TuneArguments) -> String {
     let law = arguments.law.to_possible_value().map_or_else(String::new, |law| law.get_name().to_owned());
-    let mut command = format!("dynid wall tune --law {law}{}", arguments.place.told());
+    let mut command = format!("dynid wall tune --law {law}{}", arguments.place.reported());
     if let Some(start) = &arguments.start {
         let _ = write!(command, " --start {start}");
     }
@@ -561,7 +561,7 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
     let walls = asked.iter().map(|asked| wall_of(asked)).collect::<anyhow::Result<Vec<(String, WallFile)>>>()?;
     let report = WallReport::new(&model, &setting, &walls)?;
     let mut sections = report.sections();
-    let mut command = format!("dynid wall report{}", arguments.place.told());
+    let mut command = format!("dynid wall report{}", arguments.place.reported());
     if arguments.wall.is_some() {
         let _ = write!(command, " --wall {}", asked.join(","));
     }

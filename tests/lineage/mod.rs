@@ -15,7 +15,7 @@ pub fn dynid(folder: &Path, arguments: &[&str]) -> Output {
 }
 
 /// Its stdout; it must succeed.
-pub fn told(folder: &Path, arguments: &[&str]) -> String {
+pub fn message(folder: &Path, arguments: &[&str]) -> String {
     let output = dynid(folder, arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
@@ -26,9 +26,9 @@ pub fn refused(folder: &Path, arguments: &[&str]) -> String {
     let output = dynid(folder, arguments);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stdout));
     assert!(output.stdout.is_empty(), "{arguments:?}");
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(told.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{told}");
-    told
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(message.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{message}");
+    message
 }
 
 /// `believed.toml`, `fitted.toml`, `better.toml` (with the effect, not fitted) and `better-fitted.toml`.
@@ -37,7 +37,7 @@ pub fn lineage() -> TempDir {
     for (name, text) in FILES {
         fs::write(folder.path().join(name), text).unwrap();
     }
-    let fit = |from: &str, to: &str| told(folder.path(), &["fit", "experiment.toml", "--model", from, "--out", to]);
+    let fit = |from: &str, to: &str| message(folder.path(), &["fit", "experiment.toml", "--model", from, "--out", to]);
     fit("believed.toml", "fitted.toml");
     let mut model = Model::load(&folder.path().join("fitted.toml")).unwrap();
     model.add_effect("input_coupling", Some(4), Some(5)).unwrap();

@@ -42,18 +42,18 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let files = files(arguments)?;
     derive(arguments)?;
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let mut text = String::new();
     for (device, number) in files {
         let path = shell::root().join("generated").join(&device).join(format!("c{number:02}.kir"));
         let source = fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
         let kir = Kir::parse(&source, &path)?;
         let configuration = Configuration::new(&kir)?;
-        told.extend(kernels(&configuration));
+        reported.extend(kernels(&configuration));
         describe(&mut text, &kir, &configuration);
     }
     if arguments.json {
-        println!("{}", Value::Array(told));
+        println!("{}", Value::Array(reported));
     } else {
         print!("{text}");
     }

@@ -21,12 +21,12 @@ pub fn check(root: &Path, references: &Path) -> anyhow::Result<()> {
         path.extension().is_some_and(|extension| extension == "snap")
             && fs::canonicalize(path).is_ok_and(|path| !referenced.contains(&path))
     });
-    let told: Vec<String> = pending
+    let reported: Vec<String> = pending
         .map(|path| format!("{}: a new snapshot waits for review", path.display()))
         .chain(unreferenced.map(|path| format!("{}: no test refers to this snapshot; remove it", path.display())))
         .collect();
-    if !told.is_empty() {
-        bail!("{}", told.join("\n"));
+    if !reported.is_empty() {
+        bail!("{}", reported.join("\n"));
     }
     Ok(())
 }

@@ -42,19 +42,19 @@ use dynid_dynamics::{system::InverseError, system::Scratch, system::System};
 
 /// How much of the device is carried, from 0 to 1. Gravity and springs are always carried whole.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shares {
+pub struct CompensationRatios {
     /// Of inertia and Coriolis torques.
     pub inertia: f64,
     /// Of friction: what joint effects do beyond what they do at rest.
     pub friction: f64,
 }
 
-impl Shares {
+impl CompensationRatios {
     /// Gravity and springs alone.
     pub const WEIGHT: Self = Self { inertia: 0.0, friction: 0.0 };
 }
 
-impl Default for Shares {
+impl Default for CompensationRatios {
     /// Leaves the hand less than half of the inertia and a fifth of the friction.
     fn default() -> Self {
         Self { inertia: 0.6, friction: 0.8 }
@@ -88,7 +88,7 @@ pub enum CompensationError {
 #[derive(Debug, Clone)]
 pub struct Compensation {
     system: System,
-    shares: Shares,
+    shares: CompensationRatios,
     sample_s: f64,
     /// Commands per torque, n_free x n_free.
     inverse_drive: Vec<f64>,
@@ -119,7 +119,7 @@ impl Compensation {
     ///
     /// # Errors
     /// A share or sample time out of range; a drive path or sensor that cannot be inverted.
-    pub fn new(system: System, shares: Shares, sample_s: f64) -> Result<Self, CompensationError> {
+    pub fn new(system: System, shares: CompensationRatios, sample_s: f64) -> Result<Self, CompensationError> {
         for (of, value) in [("inertia", shares.inertia), ("friction", shares.friction)] {
             if !(0.0..=1.0).contains(&value) {
                 return Err(CompensationError::Share { of, value });
@@ -163,7 +163,7 @@ impl Compensation {
     }
 
     /// How much of the device is carried.
-    pub fn shares(&self) -> Shares {
+    pub fn shares(&self) -> CompensationRatios {
         self.shares
     }
 

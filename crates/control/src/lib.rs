@@ -4,18 +4,18 @@
 
 mod compensation;
 mod estimator;
+mod hand_stability;
 mod partition;
 mod plane;
 mod rules;
-mod share;
 mod velocity;
 mod walls;
 
-pub use compensation::{Compensation, CompensationError, Shares};
+pub use compensation::{Compensation, CompensationError, CompensationRatios};
 pub use estimator::Estimator;
+pub use hand_stability::{Holding, largest_inertia_share};
 pub use partition::{Partition, PartitionError};
 pub use plane::{Plane, PlaneError, PlaneWall};
 pub use rules::{LinearLaw, RuleTable, RuleTableError};
-pub use share::{Holding, largest_inertia_share};
 pub use velocity::FilteredVelocity;
 pub use walls::{Law, VirtualTool, Wall, WallError};

@@ -147,12 +147,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_partition_is_told() {
-        let told = |peaks: &[f64]| partition(peaks).expect_err("wrong").to_string();
-        assert!(told(&[0.0, 2.0, 1.0]).contains("the peak 1 of `S2` does not lie above that before it, 2"));
-        assert!(told(&[0.0, 0.0]).contains("does not lie above"));
-        assert!(told(&[0.0, f64::NAN]).contains("does not lie above"));
-        assert!(told(&[0.0]).contains("at least two"));
+    fn what_is_no_partition_is_reported() {
+        let reported = |peaks: &[f64]| partition(peaks).expect_err("wrong").to_string();
+        assert!(reported(&[0.0, 2.0, 1.0]).contains("the peak 1 of `S2` does not lie above that before it, 2"));
+        assert!(reported(&[0.0, 0.0]).contains("does not lie above"));
+        assert!(reported(&[0.0, f64::NAN]).contains("does not lie above"));
+        assert!(reported(&[0.0]).contains("at least two"));
         let twice = Partition::new(vec!["Z".to_owned(), "Z".to_owned()], vec![0.0, 1.0]);
         assert!(twice.expect_err("twice").to_string().contains("named `Z`"));
     }

@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_plane_is_told() {
+    fn what_is_no_plane_is_reported() {
         let system = freedom(&[]);
         let law = Law::Linear(LinearLaw { k1: 1.0, k2: 0.0, offset: 0.0 });
         let wall = Wall::new(law, 1.0, 1e-3, 1.0).expect("a wall");

@@ -180,10 +180,10 @@ mod tests {
     }
 
     #[test]
-    fn outputs_of_another_number_are_told() {
+    fn outputs_of_another_number_are_reported() {
         let two = || Partition::new(vec!["N".to_owned(), "P".to_owned()], vec![0.0, 1.0]).expect("two");
-        let told = |outputs: &[f64]| RuleTable::new(two(), two(), outputs.to_vec()).expect_err("wrong").to_string();
-        assert!(told(&[0.0; 3]).contains("3 outputs for 2 x 2 rules"));
-        assert!(told(&[0.0, 0.0, f64::NAN, 0.0]).contains("`P`, `N` is NaN"));
+        let reported = |outputs: &[f64]| RuleTable::new(two(), two(), outputs.to_vec()).expect_err("wrong").to_string();
+        assert!(reported(&[0.0; 3]).contains("3 outputs for 2 x 2 rules"));
+        assert!(reported(&[0.0, 0.0, f64::NAN, 0.0]).contains("`P`, `N` is NaN"));
     }
 }

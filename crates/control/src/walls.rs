@@ -186,7 +186,7 @@ impl Wall {
     }
 
     /// What the passivity observer says that the wall has taken up, less what it gave out, up to the last tick (J); `None`
-    /// where there is no observer. Exact for the positions that it was shown, if the drive delivers what it is told.
+    /// where there is no observer. Exact for the positions that it was shown, if the drive delivers what is commanded.
     pub fn observed_energy(&self) -> Option<f64> {
         self.watch.as_ref().map(|watch| watch.energy)
     }

@@ -1,6 +1,6 @@
 //! Where a formula that was found without the library leaves far less than its effects do, those are not what is missing.
 
-use super::{Refit, Refused, Score, Scored, Work, discover, race, verdict};
+use super::{Refit, Rejected, Score, Scored, Work, discover, prescreening, verdict};
 use crate::DiagnoseError;
 use dynid_user_model::Model;
 
@@ -21,14 +21,14 @@ impl Work<'_> {
     }
 
     /// Whether a formula of one term leaves far less of the torque error, at the joint where `refit` leaves most, than any of
-    /// the suspects that the screening finds most telling, at the values that it finds.
+    /// the candidates that the screening finds most telling, at the values that it finds.
     pub(super) fn is_formula_ahead(&self, base: &Model, refit: &Refit, scored: &[Scored]) -> bool {
         /// Of the squared torque error of the held-out runs. The screening, which is linear, may see less in a law than a fit
         /// would.
         const FAR_LESS: f64 = 0.25;
-        /// As many suspects are compared.
+        /// As many candidates are compared.
         const COMPARED: usize = 6;
-        /// Share of the squared position error on a tether; what explains more has its fit.
+        /// Share of the squared position error with an observer; what explains more has its fit.
         const NEARLY_ALL: f64 = 0.95;
         let ratios = refit.judged().filter_map(|left| Some((left.ratio()?, left.joint)));
         let Some((_, joint)) = ratios.max_by(|a, b| a.0.total_cmp(&b.0)) else { return false };
@@ -36,23 +36,23 @@ impl Work<'_> {
             return false;
         }
         let mut telling: Vec<&Score> = scored.iter().filter_map(|(torque, _)| torque.as_ref()).collect();
-        telling.sort_by(|a, b| b.explained.total_cmp(&a.explained).then(a.suspect.cmp(&b.suspect)));
+        telling.sort_by(|a, b| b.explained.total_cmp(&a.explained).then(a.candidate.cmp(&b.candidate)));
         let estimates: Vec<&Model> = telling.iter().take(COMPARED).map(|score| &score.estimate).collect();
         !estimates.is_empty() && discover::better_than(base, &estimates, self.judge.runs, joint, FAR_LESS).is_some()
     }
 }
 
-/// `waiting`, and apart from it those that are hopeless on a tether, where none is near noise. The first of them, from one
-/// start, is left where nothing was fitted yet: a fit says more of it than a tether.
+/// `waiting`, and apart from it those that are hopeless with an observer, where none is near noise. The first of them, from one
+/// start, is left where nothing was fitted yet: a fit says more of it than an observer.
 pub(super) fn without_hopeless(
     waiting: Vec<Score>,
     is_fitted: bool,
-    reached: &race::Reached,
+    reached: &prescreening::Reached,
 ) -> (Vec<Score>, Vec<Score>) {
     let mut is_first_left = is_fitted;
     let (mut left, mut hopeless) = (Vec::new(), Vec::new());
     for mut score in waiting {
-        if !reached.is_hopeless(&score.suspect) {
+        if !reached.is_hopeless(&score.candidate) {
             left.push(score);
         } else if is_first_left {
             hopeless.push(score);
@@ -66,10 +66,10 @@ pub(super) fn without_hopeless(
 }
 
 /// Those that are hopeless and were not fitted, with the reason.
-pub(super) fn refused(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<Item = Refused> {
-    let unfitted = hopeless.into_iter().filter(|score| !super::is_fitted(&score.suspect, fitted));
-    unfitted.map(|score| Refused {
-        suspect: score.suspect,
+pub(super) fn rejected(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<Item = Rejected> {
+    let unfitted = hopeless.into_iter().filter(|score| !super::is_fitted(&score.candidate, fitted));
+    unfitted.map(|score| Rejected {
+        candidate: score.candidate,
         reason:
             "far above the noise even where simulations are held to the logs, while a formula of one term leaves far less of \
              the torque error than the screening finds that an effect would"
@@ -80,25 +80,25 @@ pub(super) fn refused(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<I
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{race::tests::reached, race::tests::score, refit::tests::empty};
+    use crate::{prescreening::tests::reached, prescreening::tests::score, refit::tests::empty};
 
     fn names(list: &[Score]) -> Vec<&str> {
-        list.iter().map(|score| score.suspect.effect.as_str()).collect()
+        list.iter().map(|score| score.candidate.effect.as_str()).collect()
     }
 
-    /// `viscous` comes far nearer than the model alone, and no tether tells of the sensor.
+    /// `viscous` comes far nearer than the model alone, and no observer tells of the sensor.
     #[test]
-    fn what_stays_far_on_a_tether_is_set_apart_but_for_the_first_of_all() {
-        let told = reached(Some(130.0), &[("lugre", 90.0), ("coulomb", 80.0), ("viscous", 7.0)]);
+    fn what_stays_far_on_a_observer_is_set_apart_but_for_the_first_of_all() {
+        let reported = reached(Some(130.0), &[("lugre", 90.0), ("coulomb", 80.0), ("viscous", 7.0)]);
         let mut waiting = ["sensor_offset", "lugre", "coulomb", "viscous"].map(score).to_vec();
         waiting.iter_mut().for_each(|score| score.others = vec![score.estimate.clone()]);
-        let (left, hopeless) = without_hopeless(waiting.clone(), false, &told);
+        let (left, hopeless) = without_hopeless(waiting.clone(), false, &reported);
         assert_eq!((names(&left), names(&hopeless)), (vec!["sensor_offset", "lugre", "viscous"], vec!["coulomb"]));
         assert_eq!(left.iter().map(|score| score.others.len()).collect::<Vec<_>>(), [1, 0, 1]);
-        let (left, hopeless) = without_hopeless(waiting, true, &told);
+        let (left, hopeless) = without_hopeless(waiting, true, &reported);
         assert_eq!((names(&left), names(&hopeless)), (vec!["sensor_offset", "viscous"], vec!["lugre", "coulomb"]));
-        let fitted = Refit { suspect: Some(score("lugre").suspect), ..empty() };
-        let told: Vec<Refused> = refused(hopeless, &[fitted]).collect();
-        assert_eq!(told.iter().map(|refused| refused.suspect.effect.as_str()).collect::<Vec<_>>(), ["coulomb"]);
+        let fitted = Refit { candidate: Some(score("lugre").candidate), ..empty() };
+        let reported: Vec<Rejected> = rejected(hopeless, &[fitted]).collect();
+        assert_eq!(reported.iter().map(|rejected| rejected.candidate.effect.as_str()).collect::<Vec<_>>(), ["coulomb"]);
     }
 }

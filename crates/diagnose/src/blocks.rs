@@ -2,13 +2,13 @@
 //!
 //! Every run is cut in time into [`BLOCKS`] blocks. A *fold* holds out one block of every run and fits to the others; blocks
 //! rather than samples, since neighbours in time share their error. The diagnosis goes as always with the last blocks held
-//! out: screening, fits, a first order. The model itself and the best [`CONFIRMED`] suspects are fitted to the other folds as
+//! out: screening, fits, a first order. The model itself and the best [`CONFIRMED`] candidates are fitted to the other folds as
 //! well, each from where its first fit ended, and what is left of all blocks together decides. That is
 //! `(BLOCKS - 1) (CONFIRMED + 1)` more fits, and more only where the best lose their credit, so that the next are asked.
-//! The values that are told are those of the first fold.
+//! The values that are reported are those of the first fold.
 
 use super::excitation::LEAST_SAMPLES;
-use super::refit::{FOR_A_SUSPECT, Judge, Marks, Refit, left};
+use super::refit::{CostLimits, FOR_A_CANDIDATE, Judge, Refit, left};
 use crate::DiagnoseError;
 use dynid_identify::identify::ErrorKind;
 use dynid_judge::{compare::Comparison, compare::RunComparison, compare::compare};
@@ -16,7 +16,7 @@ use dynid_logs::{experiment::Role, experiment::Run, log::Log};
 
 /// Blocks that a run is cut into: with three, a fit sees two thirds of every run.
 pub(super) const BLOCKS: usize = 3;
-/// As many suspects are judged by all blocks.
+/// As many candidates are judged by all blocks.
 pub(super) const CONFIRMED: usize = 3;
 
 /// How runs are held out.
@@ -57,7 +57,7 @@ impl Split {
 pub(super) fn note() -> String {
     format!(
         "no run has the role \"validate\": blocked cross-validation instead. Every run is cut into {BLOCKS} blocks in time, each \
-         held out once; the model itself and the best {CONFIRMED} suspects are judged by all of them together. Values are those \
+         held out once; the model itself and the best {CONFIRMED} candidates are judged by all of them together. Values are those \
          of the fit without the last block. A run of its own would be surer"
     )
 }
@@ -122,15 +122,15 @@ pub(super) fn over_all(
     for fold in others {
         let runs: Vec<&Run> = fold.iter().collect();
         let judge = Judge { runs: &runs, ..*judge };
-        let model = match &last.suspect {
+        let model = match &last.candidate {
             // What could not be fitted to one fold is not fitted to another either.
             _ if last.was_given_up() => start.clone(),
             None => {
-                let fit = judge.refit(None, &start, &start, Marks::default(), stop)?;
+                let fit = judge.refit(None, &start, &start, CostLimits::default(), stop)?;
                 if fit.was_given_up() { start.clone() } else { fit.parsed()? }
             }
             Some(_) => {
-                let fitted = judge.fit(&start, Some(FOR_A_SUSPECT), Marks::default(), stop)?;
+                let fitted = judge.fit(&start, Some(FOR_A_CANDIDATE), CostLimits::default(), stop)?;
                 fitted.map_or_else(|| start.clone(), |(found, _)| found.model)
             }
         };
@@ -216,16 +216,16 @@ mod tests {
     fn the_beginning_that_is_cut_is_cut_of_every_part() {
         let mut run = run(300);
         run.settings.from_s = Some(1.2);
-        let told = |block: usize| -> Vec<(f64, Role, usize)> {
+        let reported = |block: usize| -> Vec<(f64, Role, usize)> {
             let parts = fold(&[&run], block, ErrorKind::Position);
             parts.iter().map(|part| (part.log.t[0], part.role, part.n_cut())).collect()
         };
-        assert_eq!(told(0), [(0.0, Role::Validate, 100), (1.0, Role::Fit, 20)]);
-        assert_eq!(told(1), [(1.0, Role::Validate, 20), (2.0, Role::Fit, 0)]);
-        assert_eq!(told(2), [(0.0, Role::Fit, 120), (2.0, Role::Validate, 0)]);
+        assert_eq!(reported(0), [(0.0, Role::Validate, 100), (1.0, Role::Fit, 20)]);
+        assert_eq!(reported(1), [(1.0, Role::Validate, 20), (2.0, Role::Fit, 0)]);
+        assert_eq!(reported(2), [(0.0, Role::Fit, 120), (2.0, Role::Validate, 0)]);
     }
 
-    /// What a model leaves whose fit was given up is told of as many samples as what a fitted one leaves.
+    /// What a model leaves whose fit was given up is reported of as many samples as what a fitted one leaves.
     #[test]
     fn a_model_as_it_is_is_judged_by_all_blocks() {
         let mut run = run(600);

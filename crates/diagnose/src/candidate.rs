@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 use dynid_logs::{experiment::Run, motion::Motion};
 use dynid_user_model::{EffectInstance, Model};
 
-/// An effect at a place, suspected to be missing.
+/// An effect at a place, considered to be missing.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Suspect {
+pub struct Candidate {
     /// Id of the effect.
     pub effect: String,
     /// The joint it would act on; `None` for an effect of the whole device.
@@ -20,13 +20,13 @@ pub struct Suspect {
     pub from: Option<usize>,
 }
 
-impl std::fmt::Display for Suspect {
+impl std::fmt::Display for Candidate {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter.write_str(&dynid_model::instance::instance_name(&self.effect, self.joint, self.from))
     }
 }
 
-impl Suspect {
+impl Candidate {
     /// The effect of the library.
     pub fn law(&self) -> Option<&'static Effect> {
         dynid_model::effect(&self.effect)
@@ -43,7 +43,7 @@ impl Suspect {
 ///
 /// Of a pair that acts on both joints alike only one order is listed, and of joints that move the same last link only one has
 /// a body that joins it.
-pub fn suspects(model: &Model, runs: &[&Run]) -> Vec<Suspect> {
+pub fn candidates(model: &Model, runs: &[&Run]) -> Vec<Candidate> {
     let n_joints = model.device.joints.len();
     let is_free = |joint: usize| runs.iter().any(|run| run.free.contains(&joint));
     let both_free =
@@ -87,14 +87,14 @@ pub fn suspects(model: &Model, runs: &[&Run]) -> Vec<Suspect> {
                 };
                 // Beside one that is known, and held at its values, there may be another.
                 let is_open = |own: &EffectInstance| own.parameters.iter().any(|parameter| !parameter.fixed);
-                if found.iter().any(|other: &Suspect| joins(&other.effect, other.joint))
+                if found.iter().any(|other: &Candidate| joins(&other.effect, other.joint))
                     || model.effects.iter().any(|own| joins(&own.effect.id, own.joint) && is_open(own))
                 {
                     continue;
                 }
             }
             if model.clone().add_effect(&effect.id, joint, from).is_ok() {
-                found.push(Suspect { effect: effect.id.clone(), joint, from });
+                found.push(Candidate { effect: effect.id.clone(), joint, from });
             }
         }
     }
@@ -193,7 +193,7 @@ impl Sizes {
     }
 }
 
-/// A model with a suspect in it at one choice of the values that no linear step finds.
+/// A model with a candidate in it at one choice of the values that no linear step finds.
 #[derive(Debug, Clone)]
 pub struct Probe {
     /// The model; amplitudes are where the effect does nothing.
@@ -244,20 +244,20 @@ impl Probe {
     }
 }
 
-/// The suspect as it stands in a model that has it.
-pub(super) fn instance<'m>(model: &'m Model, suspect: &Suspect) -> Option<&'m EffectInstance> {
-    let Suspect { effect, joint, from } = suspect;
+/// The candidate as it stands in a model that has it.
+pub(super) fn instance<'m>(model: &'m Model, candidate: &Candidate) -> Option<&'m EffectInstance> {
+    let Candidate { effect, joint, from } = candidate;
     model.effects.iter().find(|own| own.effect.id == *effect && own.joint == *joint && own.from == *from)
 }
 
-/// All that a suspect is tried with.
-pub fn probes(model: &Model, suspect: &Suspect, sizes: &Sizes) -> Vec<Probe> {
-    let Suspect { effect: id, joint, from } = suspect;
+/// All that a candidate is tried with.
+pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe> {
+    let Candidate { effect: id, joint, from } = candidate;
     let mut with = model.clone();
     if with.add_effect(id, *joint, *from).is_err() {
         return Vec::new();
     }
-    let Some(instance) = instance(&with, suspect).cloned() else { return Vec::new() };
+    let Some(instance) = instance(&with, candidate).cloned() else { return Vec::new() };
     let effect = instance.effect;
     let carried = |symbol: &str| model.hands_over(effect, symbol, *joint, *from);
     let mut shapes: Vec<(usize, Vec<f64>)> = Vec::new();

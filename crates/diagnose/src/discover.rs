@@ -481,9 +481,9 @@ impl<'a> Search<'a> {
             return None;
         }
         let noise = fitted.deviation * self.own.weights[&self.joint] * fitted.correlation.sqrt();
-        let mut told: Vec<(DiscoveredTerm, &(Term, f64))> = Vec::new();
+        let mut reported: Vec<(DiscoveredTerm, &(Term, f64))> = Vec::new();
         for (place, ((own, (_, share)), coefficient)) in terms.iter().zip(&chosen).zip(&coefficients).enumerate() {
-            told.push((
+            reported.push((
                 DiscoveredTerm {
                     term: own.0.label(self.joint),
                     coefficient: *coefficient,
@@ -494,7 +494,7 @@ impl<'a> Search<'a> {
                 own,
             ));
         }
-        let formula = formula(&told.iter().map(|(told, _)| told).collect::<Vec<_>>());
+        let formula = formula(&reported.iter().map(|(reported, _)| reported).collect::<Vec<_>>());
         let others: std::collections::BTreeSet<usize> =
             terms.iter().flat_map(|(term, _)| term.others(self.joint)).collect();
         Some((
@@ -505,7 +505,7 @@ impl<'a> Search<'a> {
                 effect_file: effect_file(self.joint, &terms, &formula),
                 elsewhere: Vec::new(),
                 formula,
-                terms: told.into_iter().map(|(told, _)| told).collect(),
+                terms: reported.into_iter().map(|(reported, _)| reported).collect(),
                 explained_fit: fitted.total(),
                 explained_validate: judged.total(),
             },

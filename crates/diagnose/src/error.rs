@@ -1,4 +1,4 @@
-//! Why nothing can be told of what is missing.
+//! Why nothing can be said of what is missing.
 
 use dynid_dynamics::system::SystemError;
 use dynid_identify::FitError;
@@ -54,7 +54,7 @@ pub enum DiagnoseError {
     },
     /// Runs in which no joint moves.
     #[error(
-        "{runs}: no free joint moves by more than 10 times its noise, so nothing can be told of what is missing{open}; command \
+        "{runs}: no free joint moves by more than 10 times its noise, so nothing can be said of what is missing{open}; command \
          more torque, or a motion from `dynid excite`"
     )]
     NothingMoves {

@@ -4,7 +4,7 @@ use dynid_model::Parameter;
 use rayon::prelude::*;
 
 use super::{
-    MUCH, Probe, Screen, Sizes, Suspect, TetheredView, TorqueView, probes, screen::Scored, screening_substeps,
+    Candidate, MUCH, ObserverView, Probe, Screen, Sizes, TorqueView, probes, screen::Scored, screening_substeps,
     shortlist,
 };
 use dynid_identify::identify::ErrorKind;
@@ -20,13 +20,13 @@ pub(super) struct Screening<'a> {
     error: ErrorKind,
 }
 
-/// Rate of the tether that holds simulations to the log [1/s].
-const TETHER: f64 = 4.0;
+/// Rate of the observer that holds simulations to the log [1/s].
+const OBSERVER: f64 = 4.0;
 
 /// Simulations of the runs that are for fitting, held to their logs as a screening has them; `None` where `base` makes no
 /// equations for one.
-pub(super) fn tethered(base: &Model, runs: &[&Run]) -> Option<TetheredView> {
-    TetheredView::new(base, runs, TETHER, screening_substeps(runs)).ok()
+pub(super) fn observed(base: &Model, runs: &[&Run]) -> Option<ObserverView> {
+    ObserverView::new(base, runs, OBSERVER, screening_substeps(runs)).ok()
 }
 
 /// The model's own parameters that a fit may move.
@@ -62,26 +62,31 @@ impl<'a> Screening<'a> {
         &self.runs
     }
 
-    /// Scores suspects against `base`: by the torque error, and by simulations where the position error counts. `told`
-    /// hears of every suspect and says whether to go on.
-    pub(super) fn scores(&self, base: &Model, suspects: &[Suspect], told: &(dyn Fn() -> bool + Sync)) -> Vec<Scored> {
+    /// Scores candidates against `base`: by the torque error, and by simulations where the position error counts. `reported`
+    /// hears of every candidate and says whether to go on.
+    pub(super) fn scores(
+        &self,
+        base: &Model,
+        candidates: &[Candidate],
+        reported: &(dyn Fn() -> bool + Sync),
+    ) -> Vec<Scored> {
         let moving = moving(base);
         let torque = Screen::new(&self.torque, base, &moving);
-        let view = (self.error == ErrorKind::Position).then(|| tethered(base, &self.runs)).flatten();
-        let tethered = view.as_ref().and_then(|view| Screen::new(view, base, &moving));
-        suspects
+        let view = (self.error == ErrorKind::Position).then(|| observed(base, &self.runs)).flatten();
+        let observed = view.as_ref().and_then(|view| Screen::new(view, base, &moving));
+        candidates
             .par_iter()
-            .map(|suspect| {
-                if !told() {
+            .map(|candidate| {
+                if !reported() {
                     return (None, None);
                 }
-                let size = suspect.joint.and_then(|joint| self.sizes.get(joint)).unwrap_or(&self.typical);
-                let probes: Vec<Probe> = probes(base, suspect, size);
-                let by_torque = torque.as_ref().and_then(|screen| screen.score(suspect, &probes));
-                let by_position = tethered.as_ref().and_then(|screen| {
+                let size = candidate.joint.and_then(|joint| self.sizes.get(joint)).unwrap_or(&self.typical);
+                let probes: Vec<Probe> = probes(base, candidate, size);
+                let by_torque = torque.as_ref().and_then(|screen| screen.score(candidate, &probes));
+                let by_position = observed.as_ref().and_then(|screen| {
                     // Where the torque error has told which values are worth a simulation, few are left to try.
-                    let probes = shortlist::worth_simulating(&probes, by_torque.as_ref(), suspects.len());
-                    let score = screen.score(suspect, &probes)?;
+                    let probes = shortlist::worth_simulating(&probes, by_torque.as_ref(), candidates.len());
+                    let score = screen.score(candidate, &probes)?;
                     // Of several values that were tried, which is best depends on the others.
                     let tried = probes.first().filter(|probe| probe.tried.len() > 1 && probe.scaled.is_empty());
                     Some(match tried {
@@ -122,12 +127,12 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> F
     let screening = Screening::new(model, runs, error);
     let is_single = new.len() == 1;
     for instance in new {
-        let suspect = Suspect { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
+        let candidate = Candidate { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
         let mut without = found.model.clone();
-        if without.remove_effect(&suspect.effect, suspect.joint, suspect.from).is_err() {
+        if without.remove_effect(&candidate.effect, candidate.joint, candidate.from).is_err() {
             continue;
         }
-        let scores = screening.scores(&without, std::slice::from_ref(&suspect), &|| true);
+        let scores = screening.scores(&without, std::slice::from_ref(&candidate), &|| true);
         let Some((torque, position)) = scores.into_iter().next() else { continue };
         let mut estimates = Vec::new();
         for score in [position, torque].into_iter().flatten() {

@@ -36,7 +36,7 @@ pub(super) fn check(
     }
     if error == ErrorKind::Torque {
         for part in folds.iter().copied().flatten() {
-            // A block that is too short for its filter is told as what the whole run would have to be.
+            // A block that is too short for its filter is reported as what the whole run would have to be.
             if let (Err(MotionError::TooShort { needed, cutoff_hz, .. }), Some(run)) =
                 (Motion::of(part), runs.iter().find(|run| run.file == part.file))
             {
@@ -73,7 +73,7 @@ pub(super) fn check(
             open: if names.is_empty() { String::new() } else { format!(", nor of {}", listed(&names)) },
         });
     }
-    // A joint that moves in no run is told with what is open after the fit.
+    // A joint that moves in no run is reported with what is open after the fit.
     let moves_elsewhere = |joint: usize| runs.iter().any(|run| run.free.contains(&joint) && moves(run, joint));
     let still = still.into_iter().filter(|(_, joint)| moves_elsewhere(*joint));
     notes.extend(still.map(|(run, joint)| stands_still(model, run, joint)));
@@ -156,7 +156,7 @@ fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
 ///
 /// An effect's parameter is left open where its joint moves in no run, where the fit does not depend on it by itself, or where
 /// its standard error is above its value before and after and above its file's first guess (where that is 0, as of positions,
-/// 0 is a value like any other, and none is small beside it). Links are told by their number only: most of their parameters
+/// 0 is a value like any other, and none is small beside it). Links are reported by their number only: most of their parameters
 /// never act but together.
 pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<String> {
     let stands_still = |joint: &usize| {
@@ -164,7 +164,7 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<St
         free.peek().is_some() && free.all(|run| !moves(run, *joint))
     };
     let still: Vec<usize> = (0..model.device.joints.len()).filter(stands_still).collect();
-    let is_open = |own: &super::Own| {
+    let is_open = |own: &super::EffectParameter| {
         let started = model.parameter(&own.name).map_or(0.0, |parameter| parameter.value.abs());
         let guess = first_guess(model, &own.name).filter(|guess| *guess > 0.0);
         let size = guess.map(|guess| guess.max(started).max(own.value.abs()));
@@ -172,18 +172,18 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<St
             || !own.identifiable
             || own.std_error.zip(size).is_some_and(|(error, size)| error > size)
     };
-    let as_given = |(name, parameter): (String, dynid_model::Parameter)| super::Own {
+    let as_given = |(name, parameter): (String, dynid_model::Parameter)| super::EffectParameter {
         name,
         value: parameter.value,
         std_error: None,
         at_bound: false,
         identifiable: true,
     };
-    let unfitted: Vec<super::Own> = match base.was_given_up() {
+    let unfitted: Vec<super::EffectParameter> = match base.was_given_up() {
         true => model.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).map(as_given).collect(),
         false => Vec::new(),
     };
-    let (links, others): (Vec<&super::Own>, Vec<&super::Own>) =
+    let (links, others): (Vec<&super::EffectParameter>, Vec<&super::EffectParameter>) =
         base.parameters.iter().chain(&unfitted).partition(|own| own.name.starts_with("link."));
     let names: Vec<String> = others.into_iter().filter(|own| is_open(own)).map(|own| own.name.clone()).collect();
     let links = links.into_iter().filter(|own| !own.identifiable).count();
@@ -194,7 +194,9 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<St
     };
     if names.is_empty() {
         return (links > 0).then(|| {
-            format!("these runs do not determine {of_links}, only in combinations: `dynid plan` says which can be told")
+            format!(
+                "these runs do not determine {of_links}, only in combinations: `dynid plan` says which can be identified"
+            )
         });
     }
     let and = if links > 0 { format!(", nor {of_links}") } else { String::new() };

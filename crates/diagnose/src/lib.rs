@@ -1,10 +1,10 @@
 //! Which physical effect is missing, where, and how sure is that?
 //!
 //! The model is fitted first, so that what is left is not the fault of its values (where its fit breaks down, or
-//! does not follow the logs even on a tether and each of its steps takes long, it is taken as it is). A screening then asks of every effect of
+//! does not follow the logs even with an observer and each of its steps takes long, it is taken as it is). A screening then asks of every effect of
 //! the library at every place how much of what is left it would explain, the model's own parameters being free to
 //! make up for it; it needs no fit ([`Screen`]), and looks at two signals: the torque error along the measured motion, and
-//! the position error of simulations on a tether. The best suspects are fitted for good, and what they leave of the
+//! the position error of simulations with an observer. The best candidates are fitted for good, and what they leave of the
 //! held-out runs decides ([`Refit`]).
 
 mod beaten;
@@ -14,8 +14,8 @@ mod discover;
 mod error;
 mod estimate;
 mod excitation;
-mod hold;
-mod race;
+mod intersample;
+mod prescreening;
 mod refit;
 mod region;
 mod screen;
@@ -32,12 +32,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-pub use candidate::{Probe, Sizes, Suspect, probes, suspects};
+pub use candidate::{Candidate, Probe, Sizes, candidates, probes};
 pub use discover::{Discovered, DiscoveredTerm, discover};
 pub use estimate::{FirstEstimates, with_first_estimates};
-pub use refit::{Followed, Judge, Left, Marks, Own, Refit, stays_far_above};
+pub use refit::{CostLimits, EffectParameter, JointResidual, Judge, Refit, SearchExtent, stays_far_above};
 pub use screen::{Score, Screen};
-pub use view::{Block, TetheredView, TorqueView, View};
+pub use view::{Block, ObserverView, TorqueView, View};
 
 use estimate::Screening;
 use screen::Scored;
@@ -71,8 +71,9 @@ pub struct Diagnosis {
     /// Effects that were fitted and may be given credit, best first; with several found one after the other, those first.
     pub ranking: Vec<Ranked>,
     /// Effects that were fitted and are given none.
-    pub refused: Vec<Refused>,
-    /// What the screening said of every suspect, most promising first.
+    #[serde(rename = "refused")]
+    pub rejected: Vec<Rejected>,
+    /// What the screening said of every candidate, most promising first.
     pub screening: Vec<Screened>,
     /// Where the model fails.
     #[serde(rename = "where")]
@@ -98,7 +99,7 @@ pub struct Diagnosis {
 pub struct Ranked {
     /// Which, and where.
     #[serde(flatten)]
-    pub suspect: Suspect,
+    pub candidate: Candidate,
     /// Position error of the held-out runs without it [rad or m].
     pub rmse_validate_before: Option<f64>,
     /// With it, after a fit.
@@ -110,9 +111,9 @@ pub struct Ranked {
     /// Change of the Bayesian information criterion on the runs fitted to: below 0 the effect is worth its parameters.
     pub delta_bic: f64,
     /// Effects that fit as well.
-    pub confounded_with: Vec<Suspect>,
+    pub confounded_with: Vec<Candidate>,
     /// Its parameters.
-    pub parameters: Vec<Own>,
+    pub parameters: Vec<EffectParameter>,
     /// What speaks for it.
     pub evidence_for: Vec<String>,
     /// What speaks against it.
@@ -125,12 +126,12 @@ pub struct Ranked {
     pub worst_ratio_after: Option<f64>,
 }
 
-/// What the screening says of a suspect, before any fit.
+/// What the screening says of a candidate, before any fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Screened {
     /// Which, and where.
     #[serde(flatten)]
-    pub suspect: Suspect,
+    pub candidate: Candidate,
     /// Change of the information criterion of the torque error: below 0 it explains something.
     pub torque: Option<f64>,
     /// Share of the squared torque error that it would explain.
@@ -143,10 +144,10 @@ pub struct Screened {
 
 /// An effect that is given no credit.
 #[derive(Debug, Clone, Serialize)]
-pub struct Refused {
+pub struct Rejected {
     /// Which, and where.
     #[serde(flatten)]
-    pub suspect: Suspect,
+    pub candidate: Candidate,
     /// Why.
     pub reason: String,
 }
@@ -180,7 +181,7 @@ pub struct Options {
     pub error: Option<ErrorKind>,
     /// How many effects are looked for, one after the other.
     pub depth: usize,
-    /// How many suspects are fitted for good at most, per step, beside what the first of them contain.
+    /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
     pub refits: usize,
     /// How finely fits integrate.
     pub fit: position::Options,
@@ -198,12 +199,12 @@ impl Default for Options {
 pub enum Event<'a> {
     /// The model itself is being fitted.
     FittingModel,
-    /// So many suspects of so many are screened.
+    /// So many candidates of so many are screened.
     Screened(usize, usize),
-    /// So many suspects are compared on a tether.
+    /// So many candidates are compared with an observer.
     Comparing(usize),
-    /// A suspect's fit begins.
-    Refitting(&'a Suspect),
+    /// A candidate's fit begins.
+    Refitting(&'a Candidate),
     /// A fit is done; its key and what it found are worth keeping.
     Refitted(&'a str, &'a Refit),
 }
@@ -213,11 +214,11 @@ pub type Finished = BTreeMap<String, Refit>;
 
 /// Linearisations of a torque fit, which is nearly linear: what takes more is not going anywhere.
 const TORQUE_ITERATIONS: usize = 15;
-/// As many suspects, the most promising, are fitted from every start that the screening suggests; of machines with many
+/// As many candidates, the most promising, are fitted from every start that the screening suggests; of machines with many
 /// free joints, whose fits take long, fewer.
 const MANY_STARTS: usize = 3;
 const MANY_STARTS_OF_MANY_JOINTS: usize = 2;
-/// A suspect is worth a second start if the screening promises this share of the squared error, and its fit keeps less than
+/// A candidate is worth a second start if the screening promises this share of the squared error, and its fit keeps less than
 /// the other share of that promise.
 const MUCH: f64 = 0.2;
 const KEPT: f64 = 0.8;
@@ -257,29 +258,28 @@ pub fn diagnose(
     notes.extend(excitation::check(model, runs, &split.folds(), error)?);
     let judged = split.judged(runs);
     let judge = Judge { error, experiment, runs: &judged, options: fit_options(options, error, &judged) };
-    let mut work = Work { runs, believed: model, judge: &judge, folds: &split.others, options, finished, tell, stop };
+    let mut work = Work { runs, prior: model, judge: &judge, folds: &split.others, options, finished, tell, stop };
     let mut base = work.base(model, "base")?;
-    let in_question: &[&Run] = if hold::is_in_question(&work, &base) { runs } else { &[] };
-    let lines: Vec<Run> = in_question.iter().map(|run| hold::with_line(run)).collect();
+    let in_question: &[&Run] = if intersample::is_in_question(&work, &base) { runs } else { &[] };
+    let lines: Vec<Run> = in_question.iter().map(|run| intersample::with_line(run)).collect();
     let lines: Vec<&Run> = lines.iter().collect();
     let line_split = blocks::Split::of(&lines, error);
     let line_judged = line_split.judged(&lines);
     let line_judge = Judge { runs: &line_judged, ..judge };
     let straight = Work { runs: &lines, judge: &line_judge, folds: &line_split.others, ..work };
-    if !lines.is_empty() && hold::may_be_straight(&work, &straight, &base)? {
+    if !lines.is_empty() && intersample::may_be_straight(&work, &straight, &base)? {
         let refitted = straight.base(&base.parsed()?, "base, straight")?;
-        if hold::is_worth_it(&base, &refitted) {
-            notes.push(hold::note(&base, &refitted));
+        if intersample::is_worth_it(&base, &refitted) {
+            notes.push(intersample::note(&base, &refitted));
             base = refitted;
             work = straight;
         }
     }
     if base.was_given_up() {
-        let values =
-            if base.parsed()?.digest() == model.digest() { "it was given" } else { "were believed before any fit" };
+        let values = if base.parsed()?.digest() == model.digest() { "it was given" } else { "are the prior values" };
         notes.push(format!(
             "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing is \
-             looked for at the values that {values}, and what it leaves is told of those"
+             looked for at the values that {values}, and what it leaves is reported of those"
         ));
     }
     notes.extend(excitation::left_open(model, runs, &base));
@@ -314,7 +314,7 @@ struct Work<'a> {
     /// As they were given.
     runs: &'a [&'a Run],
     /// The model that was given.
-    believed: &'a Model,
+    prior: &'a Model,
     /// Of these, or of the fold that holds out the last blocks of them.
     judge: &'a Judge<'a>,
     /// The other folds; none where runs of their own are held out.
@@ -333,7 +333,7 @@ struct Step {
     /// All that were fitted, best first.
     fitted: Vec<verdict::Judged>,
     /// Those whose fit came to nothing.
-    failed: Vec<Refused>,
+    failed: Vec<Rejected>,
 }
 
 impl Step {
@@ -358,14 +358,14 @@ impl Work<'_> {
         /// A search that ran out of iterations gets as many again, so often.
         const MORE: usize = 2;
         (self.tell)(&Event::FittingModel);
-        let mut base = self.remembered(key, None, model, std::slice::from_ref(model), Marks::default())?;
+        let mut base = self.remembered(key, None, model, std::slice::from_ref(model), CostLimits::default())?;
         for more in 1..=MORE {
             if base.was_given_up() || base.status != FitStatus::IterationLimit {
                 break;
             }
             let start = base.parsed()?;
             let key = format!("{key}, more {more}");
-            let longer = self.remembered(&key, None, &start, std::slice::from_ref(&start), Marks::default())?;
+            let longer = self.remembered(&key, None, &start, std::slice::from_ref(&start), CostLimits::default())?;
             if longer.was_given_up() {
                 break;
             }
@@ -393,26 +393,26 @@ impl Work<'_> {
     fn remembered(
         &self,
         key: &str,
-        suspect: Option<&Suspect>,
+        candidate: Option<&Candidate>,
         base: &Model,
         starts: &[Model],
-        marks: Marks,
+        limits: CostLimits,
     ) -> Result<Refit, DiagnoseError> {
         if let Some(refit) = self.finished.get(key) {
             return Ok(refit.clone());
         }
         let mut fits: Vec<Result<Refit, DiagnoseError>> = Vec::new();
         for start in candidate::distinct(starts.iter().collect(), |start| start) {
-            let fit = self.judge.refit(suspect, base, start, marks, self.stop);
-            let fit = fit.map(|fit| self.gone_on(suspect, base, fit, marks));
+            let fit = self.judge.refit(candidate, base, start, limits, self.stop);
+            let fit = fit.map(|fit| self.gone_on(candidate, base, fit, limits));
             // Another start is worth its time only while nothing explains the logs.
-            let done = marks.only_noise
+            let done = limits.only_noise
                 || fit.as_ref().is_ok_and(|fit| {
-                    !marks.thorough && fits.iter().flatten().any(|before| come_to_the_same(before, fit))
+                    !limits.thorough && fits.iter().flatten().any(|before| come_to_the_same(before, fit))
                 })
                 || fit.as_ref().is_ok_and(|fit| {
                     verdict::reaches_the_floor(fit)
-                        || fit.cost().zip(marks.enough).is_some_and(|(cost, enough)| cost <= enough)
+                        || fit.cost().zip(limits.enough).is_some_and(|(cost, enough)| cost <= enough)
                 });
             fits.push(fit);
             if done || (self.stop)() {
@@ -445,22 +445,22 @@ impl Work<'_> {
         }
     }
 
-    /// A suspect's fit that explains the logs but stopped short of a minimum, once more from the values that were believed of the
+    /// A candidate's fit that explains the logs but stopped short of a minimum, once more from the prior values of the
     /// model: whether it leaves only noise decides which others are fitted at all.
-    fn gone_on(&self, suspect: Option<&Suspect>, base: &Model, fit: Refit, marks: Marks) -> Refit {
+    fn gone_on(&self, candidate: Option<&Candidate>, base: &Model, fit: Refit, limits: CostLimits) -> Refit {
         let stopped_short = verdict::explains(&fit) && !fit.is_minimum() && !verdict::reaches_the_floor(&fit);
-        if suspect.is_none() || !stopped_short {
+        if candidate.is_none() || !stopped_short {
             return fit;
         }
         let further = fit.parsed().and_then(|found| {
-            let from = found.with_values(&|name| self.believed.believed(name));
-            self.judge.refit(suspect, base, &from, marks, self.stop)
+            let from = found.with_values(&|name| self.prior.prior(name));
+            self.judge.refit(candidate, base, &from, limits, self.stop)
         });
         let is_better = |further: &Refit| further.cost().zip(fit.cost()).is_some_and(|(cost, before)| cost < before);
         further.ok().filter(is_better).unwrap_or(fit)
     }
 
-    /// Screens, fits the best suspects and judges them.
+    /// Screens, fits the best candidates and judges them.
     fn step(&self, base: &Model, refit: &Refit, depth: usize, before: &[Step]) -> Result<Step, DiagnoseError> {
         let is_near = refit.worst_ratio().is_some_and(|ratio| ratio < verdict::NEAR_THE_FLOOR);
         if verdict::reaches_the_floor(refit) || (is_near && refit.is_white()) {
@@ -475,9 +475,9 @@ impl Work<'_> {
         let screening = Screening::new(base, self.judge.runs, self.judge.error);
         let scored = self.screened(&screening, base)?;
         let shortlist = shortlist::of(&scored);
-        let found = before.iter().filter_map(Step::best).filter_map(|best| best.suspect.as_ref());
+        let found = before.iter().filter_map(Step::best).filter_map(|best| best.candidate.as_ref());
         let path: Vec<String> = found.map(ToString::to_string).collect();
-        let key = |suspect: &Suspect| format!("{depth}: {} > {suspect}", path.join(" > "));
+        let key = |candidate: &Candidate| format!("{depth}: {} > {candidate}", path.join(" > "));
         let mut fitted: Vec<Refit> = Vec::new();
         let mut failed = Vec::new();
         // A fit simulates its runs beside one another; the fewer fits there are at a time, the more of them know what another
@@ -497,32 +497,32 @@ impl Work<'_> {
         let cost = refit.cost().filter(|cost| cost.is_finite() && !refit.was_given_up());
         let kept = |score: &Score| Some(cost? * (1.0 - KEPT * score.explained)).filter(|_| !score.is_narrow);
         let again = format!("{depth}: again, {}", path.join(" > "));
-        let believed = format!("{depth}: believed, {}", path.join(" > "));
-        let mut reached = race::Reached::default();
+        let prior = format!("{depth}: believed, {}", path.join(" > "));
+        let mut reached = prescreening::Reached::default();
         let mut may_ask_belief = self.judge.error == ErrorKind::Position;
-        // Which is fitted first: where the model's own fit strayed, what comes near the logs on a tether, or what does so from
-        // the values that were believed; else what is plainer than the most promising and leaves only noise on the tether.
+        // Which is fitted first: where the model's own fit strayed, what comes near the logs with an observer, or what does so from
+        // the prior values; else what is plainer than the most promising and leaves only noise with the observer.
         let mut is_order_settled = false;
         let mut is_formula_asked = false;
         let mut hopeless: Vec<Score> = Vec::new();
         if refit.has_strayed() {
-            is_order_settled = self.race(base, &waiting, &mut reached)?;
-            waiting = race::ordered(waiting, &reached, &unknowns);
+            is_order_settled = self.prescreening(base, &waiting, &mut reached)?;
+            waiting = prescreening::ordered(waiting, &reached, &unknowns);
             if reached.all_stay_far() {
                 may_ask_belief = false;
-                self.as_believed(&screening, (base, false), &mut fitted, &mut failed, &believed)?;
-                waiting.retain(|score| !has_explained(&score.suspect, &fitted));
+                self.at_prior(&screening, (base, false), &mut fitted, &mut failed, &prior)?;
+                waiting.retain(|score| !has_explained(&score.candidate, &fitted));
                 self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
             }
         } else {
             let first = waiting.first().map_or(0.0, unknowns);
             let mut smaller: Vec<Score> = waiting.iter().filter(|score| unknowns(score) < first).cloned().collect();
             smaller.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));
-            self.race(base, &smaller, &mut reached)?;
-            waiting = race::noise_first(waiting, &reached, &unknowns);
+            self.prescreening(base, &smaller, &mut reached)?;
+            waiting = prescreening::noise_first(waiting, &reached, &unknowns);
         }
         while !waiting.is_empty() {
-            // Where nothing comes near the noise, not even on a tether, and a formula does far better, fits are not worth
+            // Where nothing comes near the noise, not even with an observer, and a formula does far better, fits are not worth
             // their time.
             let is_asked = is_order_settled || !fitted.is_empty();
             if !is_formula_asked && is_asked && reached.none_is_near_noise() && !fitted.iter().any(verdict::explains) {
@@ -538,33 +538,33 @@ impl Work<'_> {
                 .par_iter()
                 .map(|score| {
                     self.asked_to_stop()?;
-                    (self.tell)(&Event::Refitting(&score.suspect));
+                    (self.tell)(&Event::Refitting(&score.candidate));
                     let mut starts = vec![score.estimate.clone()];
                     starts.extend(score.others.iter().cloned());
                     self.remembered(
-                        &key(&score.suspect),
-                        Some(&score.suspect),
+                        &key(&score.candidate),
+                        Some(&score.candidate),
                         base,
                         &starts,
-                        Marks { reached: least, only_noise, enough: kept(score), thorough: false },
+                        CostLimits { reached: least, only_noise, enough: kept(score), thorough: false },
                     )
                 })
                 .collect();
             self.asked_to_stop()?;
             for (fit, score) in fits.into_iter().zip(&waiting) {
                 match fit {
-                    Ok(fit) if is_fitted(&score.suspect, &fitted) => {
+                    Ok(fit) if is_fitted(&score.candidate, &fitted) => {
                         take_better(std::iter::once(fit), &mut fitted, &mut failed);
                     }
                     Ok(fit) => fitted.push(fit),
-                    Err(_) if is_fitted(&score.suspect, &fitted) => {}
-                    Err(error) => failed.push(verdict::failed(&score.suspect, &error)),
+                    Err(_) if is_fitted(&score.candidate, &fitted) => {}
+                    Err(error) => failed.push(verdict::failed(&score.candidate, &error)),
                 }
             }
             waiting = later;
             if !is_order_settled && waiting.len() > 1 && !fitted.iter().any(verdict::explains) {
-                is_order_settled = self.race(base, &waiting, &mut reached)?;
-                waiting = race::ordered(waiting, &reached, &unknowns);
+                is_order_settled = self.prescreening(base, &waiting, &mut reached)?;
+                waiting = prescreening::ordered(waiting, &reached, &unknowns);
             }
             // What explains the logs after all may have rivals among those that seemed hopeless.
             if fitted.iter().any(verdict::explains) {
@@ -572,10 +572,10 @@ impl Work<'_> {
             }
             self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
         }
-        failed.extend(beaten::refused(hopeless, &fitted));
+        failed.extend(beaten::rejected(hopeless, &fitted));
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         if may_ask_belief && !fitted.iter().any(verdict::explains) {
-            self.as_believed(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &believed)?;
+            self.at_prior(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &prior)?;
             // A law that was found only from there may have rivals that are found only from there, too. (Until a law explains
             // the logs the first call has done nothing, so that the key is free.)
             self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
@@ -604,16 +604,16 @@ impl Work<'_> {
         &self,
         waiting: &mut Vec<Score>,
         fitted: &[Refit],
-        failed: &mut Vec<Refused>,
-        (scored, reached): (&[Scored], &race::Reached),
+        failed: &mut Vec<Rejected>,
+        (scored, reached): (&[Scored], &prescreening::Reached),
         unknowns: &dyn Fn(&Score) -> f64,
     ) {
         if let Some(best) = fitted.iter().find(|fit| verdict::reaches_the_floor(fit)) {
             waiting.retain(|score| shortlist::may_rival(score, best, scored));
-            waiting.retain(|score| match race::no_rival(&score.suspect, best, reached) {
-                Some(refused) => {
-                    if !is_fitted(&score.suspect, fitted) {
-                        failed.push(refused);
+            waiting.retain(|score| match prescreening::no_rival(&score.candidate, best, reached) {
+                Some(rejected) => {
+                    if !is_fitted(&score.candidate, fitted) {
+                        failed.push(rejected);
                     }
                     false
                 }
@@ -626,16 +626,16 @@ impl Work<'_> {
     }
 
     /// Another start for laws no larger than the best one (smaller, where that leaves only noise) that fell far short of it at
-    /// its joint, on a tether or in a fit, and for those whose fit came to nothing: a search that has lost its way comes to
+    /// its joint, with an observer or in a fit, and for those whose fit came to nothing: a search that has lost its way comes to
     /// the same as a law that is wrong. They start from the best one's values of the model's own parameters, then from those
-    /// that were believed before any fit.
+    /// that are the prior values.
     fn again(
         &self,
         screening: &Screening<'_>,
         base: &Model,
         shortlist: &[Score],
         fitted: &mut Vec<Refit>,
-        failed: &mut Vec<Refused>,
+        failed: &mut Vec<Rejected>,
         key: &str,
     ) -> Result<(), DiagnoseError> {
         /// What costs so much more than the best fell short.
@@ -653,25 +653,25 @@ impl Work<'_> {
             return Ok(());
         }
         let only_noise = fitted.iter().any(verdict::reaches_the_floor);
-        let (Some(winner), best_unknowns) = (best.suspect.clone(), best.unknowns) else { return Ok(()) };
+        let (Some(winner), best_unknowns) = (best.candidate.clone(), best.unknowns) else { return Ok(()) };
         // Beside a law that leaves only noise another of its size could only be a tie.
         let is_noise = verdict::plainest_noise(fitted).is_some();
         let is_small = |unknowns: f64| if is_noise { unknowns < best_unknowns } else { unknowns <= best_unknowns };
         let unknowns = |score: &Score| self.judge.added_unknowns(&score.estimate, base);
-        let has_failed = |suspect: &Suspect| failed.iter().any(|failed| failed.suspect == *suspect);
+        let has_failed = |candidate: &Candidate| failed.iter().any(|failed| failed.candidate == *candidate);
         let fell_short =
-            |score: &Score| match fitted.iter().find(|refit| refit.suspect.as_ref() == Some(&score.suspect)) {
+            |score: &Score| match fitted.iter().find(|refit| refit.candidate.as_ref() == Some(&score.candidate)) {
                 Some(refit) => is_small(refit.unknowns) && cost(refit).is_none_or(|cost| cost > SHORT * least),
-                None => has_failed(&score.suspect) && (!is_noise || is_small(unknowns(score))),
+                None => has_failed(&score.candidate) && (!is_noise || is_small(unknowns(score))),
             };
-        let is_beside = |suspect: &Suspect| suspect.joint == winner.joint && *suspect != winner;
-        let rivals = shortlist.iter().filter(|score| is_beside(&score.suspect) && fell_short(score));
-        let mut rivals: Vec<Suspect> = rivals.map(|score| score.suspect.clone()).collect();
+        let is_beside = |candidate: &Candidate| candidate.joint == winner.joint && *candidate != winner;
+        let rivals = shortlist.iter().filter(|score| is_beside(&score.candidate) && fell_short(score));
+        let mut rivals: Vec<Candidate> = rivals.map(|score| score.candidate.clone()).collect();
         if rivals.is_empty() {
             return Ok(());
         }
         // What the winner takes the place of is nearest to it.
-        rivals.sort_by_key(|suspect| !winner.contains(suspect));
+        rivals.sort_by_key(|candidate| !winner.contains(candidate));
         rivals.truncate(MOST);
         let found = best.parsed()?;
         let start = base.with_values_of(&found);
@@ -679,11 +679,11 @@ impl Work<'_> {
         asked.push(winner);
         let mut scores = screening.scores(&start, &asked, &|| !(self.stop)());
         self.asked_to_stop()?;
-        let told = |scored: &Scored| scored.1.as_ref().or(scored.0.as_ref()).map_or(0.0, |score| score.information);
-        let best = scores.pop().map_or(0.0, |scored| told(&scored));
+        let reported = |scored: &Scored| scored.1.as_ref().or(scored.0.as_ref()).map_or(0.0, |score| score.information);
+        let best = scores.pop().map_or(0.0, |scored| reported(&scored));
         // From values that are right but for the law, a law that may rival the winner tells nearly as much.
-        let nearly = asked.into_iter().zip(scores).filter(|(_, scored)| told(scored) < NEARLY * best);
-        let (rivals, scores): (Vec<Suspect>, Vec<Scored>) = nearly.unzip();
+        let nearly = asked.into_iter().zip(scores).filter(|(_, scored)| reported(scored) < NEARLY * best);
+        let (rivals, scores): (Vec<Candidate>, Vec<Scored>) = nearly.unzip();
         let estimate = |(torque, position): Scored| Some(position.or(torque)?.estimate);
         // The winner's values suit what it takes the place of better than what the screening, which is linear, finds there.
         let mut starts: Vec<Vec<Model>> = scores
@@ -693,28 +693,28 @@ impl Work<'_> {
                     .map_or_else(Vec::new, |found_there| vec![found_there.with_values_of(&found), found_there])
             })
             .collect();
-        if let Some(believed) = self.at_belief(base).filter(|_| !rivals.is_empty()) {
-            let scores = screening.scores(&believed, &rivals, &|| !(self.stop)());
+        if let Some(prior) = self.prior_of(base).filter(|_| !rivals.is_empty()) {
+            let scores = screening.scores(&prior, &rivals, &|| !(self.stop)());
             self.asked_to_stop()?;
-            for ((starts, suspect), scored) in starts.iter_mut().zip(&rivals).zip(scores) {
+            for ((starts, candidate), scored) in starts.iter_mut().zip(&rivals).zip(scores) {
                 starts.extend(estimate(scored));
-                // What the law was first taken for may suit the believed values better than what the screening finds there.
-                let first = shortlist.iter().find(|score| score.suspect == *suspect);
-                starts.extend(first.map(|score| score.estimate.with_values(&|name| self.believed.believed(name))));
+                // What the law was first taken for may suit the prior values better than what the screening finds there.
+                let first = shortlist.iter().find(|score| score.candidate == *candidate);
+                starts.extend(first.map(|score| score.estimate.with_values(&|name| self.prior.prior(name))));
             }
         }
         let fits: Vec<Option<Refit>> = rivals
             .par_iter()
             .zip(starts)
-            .map(|(suspect, starts)| {
-                (self.tell)(&Event::Refitting(suspect));
-                let key = format!("{key} > {suspect}");
+            .map(|(candidate, starts)| {
+                (self.tell)(&Event::Refitting(candidate));
+                let key = format!("{key} > {candidate}");
                 self.remembered(
                     &key,
-                    Some(suspect),
+                    Some(candidate),
                     base,
                     &starts,
-                    Marks { reached: Some(least), only_noise, enough: None, thorough: true },
+                    CostLimits { reached: Some(least), only_noise, enough: None, thorough: true },
                 )
                 .ok()
             })
@@ -724,45 +724,52 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// `base` at the values that were believed before any fit; `None` where those are its own.
-    fn at_belief(&self, base: &Model) -> Option<Model> {
-        let start = base.with_values(&|name| self.believed.believed(name));
+    /// `base` at the prior values; `None` where those are its own.
+    fn prior_of(&self, base: &Model) -> Option<Model> {
+        let start = base.with_values(&|name| self.prior.prior(name));
         (start.digest() != base.digest()).then_some(start)
     }
 
-    /// Another start for what the screening finds most promising at the values that were believed before any fit: a model that
+    /// Another start for what the screening finds most promising at the prior values: a model that
     /// lacks an effect may be fitted to values so far off that the effect that is missing does nothing there.
-    fn as_believed(
+    fn at_prior(
         &self,
         screening: &Screening<'_>,
         (base, is_minimum): (&Model, bool),
         fitted: &mut Vec<Refit>,
-        failed: &mut Vec<Refused>,
+        failed: &mut Vec<Rejected>,
         key: &str,
     ) -> Result<(), DiagnoseError> {
         /// As many are fitted.
         const MOST: usize = 3;
-        let Some(start) = self.at_belief(base) else { return Ok(()) };
+        let Some(start) = self.prior_of(base) else { return Ok(()) };
         if is_minimum && !has_wandered(&start, base) {
             return Ok(());
         }
         let mut promising = shortlist::of(&self.screened(screening, &start)?);
         promising.truncate(2 * MOST);
-        let mut reached = race::Reached::default();
-        self.race(&start, &promising, &mut reached)?;
+        let mut reached = prescreening::Reached::default();
+        self.prescreening(&start, &promising, &mut reached)?;
         let mut unasked: Vec<Score> = promising[..MOST.min(promising.len())].to_vec();
-        unasked.retain(|score| !reached.knows(&score.suspect));
-        promising = race::ordered(promising, &reached, &|score| self.judge.added_unknowns(&score.estimate, base));
+        unasked.retain(|score| !reached.knows(&score.candidate));
+        promising =
+            prescreening::ordered(promising, &reached, &|score| self.judge.added_unknowns(&score.estimate, base));
         promising.truncate(MOST);
-        // Of what no tether tells, the screening does.
-        unasked.retain(|score| promising.iter().all(|other| other.suspect != score.suspect));
+        // Of what no observer tells, the screening does.
+        unasked.retain(|score| promising.iter().all(|other| other.candidate != score.candidate));
         promising.append(&mut unasked);
         for score in promising {
             let reached = fitted.iter().filter_map(Refit::cost).min_by(f64::total_cmp);
-            (self.tell)(&Event::Refitting(&score.suspect));
-            let key = format!("{key} > {}", score.suspect);
+            (self.tell)(&Event::Refitting(&score.candidate));
+            let key = format!("{key} > {}", score.candidate);
             let starts = std::slice::from_ref(&score.estimate);
-            let fit = self.remembered(&key, Some(&score.suspect), base, starts, Marks { reached, ..Marks::default() });
+            let fit = self.remembered(
+                &key,
+                Some(&score.candidate),
+                base,
+                starts,
+                CostLimits { reached, ..CostLimits::default() },
+            );
             self.asked_to_stop()?;
             take_better(fit.into_iter(), fitted, failed);
             if fitted.iter().any(verdict::explains) {
@@ -772,79 +779,79 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Of suspects that one fold has judged, the best judged by all blocks; those that are not asked get no credit.
+    /// Of candidates that one fold has judged, the best judged by all blocks; those that are not asked get no credit.
     fn confirmed(
         &self,
         before: &Refit,
         by_one_fold: Vec<verdict::Judged>,
-        failed: &mut Vec<Refused>,
-        key: &(dyn Fn(&Suspect) -> String + Sync),
+        failed: &mut Vec<Rejected>,
+        key: &(dyn Fn(&Candidate) -> String + Sync),
         helps_elsewhere: &dyn Fn(&Refit) -> Option<String>,
     ) -> Result<Vec<verdict::Judged>, DiagnoseError> {
-        let (mut waiting, refused): (Vec<_>, Vec<_>) =
+        let (mut waiting, rejected): (Vec<_>, Vec<_>) =
             by_one_fold.into_iter().partition(|judged| judged.reason.is_none());
         let mut asked: Vec<Refit> = Vec::new();
         let mut judged: Vec<verdict::Judged> = Vec::new();
         while !waiting.is_empty() && judged.iter().all(|judged| judged.reason.is_some()) {
             let later = waiting.split_off(blocks::CONFIRMED.min(waiting.len()));
-            let fits: Vec<(Suspect, Result<Refit, DiagnoseError>)> = waiting
+            let fits: Vec<(Candidate, Result<Refit, DiagnoseError>)> = waiting
                 .into_par_iter()
-                .filter_map(|judged| Some((judged.refit.suspect.clone()?, judged.refit)))
-                .map(|(suspect, refit)| {
-                    (self.tell)(&Event::Refitting(&suspect));
-                    let fit = self.asked_to_stop().and_then(|()| self.over_blocks(&key(&suspect), refit));
-                    (suspect, fit)
+                .filter_map(|judged| Some((judged.refit.candidate.clone()?, judged.refit)))
+                .map(|(candidate, refit)| {
+                    (self.tell)(&Event::Refitting(&candidate));
+                    let fit = self.asked_to_stop().and_then(|()| self.over_blocks(&key(&candidate), refit));
+                    (candidate, fit)
                 })
                 .collect();
             self.asked_to_stop()?;
-            for (suspect, fit) in fits {
+            for (candidate, fit) in fits {
                 match fit {
                     Ok(fit) => asked.push(fit),
-                    Err(error) => failed.push(verdict::failed(&suspect, &error)),
+                    Err(error) => failed.push(verdict::failed(&candidate, &error)),
                 }
             }
             judged = verdict::judge(before, asked.clone(), helps_elsewhere);
             waiting = later;
         }
         judged.extend(waiting.into_iter().map(verdict::Judged::unconfirmed));
-        judged.extend(refused);
+        judged.extend(rejected);
         Ok(judged)
     }
 
-    /// What the screening says of every suspect: by the torque error, and by simulations.
+    /// What the screening says of every candidate: by the torque error, and by simulations.
     fn screened(&self, screening: &Screening<'_>, base: &Model) -> Result<Vec<Scored>, DiagnoseError> {
-        let suspects = suspects(base, screening.runs());
+        let candidates = candidates(base, screening.runs());
         let done = AtomicUsize::new(0);
-        let told = || {
+        let reported = || {
             let count = 1 + done.fetch_add(1, Ordering::Relaxed);
-            (self.tell)(&Event::Screened(count, suspects.len()));
+            (self.tell)(&Event::Screened(count, candidates.len()));
             !(self.stop)()
         };
-        let scored = screening.scores(base, &suspects, &told);
+        let scored = screening.scores(base, &candidates, &reported);
         self.asked_to_stop()?;
         Ok(scored)
     }
 }
 
-/// Whether a fit has led an effect's parameter far from what was believed of it. (Links' parameters move far along what the
+/// Whether a fit has led an effect's parameter far from the prior. (Links' parameters move far along what the
 /// logs do not determine, which means nothing.)
-fn has_wandered(believed: &Model, fitted: &Model) -> bool {
+fn has_wandered(prior: &Model, fitted: &Model) -> bool {
     /// Share of the larger of both values.
     const FAR: f64 = 0.3;
-    believed.effects.iter().zip(&fitted.effects).any(|(believed, fitted)| {
-        let pairs = believed.parameters.iter().zip(&fitted.parameters);
+    prior.effects.iter().zip(&fitted.effects).any(|(prior, fitted)| {
+        let pairs = prior.parameters.iter().zip(&fitted.parameters);
         pairs.into_iter().any(|(a, b)| (a.value - b.value).abs() > FAR * a.value.abs().max(b.value.abs()))
     })
 }
 
-/// Whether there is a fit of that suspect.
-fn is_fitted(suspect: &Suspect, fitted: &[Refit]) -> bool {
-    fitted.iter().any(|refit| refit.suspect.as_ref() == Some(suspect))
+/// Whether there is a fit of that candidate.
+fn is_fitted(candidate: &Candidate, fitted: &[Refit]) -> bool {
+    fitted.iter().any(|refit| refit.candidate.as_ref() == Some(candidate))
 }
 
-/// Whether a fit of that suspect explains the logs.
-fn has_explained(suspect: &Suspect, fitted: &[Refit]) -> bool {
-    fitted.iter().any(|refit| refit.suspect.as_ref() == Some(suspect) && verdict::explains(refit))
+/// Whether a fit of that candidate explains the logs.
+fn has_explained(candidate: &Candidate, fitted: &[Refit]) -> bool {
+    fitted.iter().any(|refit| refit.candidate.as_ref() == Some(candidate) && verdict::explains(refit))
 }
 
 /// Whether two fits, from different starts, leave the same, and that is not poor: fits that came to nothing may do so alike.
@@ -855,14 +862,14 @@ fn come_to_the_same(one: &Refit, other: &Refit) -> bool {
     costs.is_some_and(|(one, other)| (one - other).abs() <= SAME * one.min(other))
 }
 
-/// Puts refits in the place of those of the same suspects that cost more, or of none.
-fn take_better(refits: impl Iterator<Item = Refit>, fitted: &mut Vec<Refit>, failed: &mut Vec<Refused>) {
+/// Puts refits in the place of those of the same candidates that cost more, or of none.
+fn take_better(refits: impl Iterator<Item = Refit>, fitted: &mut Vec<Refit>, failed: &mut Vec<Rejected>) {
     let cost = |refit: &Refit| refit.cost().filter(|_| refit.is_finite());
     for refit in refits {
-        let own = |other: &Refit| other.suspect == refit.suspect;
+        let own = |other: &Refit| other.candidate == refit.candidate;
         let before = fitted.iter().find(|other| own(other)).and_then(cost).unwrap_or(f64::INFINITY);
         if cost(&refit).is_some_and(|cost| cost < before) {
-            failed.retain(|failed| Some(&failed.suspect) != refit.suspect.as_ref());
+            failed.retain(|failed| Some(&failed.candidate) != refit.candidate.as_ref());
             fitted.retain(|other| !own(other));
             fitted.push(refit);
         }

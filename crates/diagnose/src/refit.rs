@@ -1,4 +1,4 @@
-//! Real fits of a suspect, judged on the held-out runs: only these decide.
+//! Real fits of a candidate, judged on the held-out runs: only these decide.
 
 use std::collections::BTreeMap;
 
@@ -7,18 +7,18 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     FEW_JOINTS,
-    candidate::{Suspect, instance},
+    candidate::{Candidate, instance},
     excitation::moves,
     verdict,
 };
 use crate::DiagnoseError;
 use dynid_identify::{
-    FitStatus, identify, identify::ErrorKind, identify::How, identify::Identified, position, position::OnTether,
-    position::noise_of, starts::Starts,
+    FitStatus, identify, identify::ErrorKind, identify::FitResult, identify::FitSettings, position,
+    position::WithObserver, position::noise_of, starts::Starts,
 };
 use dynid_judge::{compare::Comparison, compare::compare};
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run, noise::noise_of_log};
-use dynid_optimise::{identifiability::correlation_time, sqp::Watch};
+use dynid_optimise::{identifiability::correlation_time, sqp::SearchControl};
 use dynid_signal::is_white;
 use dynid_user_model::Model;
 
@@ -26,16 +26,16 @@ use dynid_user_model::Model;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Refit {
     /// What was added to the model that is diagnosed; `None` for that model itself.
-    pub suspect: Option<Suspect>,
+    pub candidate: Option<Candidate>,
     /// The model, as a file.
     pub model: String,
     /// How the fit ended.
     pub status: FitStatus,
     /// How far it was followed.
-    pub followed: Followed,
-    /// The suspect's own parameters; of the model itself all that moved.
-    pub parameters: Vec<Own>,
-    /// Number of unknowns that the suspect brings beyond those that it takes the place of.
+    pub followed: SearchExtent,
+    /// The candidate's own parameters; of the model itself all that moved.
+    pub parameters: Vec<EffectParameter>,
+    /// Number of unknowns that the candidate brings beyond those that it takes the place of.
     pub unknowns: f64,
     /// Root mean square of the position error over the runs to fit to [rad or m].
     pub rmse_fit: Option<f64>,
@@ -46,16 +46,16 @@ pub struct Refit {
     /// The same over the held-out runs.
     pub torque_percent_validate: Option<f64>,
     /// What is left at each joint, of the error that was fitted.
-    pub left: Vec<Left>,
+    pub left: Vec<JointResidual>,
     /// What is left of every block, where all blocks were held out in turn: it counts as what is held out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub blocks: Vec<Left>,
+    pub blocks: Vec<JointResidual>,
 }
 
 /// How far a fit was followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Followed {
+pub enum SearchExtent {
     /// To its end.
     ToItsEnd,
     /// To where it is poor and falls hardly any more.
@@ -64,9 +64,9 @@ pub enum Followed {
     No,
 }
 
-/// A suspect's parameter after the refit.
+/// A candidate's parameter after the refit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Own {
+pub struct EffectParameter {
     /// Its name.
     pub name: String,
     /// Its value.
@@ -81,7 +81,7 @@ pub struct Own {
 
 /// What is left at a joint over the runs of one role.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Left {
+pub struct JointResidual {
     /// The device's joint index.
     pub joint: usize,
     /// Whether the runs are held out.
@@ -98,7 +98,7 @@ pub struct Left {
     pub white: bool,
 }
 
-impl Left {
+impl JointResidual {
     /// The error in units of the noise; `None` where that is not known.
     pub fn ratio(&self) -> Option<f64> {
         self.noise_squares.map(|noise| (self.squares / noise.max(f64::MIN_POSITIVE)).sqrt())
@@ -116,12 +116,12 @@ impl Refit {
 
     /// Whether it is of a model as it was, its fit having been given up.
     pub(super) fn was_given_up(&self) -> bool {
-        self.followed == Followed::No
+        self.followed == SearchExtent::No
     }
 
     /// Whether the fit found a minimum.
     pub(super) fn is_minimum(&self) -> bool {
-        self.status.may_update_model() && self.followed == Followed::ToItsEnd
+        self.status.may_update_model() && self.followed == SearchExtent::ToItsEnd
     }
 
     /// Whether every error is a number.
@@ -130,13 +130,13 @@ impl Refit {
     }
 
     /// What is left on the runs held out, or on those fitted to.
-    pub fn side(&self, held_out: bool) -> impl Iterator<Item = &Left> {
+    pub fn side(&self, held_out: bool) -> impl Iterator<Item = &JointResidual> {
         let left = if held_out && !self.blocks.is_empty() { &self.blocks } else { &self.left };
         left.iter().filter(move |left| left.held_out == held_out)
     }
 
     /// What is left of every joint on the held-out runs; of one that is free in none of them, on those that were fitted.
-    pub fn judged(&self) -> impl Iterator<Item = &Left> {
+    pub fn judged(&self) -> impl Iterator<Item = &JointResidual> {
         let is_held_out = |joint: usize| self.side(true).any(|left| left.joint == joint);
         self.side(true).chain(self.side(false).filter(move |left| !is_held_out(left.joint)))
     }
@@ -159,7 +159,7 @@ impl Refit {
 
     /// The largest error of any judged joint, in units of its noise; `None` where the noise is not known, or nothing is.
     pub fn worst_ratio(&self) -> Option<f64> {
-        self.judged().map(Left::ratio).reduce(|worst, ratio| Some(worst?.max(ratio?))).flatten()
+        self.judged().map(JointResidual::ratio).reduce(|worst, ratio| Some(worst?.max(ratio?))).flatten()
     }
 
     /// Whether a position fit is far from the noise and was followed to no minimum: what is missing may have led it anywhere.
@@ -180,8 +180,8 @@ impl Refit {
 
 /// What a refit is measured by while it goes on; costs are per sample.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Marks {
-    /// What another suspect's fit has reached: a fit that stays far above it is given up.
+pub struct CostLimits {
+    /// What another candidate's fit has reached: a fit that stays far above it is given up.
     pub reached: Option<f64>,
     /// Whether that is nothing but noise.
     pub only_noise: bool,
@@ -193,30 +193,30 @@ pub struct Marks {
 
 /// How long a fit that stays poor is followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Patience {
+pub(super) struct SearchLimits {
     /// A valley is flat where so many iterations lower the cost by less than `share`.
     iterations: usize,
     share: f64,
-    /// Whether a fit that does not follow the logs even on a tether, or breaks down, is given up, rather than taken as it is.
+    /// Whether a fit that does not follow the logs even with an observer, or breaks down, is given up, rather than taken as it is.
     gives_up: bool,
 }
 
-/// For a suspect, one of many.
-pub(super) const FOR_A_SUSPECT: Patience = Patience { iterations: 8, share: 0.01, gives_up: false };
-/// For the model itself, from whose values all suspects are screened: as slow as a tenth of a per cent an iteration.
-const FOR_THE_MODEL: Patience = Patience { iterations: 20, share: 0.02, gives_up: true };
+/// For a candidate, one of many.
+pub(super) const FOR_A_CANDIDATE: SearchLimits = SearchLimits { iterations: 8, share: 0.01, gives_up: false };
+/// For the model itself, from whose values all candidates are screened: as slow as a tenth of a per cent an iteration.
+const FOR_THE_MODEL: SearchLimits = SearchLimits { iterations: 20, share: 0.02, gives_up: true };
 
 /// Sees a fit's iterations and says how long it is worth following.
 #[derive(Debug)]
 struct Watcher {
-    patience: Option<Patience>,
-    marks: Marks,
+    limits: Option<SearchLimits>,
+    cost_limits: CostLimits,
     has_many_joints: bool,
-    /// Rate of the tether of the iteration before, and its cost.
+    /// Rate of the observer of the iteration before, and its cost.
     last: (f64, f64),
-    /// Cost on the last tether that was loose or firmer.
-    on_tether: f64,
-    /// Costs of the iterations without a tether.
+    /// Cost on the last observer that was loose or firmer.
+    with_observer: f64,
+    /// Costs of the iterations without an observer.
     costs: Vec<f64>,
     /// Whether it had enough.
     had_enough: bool,
@@ -229,20 +229,20 @@ impl Watcher {
     const FAR: f64 = 30.0;
     /// What leaves this many times the cost of noise is poor.
     const POOR: f64 = 16.0;
-    /// A tether of this rate [1/s] is loose.
+    /// An observer of this rate [1/s] is loose.
     const LOOSE: f64 = 30.0;
-    /// Cost per sample with such a tether beyond which following the fit of many joints, whose every step takes long, to a
+    /// Cost per sample with such an observer beyond which following the fit of many joints, whose every step takes long, to a
     /// minimum without one is worth no time: accelerations are off by what moves a joint thirty noises in a thirtieth of a
     /// second.
     const HOPELESS: f64 = 500.0;
 
-    fn new(patience: Option<Patience>, marks: Marks, has_many_joints: bool) -> Self {
+    fn new(limits: Option<SearchLimits>, cost_limits: CostLimits, has_many_joints: bool) -> Self {
         Self {
-            patience,
-            marks,
+            limits,
+            cost_limits,
             has_many_joints,
             last: (0.0, 0.0),
-            on_tether: 0.0,
+            with_observer: 0.0,
             costs: Vec::new(),
             had_enough: false,
             gave_up: false,
@@ -253,36 +253,37 @@ impl Watcher {
         cost > Self::POOR * verdict::COST_AT_THE_FLOOR
     }
 
-    /// Of an iteration's `cost` per sample with a tether of rate `tether` [1/s], 0 without one.
-    fn hears(&mut self, tether: f64, cost: f64) -> Watch {
-        if tether == 0.0 {
+    /// Of an iteration's `cost` per sample with an observer of rate `observer` [1/s], 0 without one.
+    fn hears(&mut self, observer: f64, cost: f64) -> SearchControl {
+        if observer == 0.0 {
             self.costs.push(cost);
-        } else if tether >= Self::LOOSE {
-            self.on_tether = cost;
+        } else if observer >= Self::LOOSE {
+            self.with_observer = cost;
         }
-        let is_far = |cost: f64| self.marks.reached.is_some_and(|reached| cost > Self::FAR * reached);
-        // What leaves only noise leaves no more on a tether, which is why that is asked of its rivals there already.
-        let (rate, before) = std::mem::replace(&mut self.last, (tether, cost));
-        let is_loosened = tether < rate;
-        let is_no_rival = self.marks.only_noise && is_loosened && is_far(before) && is_far(cost);
-        let stays_far = self.marks.reached.is_some_and(|reached| stays_far_above(self.costs.len(), cost, reached));
+        let is_far = |cost: f64| self.cost_limits.reached.is_some_and(|reached| cost > Self::FAR * reached);
+        // What leaves only noise leaves no more with an observer, which is why that is asked of its rivals there already.
+        let (rate, before) = std::mem::replace(&mut self.last, (observer, cost));
+        let is_loosened = observer < rate;
+        let is_no_rival = self.cost_limits.only_noise && is_loosened && is_far(before) && is_far(cost);
+        let stays_far =
+            self.cost_limits.reached.is_some_and(|reached| stays_far_above(self.costs.len(), cost, reached));
         if is_no_rival || stays_far {
-            return Watch::Stop;
+            return SearchControl::Stop;
         }
-        let Some(patience) = self.patience.filter(|_| Self::is_poor(cost)) else { return Watch::Continue };
-        let is_hopeless = self.has_many_joints && self.on_tether > Self::HOPELESS && tether < Self::LOOSE;
-        if is_hopeless && patience.gives_up {
+        let Some(limits) = self.limits.filter(|_| Self::is_poor(cost)) else { return SearchControl::Continue };
+        let is_hopeless = self.has_many_joints && self.with_observer > Self::HOPELESS && observer < Self::LOOSE;
+        if is_hopeless && limits.gives_up {
             self.gave_up = true;
-            return Watch::Stop;
+            return SearchControl::Stop;
         }
-        let earlier = self.costs.len().checked_sub(patience.iterations + 1).map(|index| self.costs[index]);
-        let is_flat = earlier.is_some_and(|earlier| cost > (1.0 - patience.share) * earlier);
+        let earlier = self.costs.len().checked_sub(limits.iterations + 1).map(|index| self.costs[index]);
+        let is_flat = earlier.is_some_and(|earlier| cost > (1.0 - limits.share) * earlier);
         self.had_enough |= is_flat || is_hopeless;
-        if is_flat || is_hopeless { Watch::Enough } else { Watch::Continue }
+        if is_flat || is_hopeless { SearchControl::Enough } else { SearchControl::Continue }
     }
 }
 
-/// Whether a search that after so many iterations without a tether has come to `cost` per sample stays far above the cost that
+/// Whether a search that after so many iterations without an observer has come to `cost` per sample stays far above the cost that
 /// another `reached`: one that can reach that is not so far from it after so many.
 pub fn stays_far_above(free_iterations: usize, cost: f64, reached: f64) -> bool {
     const TRIES: usize = 15;
@@ -303,33 +304,33 @@ pub struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Fits `start` and tells what is left. `base` is the model that the suspect was added to.
+    /// Fits `start` and tells what is left. `base` is the model that the candidate was added to.
     ///
     /// # Errors
     /// The model makes no equations, the fit cannot start, it is given up or `stop` says so.
     pub fn refit(
         &self,
-        suspect: Option<&Suspect>,
+        candidate: Option<&Candidate>,
         base: &Model,
         start: &Model,
-        marks: Marks,
+        cost_limits: CostLimits,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Refit, DiagnoseError> {
-        // A tether pulls what a sensor shows wrongly away from where it is.
+        // An observer pulls what a sensor shows wrongly away from where it is.
         let has_sensor = start.effects.iter().any(|own| own.effect.place == Place::Sensor);
-        let marks = Marks { only_noise: marks.only_noise && !has_sensor, ..marks };
-        let patience = match suspect {
-            _ if marks.thorough => None,
+        let cost_limits = CostLimits { only_noise: cost_limits.only_noise && !has_sensor, ..cost_limits };
+        let limits = match candidate {
+            _ if cost_limits.thorough => None,
             None => Some(FOR_THE_MODEL),
-            Some(_) => Some(FOR_A_SUSPECT),
+            Some(_) => Some(FOR_A_CANDIDATE),
         };
-        let Some((found, followed)) = self.fit(start, patience, marks, stop)? else { return self.as_it_is(start) };
-        let own = |name: &str| suspect.is_none_or(|suspect| is_own(suspect, start, name));
-        let parameters: Vec<Own> = found
+        let Some((found, followed)) = self.fit(start, limits, cost_limits, stop)? else { return self.as_it_is(start) };
+        let own = |name: &str| candidate.is_none_or(|candidate| is_own(candidate, start, name));
+        let parameters: Vec<EffectParameter> = found
             .parameters
             .iter()
             .filter(|parameter| own(&parameter.name))
-            .map(|parameter| Own {
+            .map(|parameter| EffectParameter {
                 name: parameter.name.clone(),
                 value: parameter.value,
                 std_error: parameter.std_error,
@@ -339,17 +340,17 @@ impl Judge<'_> {
             .collect();
         let unknowns = self.added_unknowns(&found.model, base);
         let left = self.as_it_is(&found.model)?;
-        let suspect = suspect.cloned();
-        let refit = Refit { suspect, status: found.status, followed, parameters, unknowns, ..left };
-        let may_give_up = found.needs_every_step && patience.is_some_and(|patience| patience.gives_up);
+        let candidate = candidate.cloned();
+        let refit = Refit { candidate, status: found.status, followed, parameters, unknowns, ..left };
+        let may_give_up = found.needs_every_step && limits.is_some_and(|limits| limits.gives_up);
         if may_give_up && broke_down(&refit) { self.without_straying(start, &refit) } else { Ok(refit) }
     }
 
-    /// Cost per sample that a short search from `start` comes to on the firmest tether, with steps that may be longer than a
+    /// Cost per sample that a short search from `start` comes to on the firmest observer, with steps that may be longer than a
     /// fit's: that takes a small part of a fit's time, and what is missing shows there already. Where it gets stuck above the
     /// noise, its steps may have been too long, for a law that jumps, say: it is made again with those of a fit, and the lower
     /// cost counts. `None` where it comes to nothing.
-    pub(super) fn on_first_tether(&self, start: &Model, stop: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
+    pub(super) fn with_first_observer(&self, start: &Model, stop: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
         const LINEARISATIONS: usize = 16;
         /// A third of what stiff friction may need: bristles that cannot be simulated with longer ones can with these.
         const TIMES_LONGER: usize = 3;
@@ -357,7 +358,7 @@ impl Judge<'_> {
         let problem = position::PositionProblem::of_model(start, runs).ok()?;
         let search = |substeps: usize, above: usize| {
             let options = position::Options { substeps, ..self.options };
-            position::on_first_tether(&problem, &options, above, LINEARISATIONS, &|| stop())
+            position::with_first_observer(&problem, &options, above, LINEARISATIONS, &|| stop())
         };
         let rough = search(self.options.substeps.div_ceil(TIMES_LONGER), 0)?;
         let again = || if stop() { None } else { search(self.options.substeps, rough.substeps) };
@@ -370,11 +371,11 @@ impl Judge<'_> {
         /// A fit from elsewhere changes the cost by more.
         const STAYED: f64 = 1.5;
         let as_given = self.as_it_is(given)?;
-        let believed = given.with_values(&|name| given.believed(name));
+        let prior = given.with_values(&|name| given.prior(name));
         let is_about =
             |(before, after): (f64, f64)| after.is_finite() && before < STAYED * after && after < STAYED * before;
         let stayed = as_given.cost().zip(strayed.cost()).is_some_and(is_about);
-        if stayed && believed.digest() != given.digest() { self.as_it_is(&believed) } else { Ok(as_given) }
+        if stayed && prior.digest() != given.digest() { self.as_it_is(&prior) } else { Ok(as_given) }
     }
 
     /// What a model leaves that is not fitted.
@@ -384,9 +385,9 @@ impl Judge<'_> {
     pub(super) fn as_it_is(&self, model: &Model) -> Result<Refit, DiagnoseError> {
         let comparison = compare(model, self.runs)?;
         Ok(Refit {
-            suspect: None,
+            candidate: None,
             status: FitStatus::IterationLimit,
-            followed: Followed::No,
+            followed: SearchExtent::No,
             parameters: Vec::new(),
             unknowns: 0.0,
             rmse_fit: comparison.rmse_fit,
@@ -404,7 +405,7 @@ impl Judge<'_> {
         count(model, self.runs) - count(base, self.runs)
     }
 
-    /// Fits `start` to the runs that are for it; a fit that stays poor is followed no longer than `patience` lasts. `None` where
+    /// Fits `start` to the runs that are for it; a fit that stays poor is followed no longer than `limits` lasts. `None` where
     /// it was given up.
     ///
     /// # Errors
@@ -412,30 +413,30 @@ impl Judge<'_> {
     pub(super) fn fit(
         &self,
         start: &Model,
-        patience: Option<Patience>,
-        marks: Marks,
+        limits: Option<SearchLimits>,
+        cost_limits: CostLimits,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Option<(Identified, Followed)>, DiagnoseError> {
+    ) -> Result<Option<(FitResult, SearchExtent)>, DiagnoseError> {
         // From where else to start is the diagnosis's own matter.
-        let starts = Starts { believed: false, ..Starts::default() };
-        let how = How { starts, tell_start: false, ..How::plain(self.error, self.options) };
-        let patience = patience.filter(|_| self.error == ErrorKind::Position);
-        let mut watcher = Watcher::new(patience, marks, self.runs.iter().any(|run| run.free.len() > FEW_JOINTS));
-        let mut watch = |told: &identify::Progress, _: Option<&identify::State>| {
-            if stop() { Watch::Stop } else { watcher.hears(told.tether, told.cost) }
+        let starts = Starts { prior: false, ..Starts::default() };
+        let how = FitSettings { starts, tell_start: false, ..FitSettings::plain(self.error, self.options) };
+        let limits = limits.filter(|_| self.error == ErrorKind::Position);
+        let mut watcher = Watcher::new(limits, cost_limits, self.runs.iter().any(|run| run.free.len() > FEW_JOINTS));
+        let mut watch = |reported: &identify::Progress, _: Option<&identify::State>| {
+            if stop() { SearchControl::Stop } else { watcher.hears(reported.observer, reported.cost) }
         };
         let found =
             identify::identify_as(start, self.experiment, self.runs, &how, identify::State::default(), &mut watch);
         if watcher.gave_up && !stop() {
             return Ok(None);
         }
-        let followed = if watcher.had_enough { Followed::WhileItFell } else { Followed::ToItsEnd };
+        let followed = if watcher.had_enough { SearchExtent::WhileItFell } else { SearchExtent::ToItsEnd };
         Ok(Some((found?, followed)))
     }
 }
 
 /// Cost of a search with long steps, or of the same with short ones where it got stuck above the noise.
-fn cost_of(rough: &OnTether, fine: impl FnOnce() -> Option<OnTether>) -> f64 {
+fn cost_of(rough: &WithObserver, fine: impl FnOnce() -> Option<WithObserver>) -> f64 {
     if !rough.is_stuck || verdict::is_nearly_noise(rough.cost) {
         return rough.cost;
     }
@@ -457,8 +458,9 @@ fn count(model: &Model, runs: &[&Run]) -> f64 {
     effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
 }
 
-fn is_own(suspect: &Suspect, model: &Model, name: &str) -> bool {
-    instance(model, suspect).is_some_and(|own| (0..own.parameters.len()).any(|index| own.parameter_name(index) == name))
+fn is_own(candidate: &Candidate, model: &Model, name: &str) -> bool {
+    instance(model, candidate)
+        .is_some_and(|own| (0..own.parameters.len()).any(|index| own.parameter_name(index) == name))
 }
 
 /// Whether the parameter of that name is where its effect vanishes.
@@ -473,8 +475,8 @@ fn is_null(model: &Model, name: &str, value: f64) -> bool {
 }
 
 /// What `comparison` leaves at each joint.
-pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> Vec<Left> {
-    let mut sums: BTreeMap<(usize, bool), Left> = BTreeMap::new();
+pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> Vec<JointResidual> {
+    let mut sums: BTreeMap<(usize, bool), JointResidual> = BTreeMap::new();
     let mut add = |joint: usize,
                    held_out: bool,
                    squares: f64,
@@ -482,7 +484,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                    correlation: f64,
                    noise: Option<f64>,
                    white: bool| {
-        let sum = sums.entry((joint, held_out)).or_insert(Left {
+        let sum = sums.entry((joint, held_out)).or_insert(JointResidual {
             joint,
             held_out,
             squares: 0.0,
@@ -497,11 +499,11 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
         sum.noise_squares = sum.noise_squares.zip(noise).map(|(sum, noise)| sum + noise * noise * samples);
         sum.white &= white;
     };
-    for (told, run) in comparison.runs.iter().zip(runs) {
+    for (reported, run) in comparison.runs.iter().zip(runs) {
         let held_out = run.role == Role::Validate;
-        for (slot, joint) in told.joints.iter().enumerate() {
+        for (slot, joint) in reported.joints.iter().enumerate() {
             if error == ErrorKind::Torque {
-                let Some(torque) = told.torque.get(slot) else { continue };
+                let Some(torque) = reported.torque.get(slot) else { continue };
                 let used = torque.residual.iter().zip(&torque.used).filter(|(_, used)| **used);
                 let squares: f64 = used.map(|(value, _)| value * value).sum();
                 if torque.n_used() == 0 {
@@ -512,7 +514,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                 let squares = squares / (share * share).max(f64::MIN_POSITIVE);
                 let correlation = correlation_time(&torque.residual, &torque.used);
                 add(joint.joint, held_out, squares, torque.n_used() as f64, correlation, None, false);
-            } else if let (Some(rmse), Some(simulated)) = (joint.rmse, &told.simulated) {
+            } else if let (Some(rmse), Some(simulated)) = (joint.rmse, &reported.simulated) {
                 let measured = &run.log.q[joint.joint];
                 // A joint that stands still here moves in another run, or tells nothing.
                 let noise_floor = if joint.noise_floor > 0.0 {
@@ -559,10 +561,10 @@ pub(super) mod tests {
     /// A fit that left nothing, not even a file.
     pub(crate) fn empty() -> Refit {
         Refit {
-            suspect: None,
+            candidate: None,
             model: String::new(),
             status: FitStatus::Converged,
-            followed: Followed::ToItsEnd,
+            followed: SearchExtent::ToItsEnd,
             parameters: Vec::new(),
             unknowns: 0.0,
             rmse_fit: None,
@@ -574,18 +576,18 @@ pub(super) mod tests {
         }
     }
 
-    /// What the watcher says of each of these iterations: rate of the tether [1/s] and cost.
-    fn heard(watcher: &mut Watcher, told: &[(f64, f64)]) -> Vec<Watch> {
-        told.iter().map(|(tether, cost)| watcher.hears(*tether, *cost)).collect()
+    /// What the watcher says of each of these iterations: rate of the observer [1/s] and cost.
+    fn heard(watcher: &mut Watcher, reported: &[(f64, f64)]) -> Vec<SearchControl> {
+        reported.iter().map(|(observer, cost)| watcher.hears(*observer, *cost)).collect()
     }
 
     #[test]
     fn a_fit_that_falls_or_is_good_is_followed() {
         let falling: Vec<(f64, f64)> = (0..40).map(|k| (0.0, 1e4 * 0.9_f64.powi(k))).collect();
         let good = [(0.0, 0.6); 40];
-        for told in [&falling[..], &good] {
-            let mut watcher = Watcher::new(Some(FOR_A_SUSPECT), Marks::default(), true);
-            assert!(heard(&mut watcher, told).iter().all(|watch| *watch == Watch::Continue));
+        for reported in [&falling[..], &good] {
+            let mut watcher = Watcher::new(Some(FOR_A_CANDIDATE), CostLimits::default(), true);
+            assert!(heard(&mut watcher, reported).iter().all(|watch| *watch == SearchControl::Continue));
             assert!(!watcher.had_enough && !watcher.gave_up);
         }
     }
@@ -593,19 +595,19 @@ pub(super) mod tests {
     #[test]
     fn a_poor_fit_in_a_flat_valley_is_left() {
         let flat = [(0.0, 100.0); 40];
-        for (patience, iterations) in [(FOR_A_SUSPECT, 8), (FOR_THE_MODEL, 20)] {
-            let mut watcher = Watcher::new(Some(patience), Marks::default(), false);
-            let first = heard(&mut watcher, &flat).iter().position(|watch| *watch == Watch::Enough);
-            assert_eq!(first, Some(iterations), "{patience:?}");
+        for (limits, iterations) in [(FOR_A_CANDIDATE, 8), (FOR_THE_MODEL, 20)] {
+            let mut watcher = Watcher::new(Some(limits), CostLimits::default(), false);
+            let first = heard(&mut watcher, &flat).iter().position(|watch| *watch == SearchControl::Enough);
+            assert_eq!(first, Some(iterations), "{limits:?}");
             assert!(watcher.had_enough);
         }
-        let mut thorough = Watcher::new(None, Marks::default(), false);
-        assert!(heard(&mut thorough, &flat).iter().all(|watch| *watch == Watch::Continue));
+        let mut thorough = Watcher::new(None, CostLimits::default(), false);
+        assert!(heard(&mut thorough, &flat).iter().all(|watch| *watch == SearchControl::Continue));
     }
 
     #[test]
     fn a_joint_that_is_free_in_no_held_out_run_is_judged_by_the_others() {
-        let left = |joint, held_out, squares| Left {
+        let left = |joint, held_out, squares| JointResidual {
             joint,
             held_out,
             squares,
@@ -621,10 +623,10 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_search_that_long_steps_stop_above_the_noise_is_told_with_short_ones() {
-        let stuck = |cost| OnTether { cost, is_stuck: true, substeps: 20 };
-        let done = |cost| OnTether { cost, is_stuck: false, substeps: 60 };
-        let never = || -> Option<OnTether> { panic!("short steps are not worth their time") };
+    fn a_search_that_long_steps_stop_above_the_noise_is_reported_with_short_ones() {
+        let stuck = |cost| WithObserver { cost, is_stuck: true, substeps: 20 };
+        let done = |cost| WithObserver { cost, is_stuck: false, substeps: 60 };
+        let never = || -> Option<WithObserver> { panic!("short steps are not worth their time") };
         assert_eq!(cost_of(&done(26.0), never), 26.0);
         assert_eq!(cost_of(&stuck(0.7), never), 0.7);
         assert_eq!(cost_of(&stuck(26.0), || Some(done(0.27))), 0.27);
@@ -635,7 +637,7 @@ pub(super) mod tests {
     #[test]
     fn a_fit_breaks_down_where_it_comes_to_no_minimum_far_from_the_noise() {
         let fitted = |status, squares: f64, noise_squares| {
-            let left = Left {
+            let left = JointResidual {
                 joint: 0,
                 held_out: false,
                 squares,
@@ -658,39 +660,43 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_rival_of_what_leaves_only_noise_is_stopped_where_a_tether_does_not_bring_it_near() {
-        let marks = Marks { reached: Some(0.5), only_noise: true, ..Marks::default() };
-        let stopped = |marks, told: &[(f64, f64)]| {
-            heard(&mut Watcher::new(None, marks, false), told).iter().position(|watch| *watch == Watch::Stop)
+    fn a_rival_of_what_leaves_only_noise_is_stopped_where_a_observer_does_not_bring_it_near() {
+        let cost_limits = CostLimits { reached: Some(0.5), only_noise: true, ..CostLimits::default() };
+        let stopped = |cost_limits, reported: &[(f64, f64)]| {
+            heard(&mut Watcher::new(None, cost_limits, false), reported)
+                .iter()
+                .position(|watch| *watch == SearchControl::Stop)
         };
         let far = [(100.0, 80.0), (30.0, 60.0), (30.0, 50.0), (10.0, 90.0), (10.0, 70.0), (3.0, 200.0)];
-        assert_eq!(stopped(marks, &far), Some(1));
-        assert_eq!(stopped(Marks { only_noise: false, ..marks }, &far), None);
+        assert_eq!(stopped(cost_limits, &far), Some(1));
+        assert_eq!(stopped(CostLimits { only_noise: false, ..cost_limits }, &far), None);
         let near = [(100.0, 80.0), (30.0, 14.0), (10.0, 90.0), (10.0, 14.0), (3.0, 80.0), (3.0, 1.0), (0.0, 90.0)];
-        assert_eq!(stopped(marks, &near), None);
+        assert_eq!(stopped(cost_limits, &near), None);
     }
 
     #[test]
     fn a_fit_far_above_anothers_is_stopped() {
         let far = [(3.0, 100.0), (0.0, 100.0), (0.0, 90.0)];
         let far: Vec<(f64, f64)> = far.into_iter().cycle().take(60).collect();
-        let marks = Marks { reached: Some(0.5), ..Marks::default() };
-        let stopped = heard(&mut Watcher::new(None, marks, false), &far).iter().position(|watch| *watch == Watch::Stop);
-        // Two of three are without a tether.
+        let cost_limits = CostLimits { reached: Some(0.5), ..CostLimits::default() };
+        let stopped = heard(&mut Watcher::new(None, cost_limits, false), &far)
+            .iter()
+            .position(|watch| *watch == SearchControl::Stop);
+        // Two of three are without an observer.
         assert_eq!(stopped, Some(22));
     }
 
     #[test]
-    fn many_joints_that_do_not_follow_their_logs_on_a_tether_are_given_up() {
-        let told = [(100.0, 150.0), (30.0, 5000.0), (10.0, 20_000.0)];
-        let last = |patience: Patience, has_many_joints: bool| {
-            let mut watcher = Watcher::new(Some(patience), Marks::default(), has_many_joints);
-            let heard = heard(&mut watcher, &told);
-            assert_eq!(heard[..2], [Watch::Continue; 2]);
+    fn many_joints_that_do_not_follow_their_logs_on_a_observer_are_given_up() {
+        let reported = [(100.0, 150.0), (30.0, 5000.0), (10.0, 20_000.0)];
+        let last = |limits: SearchLimits, has_many_joints: bool| {
+            let mut watcher = Watcher::new(Some(limits), CostLimits::default(), has_many_joints);
+            let heard = heard(&mut watcher, &reported);
+            assert_eq!(heard[..2], [SearchControl::Continue; 2]);
             (heard[2], watcher.gave_up)
         };
-        assert_eq!(last(FOR_THE_MODEL, true), (Watch::Stop, true));
-        assert_eq!(last(FOR_A_SUSPECT, true), (Watch::Enough, false));
-        assert_eq!(last(FOR_THE_MODEL, false), (Watch::Continue, false));
+        assert_eq!(last(FOR_THE_MODEL, true), (SearchControl::Stop, true));
+        assert_eq!(last(FOR_A_CANDIDATE, true), (SearchControl::Enough, false));
+        assert_eq!(last(FOR_THE_MODEL, false), (SearchControl::Continue, false));
     }
 }

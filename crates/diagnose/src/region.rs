@@ -5,7 +5,7 @@ use super::{Block, Refit, TorqueView, View};
 /// Why an effect that lowers the error is not believed: most of the gain lies where it hardly acts. `None` where it is
 /// believed, or where the torque error does not tell.
 ///
-/// Where an effect acts is told by what the torque error changes when it alone is taken out of the fitted model. If it is
+/// Where an effect acts is reported by what the torque error changes when it alone is taken out of the fitted model. If it is
 /// the cause, the squared error falls there, in those samples in which it acts more than in half of all. `before` is what the
 /// view shows of the model without it.
 pub(super) fn helps_elsewhere(view: &TorqueView, before: &[Block], after: &Refit) -> Option<String> {
@@ -13,11 +13,11 @@ pub(super) fn helps_elsewhere(view: &TorqueView, before: &[Block], after: &Refit
     const LEAST: f64 = 0.35;
     /// A gain of less than this share of the squared torque error says nothing of where it lies.
     const CLEAR: f64 = 0.1;
-    let suspect = after.suspect.as_ref()?;
-    let joint = suspect.joint?;
+    let candidate = after.candidate.as_ref()?;
+    let joint = candidate.joint?;
     let with = after.parsed().ok()?;
     let mut without = with.clone();
-    without.remove_effect(&suspect.effect, suspect.joint, suspect.from).ok()?;
+    without.remove_effect(&candidate.effect, candidate.joint, candidate.from).ok()?;
     let (with, without) = (view.errors(&with)?, view.errors(&without)?);
     let mut samples: Vec<(f64, f64)> = Vec::new();
     let mut before_squares = 0.0;

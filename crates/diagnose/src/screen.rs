@@ -1,4 +1,4 @@
-//! Score tests: how much of what a model leaves would a suspect explain, the model's own parameters being free to make up
+//! Score tests: how much of what a model leaves would a candidate explain, the model's own parameters being free to make up
 //! for it? No refit is needed: the own parameters are projected out to first order.
 
 use dynid_model::Parameter;
@@ -6,22 +6,22 @@ use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
 use super::{
-    candidate::{Probe, Suspect, keep_orders},
+    candidate::{Candidate, Probe, keep_orders},
     view::{Block, View},
     weighed::Weighed,
 };
 use dynid_user_model::Model;
 
-/// What a suspect would explain, at the best of its tried values.
+/// What a candidate would explain, at the best of its tried values.
 #[derive(Debug, Clone)]
 pub struct Score {
     /// Who.
-    pub suspect: Suspect,
+    pub candidate: Candidate,
     /// `sum n_eff ln(after / before) + k ln n_eff`: lower is better, 0 is nothing gained.
     pub information: f64,
     /// Share of the squared error that it explains, over all joints (each weighed alike).
     pub explained: f64,
-    /// The model with the suspect at its first estimate.
+    /// The model with the candidate at its first estimate.
     pub estimate: Model,
     /// Other estimates, by the next best of the tried values.
     pub others: Vec<Model>,
@@ -40,7 +40,7 @@ struct Remainder {
     explained: f64,
 }
 
-/// What the torque error says of a suspect, and what simulations on a tether say.
+/// What the torque error says of a candidate, and what simulations with an observer say.
 pub(super) type Scored = (Option<Score>, Option<Score>);
 
 /// Other estimates that a score keeps.
@@ -107,14 +107,14 @@ impl<'a> Screen<'a> {
         Some(self.problem.projected(change))
     }
 
-    /// Scores a suspect by the best of its probes; `None` where none can be evaluated or none changes anything.
-    pub fn score(&self, suspect: &Suspect, probes: &[Probe]) -> Option<Score> {
+    /// Scores a candidate by the best of its probes; `None` where none can be evaluated or none changes anything.
+    pub fn score(&self, candidate: &Candidate, probes: &[Probe]) -> Option<Score> {
         let mut tried: Vec<(f64, f64, Model)> = probes.par_iter().filter_map(|probe| self.score_probe(probe)).collect();
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut tried = tried.into_iter();
         let (information, explained, estimate) = tried.next()?;
         let others = tried.take(OTHERS).map(|(.., model)| model).collect();
-        Some(Score { suspect: suspect.clone(), information, explained, estimate, others, is_narrow: false })
+        Some(Score { candidate: candidate.clone(), information, explained, estimate, others, is_narrow: false })
     }
 
     /// A score whose estimate has the values of these names brought nearer to the best: what is tried is a coarse grid, and the
@@ -346,9 +346,9 @@ mod tests {
 
     fn refined(view: &Valley, (base, model, names): &(Model, Model, Vec<String>)) -> Vec<f64> {
         let screen = Screen::new(view, base, &[]).unwrap();
-        let suspect = Suspect { effect: "turner".to_owned(), joint: Some(0), from: None };
+        let candidate = Candidate { effect: "turner".to_owned(), joint: Some(0), from: None };
         let score = Score {
-            suspect,
+            candidate,
             information: -1.0,
             explained: 0.5,
             estimate: model.clone(),

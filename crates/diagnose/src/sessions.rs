@@ -2,7 +2,7 @@
 
 use super::{
     Moved, Work,
-    refit::{Judge, Marks},
+    refit::{CostLimits, Judge},
     verdict,
 };
 use crate::DiagnoseError;
@@ -14,7 +14,7 @@ use dynid_user_model::Model;
 pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, DiagnoseError> {
     /// Smaller changes are chance.
     const LEAST: f64 = 5.0;
-    /// As many are told.
+    /// As many are reported.
     const AT_MOST: usize = 12;
     let runs: Vec<Run> = work.runs.iter().map(|run| Run { role: Role::Fit, ..(*run).clone() }).collect();
     if runs.len() < 2 {
@@ -26,7 +26,7 @@ pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
         let judge = Judge { runs: &alone, ..*work.judge };
         let work = Work { judge: &judge, ..*work };
         let key = format!("run {} by itself", index + 1);
-        let Ok(fit) = work.remembered(&key, None, base, std::slice::from_ref(base), Marks::default()) else {
+        let Ok(fit) = work.remembered(&key, None, base, std::slice::from_ref(base), CostLimits::default()) else {
             work.asked_to_stop()?;
             return Ok(Vec::new());
         };

@@ -1,18 +1,18 @@
-//! Which suspects are worth a simulation, which a fit, and in which order.
+//! Which candidates are worth a simulation, which a fit, and in which order.
 
-use super::{Probe, Refit, Score, Screened, Suspect, candidate::distinct, screen::Scored};
+use super::{Candidate, Probe, Refit, Score, Screened, candidate::distinct, screen::Scored};
 use dynid_user_model::Model;
 
-/// A suspect that promises less than this share of the best is not fitted.
+/// A candidate that promises less than this share of the best is not fitted.
 const LEAST_PROMISE: f64 = 0.05;
 /// As many are fitted in any case.
 const FEWEST: usize = 5;
-/// What would explain less than this share of the squared error, of torque or on a tether, is not fitted, but for a few: of
+/// What would explain less than this share of the squared error, of torque or with an observer, is not fitted, but for a few: of
 /// what the cases of `cargo xtask hidden-effects` hide each explains a sixth at least.
 const LEAST_SHARE: f64 = 0.05;
 const FEWEST_OF_LITTLE: usize = 3;
 
-/// Two screenings' scores of every suspect in one order: who is high in both comes first.
+/// Two screenings' scores of every candidate in one order: who is high in both comes first.
 pub(super) fn of(scored: &[Scored]) -> Vec<Score> {
     // Each screening in units of its best, so that neither drowns the other.
     let best = |of: &dyn Fn(&Scored) -> Option<f64>| scored.iter().filter_map(of).fold(-f64::MIN_POSITIVE, f64::min);
@@ -50,7 +50,7 @@ pub(super) fn of(scored: &[Scored]) -> Vec<Score> {
     list
 }
 
-/// Both screenings' scores of a suspect in one.
+/// Both screenings' scores of a candidate in one.
 fn joined((torque, position): &Scored) -> Option<Score> {
     // The estimate on simulations is the nearer to what a refit will find; the other is another start.
     match (torque.clone(), position.clone()) {
@@ -75,17 +75,17 @@ pub(super) fn plain_ones_first(
     /// Share of what the most promising explains.
     const NEARLY: f64 = 0.95;
     let Some(first) = list.first() else { return list };
-    let (place, most) = (first.suspect.joint, unknowns(first));
-    let explained = |suspect: &Suspect| {
+    let (place, most) = (first.candidate.joint, unknowns(first));
+    let explained = |candidate: &Candidate| {
         let of = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.explained);
-        scores_of(suspect, scored).map_or((0.0, 0.0), |own| (of(&own.0), of(&own.1)))
+        scores_of(candidate, scored).map_or((0.0, 0.0), |own| (of(&own.0), of(&own.1)))
     };
-    let (torque, position) = explained(&first.suspect);
+    let (torque, position) = explained(&first.candidate);
     // A screening that sees little of the first tells nothing.
     let is_near = |own: f64, first: f64| first >= LEAST_SHARE && own >= NEARLY * first;
     let is_plain = |score: &Score| {
-        let own = explained(&score.suspect);
-        score.suspect.joint == place && unknowns(score) < most && (is_near(own.0, torque) || is_near(own.1, position))
+        let own = explained(&score.candidate);
+        score.candidate.joint == place && unknowns(score) < most && (is_near(own.0, torque) || is_near(own.1, position))
     };
     let (mut plain, others): (Vec<Score>, Vec<Score>) = list.drain(..).partition(is_plain);
     plain.sort_by(|a, b| unknowns(a).total_cmp(&unknowns(b)));
@@ -93,14 +93,14 @@ pub(super) fn plain_ones_first(
     plain
 }
 
-/// What the screening says of every suspect, most promising first.
+/// What the screening says of every candidate, most promising first.
 pub(super) fn screened(scored: &[Scored]) -> Vec<Screened> {
     let mut list: Vec<Screened> = scored
         .iter()
         .filter_map(|(torque, position)| {
-            let suspect = torque.as_ref().or(position.as_ref())?.suspect.clone();
+            let candidate = torque.as_ref().or(position.as_ref())?.candidate.clone();
             Some(Screened {
-                suspect,
+                candidate,
                 torque: torque.as_ref().map(|score| score.information),
                 torque_explained: torque.as_ref().map(|score| score.explained),
                 position: position.as_ref().map(|score| score.information),
@@ -109,14 +109,14 @@ pub(super) fn screened(scored: &[Scored]) -> Vec<Screened> {
         })
         .collect();
     let key = |screened: &Screened| screened.position.or(screened.torque).unwrap_or(f64::INFINITY);
-    list.sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.suspect.cmp(&b.suspect)));
+    list.sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.candidate.cmp(&b.candidate)));
     list
 }
 
-fn scores_of<'s>(suspect: &Suspect, scored: &'s [Scored]) -> Option<&'s Scored> {
+fn scores_of<'s>(candidate: &Candidate, scored: &'s [Scored]) -> Option<&'s Scored> {
     scored
         .iter()
-        .find(|(torque, position)| torque.as_ref().or(position.as_ref()).is_some_and(|any| any.suspect == *suspect))
+        .find(|(torque, position)| torque.as_ref().or(position.as_ref()).is_some_and(|any| any.candidate == *candidate))
 }
 
 /// Of laws that are alternatives at a joint, all are fitted if one is among the first: only a fit tells them apart.
@@ -124,8 +124,8 @@ fn bring_alternatives(list: &mut Vec<Score>) {
     /// How far down the list a law brings its alternatives along.
     const FIRST: usize = 4;
     let family = |score: &Score| {
-        let word = score.suspect.law()?.alternatives.clone()?;
-        Some((word, score.suspect.joint))
+        let word = score.candidate.law()?.alternatives.clone()?;
+        Some((word, score.candidate.joint))
     };
     let wanted: Vec<_> = list.iter().take(FIRST).filter_map(family).collect();
     let mut place = 0;
@@ -140,16 +140,17 @@ fn bring_alternatives(list: &mut Vec<Score>) {
 /// What one of the first laws contains goes last, however little a screening finds in it: of nested laws the smallest that
 /// explains is wanted.
 pub(super) fn bring_contained(list: &mut Vec<Score>, scored: &[Scored]) {
-    let is_listed = |suspect: &Suspect| list.iter().any(|score| score.suspect == *suspect);
-    let is_contained = |suspect: &Suspect| list.iter().take(FEWEST).any(|score| score.suspect.contains(suspect));
+    let is_listed = |candidate: &Candidate| list.iter().any(|score| score.candidate == *candidate);
+    let is_contained =
+        |candidate: &Candidate| list.iter().take(FEWEST).any(|score| score.candidate.contains(candidate));
     let left_out = scored.iter().filter_map(joined);
     let mut contained: Vec<Score> =
-        left_out.filter(|score| is_contained(&score.suspect) && !is_listed(&score.suspect)).collect();
-    contained.sort_by(|a, b| a.information.total_cmp(&b.information).then(a.suspect.cmp(&b.suspect)));
+        left_out.filter(|score| is_contained(&score.candidate) && !is_listed(&score.candidate)).collect();
+    contained.sort_by(|a, b| a.information.total_cmp(&b.information).then(a.candidate.cmp(&b.candidate)));
     list.extend(contained);
 }
 
-/// Whether a suspect may explain as much as `best` does, which leaves nothing: one that it contains, that the screening finds
+/// Whether a candidate may explain as much as `best` does, which leaves nothing: one that it contains, that the screening finds
 /// nearly as telling, or that would leave next to nothing.
 pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool {
     /// Shares of the best's score.
@@ -159,12 +160,12 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
     const SEEN: f64 = 0.1;
     /// Share of the squared error; beyond it a screening, which is linear, tells no more.
     const NEARLY_ALL: f64 = 0.98;
-    let Some(winner) = &best.suspect else { return true };
+    let Some(winner) = &best.candidate else { return true };
     // Of nested laws the smallest that explains is wanted.
-    if winner.contains(&score.suspect) {
+    if winner.contains(&score.candidate) {
         return true;
     }
-    let (Some(own), Some(best)) = (scores_of(&score.suspect, scored), scores_of(winner, scored)) else { return true };
+    let (Some(own), Some(best)) = (scores_of(&score.candidate, scored), scores_of(winner, scored)) else { return true };
     let information = |score: &Option<Score>| score.as_ref().map_or(0.0, |score| score.information);
     // A screening that did not see the winner tells nothing of its rivals.
     let least = |of: fn(&Scored) -> &Option<Score>| scored.iter().map(|own| information(of(own))).fold(0.0, f64::min);
@@ -175,19 +176,19 @@ pub(super) fn may_rival(score: &Score, best: &Refit, scored: &[Scored]) -> bool 
             || (is_telling && information(own) < NEARLY * information(best))
     };
     // What simulations find next to useless, and that elsewhere, is no rival.
-    let is_elsewhere = score.suspect.joint != winner.joint;
+    let is_elsewhere = score.candidate.joint != winner.joint;
     let is_useless = is_elsewhere && own.1.is_some() && information(&own.1) > USELESS * information(&best.1);
     (is_near(&own.0, &best.0, seen[0]) && !is_useless) || is_near(&own.1, &best.1, seen[1])
 }
 
 /// Of many probes those that are worth a simulation: all of a few, else some about the torque error's estimate. The more
-/// suspects there are, the fewer are few.
-pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>, suspects: usize) -> Vec<Probe> {
-    /// As many simulations of all suspects are cheap.
+/// candidates there are, the fewer are few.
+pub(super) fn worth_simulating(probes: &[Probe], by_torque: Option<&Score>, candidates: usize) -> Vec<Probe> {
+    /// As many simulations of all candidates are cheap.
     const AFFORDED: usize = 1500;
-    /// As many of one suspect are few, at least and at most.
+    /// As many of one candidate are few, at least and at most.
     const FEW: (usize, usize) = (4, 32);
-    let few = (AFFORDED / suspects.max(1)).clamp(FEW.0, FEW.1);
+    let few = (AFFORDED / candidates.max(1)).clamp(FEW.0, FEW.1);
     if probes.len() <= few {
         return probes.to_vec();
     }
@@ -223,14 +224,14 @@ mod tests {
     use super::*;
     use crate::refit::tests::empty;
 
-    fn suspect(effect: &str, joint: usize) -> Suspect {
-        Suspect { effect: effect.to_owned(), joint: Some(joint), from: None }
+    fn candidate(effect: &str, joint: usize) -> Candidate {
+        Candidate { effect: effect.to_owned(), joint: Some(joint), from: None }
     }
 
     /// Shares of the squared error that the torque error and simulations find explained; the better, the lower the criterion.
     fn scored(effect: &str, joint: usize, torque: f64, position: f64) -> Scored {
         let score = |explained: f64| Score {
-            suspect: suspect(effect, joint),
+            candidate: candidate(effect, joint),
             information: 1e3 * (1.0 - explained).ln(),
             explained,
             estimate: Model::of_device(dynid_model::device("planar2r").unwrap()),
@@ -255,15 +256,15 @@ mod tests {
     fn a_plain_law_that_tells_nearly_as_much_at_the_same_joint_goes_first() {
         let scored = all();
         let list: Vec<Score> = scored.iter().filter_map(|own| own.1.clone()).collect();
-        let unknowns = |score: &Score| match score.suspect.effect.as_str() {
+        let unknowns = |score: &Score| match score.candidate.effect.as_str() {
             "turner" => 4.0,
             "backlash" => 2.0,
             _ => 1.0,
         };
         let ordered = plain_ones_first(list, &scored, &unknowns);
-        let told: Vec<String> = ordered.iter().map(|score| score.suspect.to_string()).collect();
+        let reported: Vec<String> = ordered.iter().map(|score| score.candidate.to_string()).collect();
         let expected = [("viscous", 0), ("turner", 0), ("viscous", 1), ("backlash", 0), ("sensor_scale", 0)];
-        assert_eq!(told, expected.map(|(effect, joint)| suspect(effect, joint).to_string()));
+        assert_eq!(reported, expected.map(|(effect, joint)| candidate(effect, joint).to_string()));
         assert!(plain_ones_first(Vec::new(), &scored, &unknowns).is_empty());
     }
 
@@ -276,29 +277,29 @@ mod tests {
             scored("spring_cubic", 0, 0.001, 0.001),
             scored("spring_cubic", 1, 0.001, 0.001),
         ];
-        let told: Vec<String> = of(&own).iter().map(|score| score.suspect.to_string()).collect();
+        let reported: Vec<String> = of(&own).iter().map(|score| score.candidate.to_string()).collect();
         let expected = [("spring_polynomial", 0), ("cogging", 0), ("backlash", 0), ("spring_cubic", 0)];
-        assert_eq!(told, expected.map(|(effect, joint)| suspect(effect, joint).to_string()));
+        assert_eq!(reported, expected.map(|(effect, joint)| candidate(effect, joint).to_string()));
     }
 
     #[test]
     fn a_screening_that_did_not_see_the_winner_names_no_rival() {
         let scored = all();
         let rivals = |scored: &[Scored]| -> Vec<String> {
-            let best = Refit { suspect: Some(suspect("viscous", 0)), ..empty() };
+            let best = Refit { candidate: Some(candidate("viscous", 0)), ..empty() };
             let others = scored
                 .iter()
                 .filter_map(|own| own.1.as_ref())
-                .filter(|own| Some(&own.suspect) != best.suspect.as_ref());
-            others.filter(|own| may_rival(own, &best, scored)).map(|own| own.suspect.to_string()).collect()
+                .filter(|own| Some(&own.candidate) != best.candidate.as_ref());
+            others.filter(|own| may_rival(own, &best, scored)).map(|own| own.candidate.to_string()).collect()
         };
         // Elsewhere simulations have to find some use for it; the one they see more of than of the winner has some.
-        assert_eq!(rivals(&scored), [suspect("turner", 0).to_string(), suspect("viscous", 1).to_string()]);
+        assert_eq!(rivals(&scored), [candidate("turner", 0).to_string(), candidate("viscous", 1).to_string()]);
         // What the winner contains is one whatever the screening says.
         let mut nested = all();
         nested.push(super::tests::scored("spring_cubic", 0, 0.0, 0.0));
         nested.push(super::tests::scored("spring_polynomial", 0, 0.9, 0.9));
-        let winner = Refit { suspect: Some(suspect("spring_polynomial", 0)), ..empty() };
+        let winner = Refit { candidate: Some(candidate("spring_polynomial", 0)), ..empty() };
         let is_rival = |index: usize| may_rival(nested[index].1.as_ref().unwrap(), &winner, &nested);
         assert!(is_rival(5) && !is_rival(2));
         // Where neither sees the winner, what either finds telling is a rival.

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use super::Suspect;
-use dynid_dynamics::{simulate, simulate::Hold, simulate::Input};
+use super::Candidate;
+use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample};
 use dynid_logs::{experiment::Run, noise::noise_floor};
 use dynid_user_model::Model;
 
@@ -25,9 +25,9 @@ struct Trial {
 ///
 /// Tried are sines at each joint that an effect acts on, of several amplitudes and frequencies about those of the runs, in
 /// every configuration in which that joint is free and at most as many joints as in the runs.
-pub(super) fn experiment(own: &Model, others: &[(&Suspect, &Model)], runs: &[&Run]) -> Option<String> {
-    let (suspect, other) = others.first()?;
-    let (noises, Trial { free, joint, amplitude, hz, phase }) = best(own, suspect, other, runs)?;
+pub(super) fn experiment(own: &Model, others: &[(&Candidate, &Model)], runs: &[&Run]) -> Option<String> {
+    let (candidate, other) = others.first()?;
+    let (noises, Trial { free, joint, amplitude, hz, phase }) = best(own, candidate, other, runs)?;
     let unit = &own.device.joints[joint].command_unit;
     let wave = if phase == 0.0 { "sin" } else { "cos" };
     let locked: Vec<String> =
@@ -39,19 +39,19 @@ pub(super) fn experiment(own: &Model, others: &[(&Suspect, &Model)], runs: &[&Ru
     };
     if noises < 3.0 {
         return Some(format!(
-            "none of the sines tried tells it from {suspect}: at best they differ by {noises:.1} times the noise"
+            "none of the sines tried tells it from {candidate}: at best they differ by {noises:.1} times the noise"
         ));
     }
     Some(format!(
-        "{lock} and command {} {unit} * {wave}(2 pi * {hz:.2} Hz * t) at joint {joint}: there it differs from {suspect} by \
+        "{lock} and command {} {unit} * {wave}(2 pi * {hz:.2} Hz * t) at joint {joint}: there it differs from {candidate} by \
          {noises:.0} times the noise (root mean square over {DURATION_S} s)",
         dynid_text::number(amplitude)
     ))
 }
 
 /// The trial that tells most, and by how many noises the models differ there.
-fn best(own: &Model, suspect: &Suspect, other: &Model, runs: &[&Run]) -> Option<(f64, Trial)> {
-    trials(own, suspect, runs)
+fn best(own: &Model, candidate: &Candidate, other: &Model, runs: &[&Run]) -> Option<(f64, Trial)> {
+    trials(own, candidate, runs)
         .into_par_iter()
         .filter_map(|trial| Some((difference(own, other, &trial, runs)?, trial)))
         .collect::<Vec<(f64, Trial)>>()
@@ -64,9 +64,9 @@ const DURATION_S: f64 = 20.0;
 /// Time from sample to sample (s).
 const SAMPLE_S: f64 = 0.01;
 
-fn trials(model: &Model, suspect: &Suspect, runs: &[&Run]) -> Vec<Trial> {
+fn trials(model: &Model, candidate: &Candidate, runs: &[&Run]) -> Vec<Trial> {
     let most = runs.iter().map(|run| run.free.len()).max().unwrap_or(1);
-    let joints: Vec<usize> = [suspect.joint, suspect.from].into_iter().flatten().collect();
+    let joints: Vec<usize> = [candidate.joint, candidate.from].into_iter().flatten().collect();
     let mut trials = Vec::new();
     for configuration in &model.device.configurations {
         let free = &configuration.free;
@@ -106,7 +106,7 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Optio
     }
     let middle = |joint: usize| runs.first().map_or(0.0, |run| run.log.mean_position(joint));
     let start: Vec<f64> = trial.free.iter().map(|joint| middle(*joint)).collect();
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let options = simulate::Options { substeps: 15, ..simulate::Options::default() };
     let play = |model: &Model| {
         let system = model.system(&trial.free, middle).ok()?;
@@ -175,7 +175,7 @@ mod tests {
         let command: Vec<f64> =
             time.iter().map(|t| trial.amplitude * (TAU * (trial.hz * t + trial.phase)).sin()).collect();
         let system = model.system(&[0], |_| 0.0).expect("a system");
-        let input = Input { time: &time, command: &command, hold: Hold::Zero };
+        let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
         let options = simulate::Options { substeps, ..simulate::Options::default() };
         let q = simulate::simulate(&system, &input, &[0.0], &options).expect("a motion").q;
         (time, command, q)
@@ -196,8 +196,8 @@ mod tests {
 
         let before = difference(&own, &other, &fitted, &runs).expect("it is what the run has seen");
         assert!(before < 1.5, "the two fit the run alike: {before}");
-        let suspect = Suspect { effect: "spring_cubic".to_owned(), joint: Some(0), from: None };
-        let (noises, trial) = best(&own, &suspect, &other, &runs).expect("a trial");
+        let candidate = Candidate { effect: "spring_cubic".to_owned(), joint: Some(0), from: None };
+        let (noises, trial) = best(&own, &candidate, &other, &runs).expect("a trial");
         assert!(noises > 3.0 && noises > 3.0 * before, "{before} {noises} {trial:?}");
 
         // Played anew, with a finer step.
@@ -207,7 +207,7 @@ mod tests {
         assert!((again / noises - 1.0).abs() < 0.02, "{again} {noises}");
         let farthest = one.iter().fold(0.0_f64, |farthest, q| farthest.max(q.abs()));
         assert!(farthest < 1.6 * FORCE, "nothing is asked for beyond what the run has seen: {farthest}");
-        let told = experiment(&own, &[(&suspect, &other)], &runs).expect("a trial");
-        assert!(told.contains(&format!("by {noises:.0} times the noise")), "{told}");
+        let reported = experiment(&own, &[(&candidate, &other)], &runs).expect("a trial");
+        assert!(reported.contains(&format!("by {noises:.0} times the noise")), "{reported}");
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{
-    Diagnosis, Followed, Left, Place, Ranked, Refit, Refused, Step, Suspect, Verdict, Work,
+    Candidate, Diagnosis, JointResidual, Place, Ranked, Refit, Rejected, SearchExtent, Step, Verdict, Work,
     candidate::{is_symmetric, joined_link},
 };
 use crate::DiagnoseError;
@@ -28,7 +28,7 @@ const SHARE_OF_TORQUE: f64 = 0.3;
 const WORTH: f64 = -20.0;
 /// The held-out error must fall by at least this share.
 const LEAST_GAIN: f64 = 0.01;
-/// As many places where the model fails are told.
+/// As many places where the model fails are reported.
 const PLACES: usize = 12;
 /// Held-out log-likelihoods that differ by less are the same.
 const SAME: f64 = 8.0;
@@ -74,7 +74,7 @@ pub(super) fn reaches_the_floor(refit: &Refit) -> bool {
     /// The noise is estimated from each log, to some per cent: what is white is noise up to this multiple of it.
     const WHITE: f64 = 1.15;
     let is_noise =
-        |left: &Left| left.ratio().is_some_and(|ratio| ratio < if left.white { WHITE } else { AT_THE_FLOOR });
+        |left: &JointResidual| left.ratio().is_some_and(|ratio| ratio < if left.white { WHITE } else { AT_THE_FLOOR });
     refit.judged().all(is_noise) && refit.judged().next().is_some()
 }
 
@@ -96,12 +96,12 @@ pub(super) fn plainest_noise(fitted: &[Refit]) -> Option<&Refit> {
 
 /// Sum over the joints of `n_eff ln(after / before)`, and of `n_eff`.
 fn gain<'a>(
-    before: impl Iterator<Item = &'a Left>,
-    after: impl Iterator<Item = &'a Left>,
+    before: impl Iterator<Item = &'a JointResidual>,
+    after: impl Iterator<Item = &'a JointResidual>,
     correlations: &BTreeMap<usize, f64>,
 ) -> (f64, f64) {
     let (mut gain, mut independent) = (0.0, 0.0);
-    let before: Vec<&Left> = before.collect();
+    let before: Vec<&JointResidual> = before.collect();
     for own in after {
         let Some(base) = before.iter().find(|left| left.joint == own.joint) else { continue };
         let count = own.samples / correlations.get(&own.joint).copied().unwrap_or(1.0).max(1.0);
@@ -130,7 +130,7 @@ pub(super) fn judge(
             let (held_out, _) = gain(before.judged(), refit.judged(), &correlations);
             let (fit, independent) = gain(before.side(false), refit.side(false), &correlations);
             let delta_bic = fit + refit.unknowns * independent.max(2.0).ln();
-            let reason = refusal(before, &refit, delta_bic).or_else(|| helps_elsewhere(&refit));
+            let reason = rejection(before, &refit, delta_bic).or_else(|| helps_elsewhere(&refit));
             Judged { refit, held_out, delta_bic, reason }
         })
         .collect();
@@ -144,21 +144,21 @@ pub(super) fn judge(
         (one.0, one.1)
             .cmp(&(other.0, other.1))
             .then(one.2.total_cmp(&other.2))
-            .then(a.refit.suspect.cmp(&b.refit.suspect))
+            .then(a.refit.candidate.cmp(&b.refit.candidate))
     });
     plainest_first(&mut judged);
     judged
 }
 
-/// A suspect whose fit came to nothing.
-pub(super) fn failed(suspect: &Suspect, error: &DiagnoseError) -> Refused {
+/// A candidate whose fit came to nothing.
+pub(super) fn failed(candidate: &Candidate, error: &DiagnoseError) -> Rejected {
     let reason = match error.interrupted_after() {
         Some(iterations) => {
             format!("its fit was given up after {iterations} iterations, far above what another effect reaches")
         }
         None => format!("it could not be fitted: {error}"),
     };
-    Refused { suspect: suspect.clone(), reason }
+    Rejected { candidate: candidate.clone(), reason }
 }
 
 /// Where the noise is not known, of laws that are as good as the best at its joint the plainest comes first: the one with the
@@ -167,7 +167,7 @@ fn plainest_first(judged: &mut [Judged]) {
     let credited = judged.iter().take_while(|judged| judged.reason.is_none()).count();
     let Some(best) = judged.first().filter(|_| credited > 0).cloned() else { return };
     let plainness = |judged: &Judged| {
-        let law = judged.refit.suspect.as_ref().and_then(Suspect::law);
+        let law = judged.refit.candidate.as_ref().and_then(Candidate::law);
         let signals = law.map_or(0, dynid_model::Effect::n_signals);
         judged.refit.unknowns + signals as f64
     };
@@ -185,7 +185,7 @@ fn as_good(own: &Judged, best: &Judged) -> bool {
     /// Of the root mean square held out, with the change of the criterion that goes with it: the closer the runs fitted to
     /// are, the farther those held out may be.
     const ABOUT: [(f64, f64); 2] = [(1.25, 25.0), (1.5, 10.0)];
-    let (Some(one), Some(other)) = (&own.refit.suspect, &best.refit.suspect) else { return false };
+    let (Some(one), Some(other)) = (&own.refit.candidate, &best.refit.candidate) else { return false };
     if one == other {
         return true;
     }
@@ -202,7 +202,7 @@ fn as_good(own: &Judged, best: &Judged) -> bool {
 }
 
 /// Why a refit is given no credit.
-fn refusal(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
+fn rejection(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
     let evaluated =
         |held_out: bool| before.side(held_out).all(|left| refit.side(held_out).any(|own| own.joint == left.joint));
     if !refit.is_finite() || !evaluated(false) || !evaluated(true) {
@@ -226,7 +226,7 @@ fn refusal(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
 
 /// Squared error of the model without an effect. Where it cannot be simulated to the end of a run, a thousand times the
 /// noise: any law that can be is then a gain.
-fn without(base: &Left) -> f64 {
+fn without(base: &JointResidual) -> f64 {
     const FAR: f64 = 1e6;
     if base.squares.is_finite() { base.squares } else { FAR * base.noise_squares.unwrap_or(1.0) }
 }
@@ -255,7 +255,7 @@ fn clears_its_joint(before: &Refit, after: &Refit) -> bool {
     /// What is left there, as a share of what is left at the worst joint.
     const LITTLE: f64 = 0.1;
     let Some((joint, _, excess)) = share(before, after) else { return false };
-    let own = after.judged().find(|left| left.joint == joint).and_then(Left::ratio);
+    let own = after.judged().find(|left| left.joint == joint).and_then(JointResidual::ratio);
     let is_little = own.zip(after.worst_ratio()).is_some_and(|(own, worst)| own < LITTLE * worst);
     excess >= NEARLY_ALL && is_little
 }
@@ -288,34 +288,34 @@ pub(super) fn of(before: &Refit, fitted: &[Judged]) -> Verdict {
 }
 
 /// Effects that fit as well as `best`.
-fn confounded(best: &Judged, all: &[Judged]) -> Vec<Suspect> {
-    let mut suspects: Vec<Suspect> = all
+fn confounded(best: &Judged, all: &[Judged]) -> Vec<Candidate> {
+    let mut candidates: Vec<Candidate> = all
         .iter()
-        .filter(|other| other.reason.is_none() && other.refit.suspect != best.refit.suspect)
+        .filter(|other| other.reason.is_none() && other.refit.candidate != best.refit.candidate)
         .filter(|other| {
             let both_noise = reaches_the_floor(&other.refit) && reaches_the_floor(&best.refit);
             let apart = if both_noise { other.delta_bic - best.delta_bic } else { other.held_out - best.held_out };
             apart.abs() < SAME || as_good(other, best)
         })
-        .filter_map(|other| other.refit.suspect.clone())
+        .filter_map(|other| other.refit.candidate.clone())
         .collect();
-    let mut same: Vec<Suspect> = best.refit.suspect.iter().flat_map(|own| told_otherwise(own, &best.refit)).collect();
-    same.append(&mut suspects);
+    let mut same: Vec<Candidate> = best.refit.candidate.iter().flat_map(|own| equivalents(own, &best.refit)).collect();
+    same.append(&mut candidates);
     same
 }
 
 /// The same effect as `own`, told from its other end or by another joint that moves the link which it joins.
-fn told_otherwise(own: &Suspect, refit: &Refit) -> Vec<Suspect> {
+fn equivalents(own: &Candidate, refit: &Refit) -> Vec<Candidate> {
     let (Some(law), Some(joint)) = (own.law(), own.joint) else { return Vec::new() };
     match own.from {
-        Some(from) if is_symmetric(law) => vec![Suspect { joint: Some(from), from: Some(joint), ..own.clone() }],
+        Some(from) if is_symmetric(law) => vec![Candidate { joint: Some(from), from: Some(joint), ..own.clone() }],
         None => {
             let Ok(model) = refit.parsed() else { return Vec::new() };
             let Some(link) = joined_link(&model, law, joint) else { return Vec::new() };
             let joints: BTreeSet<usize> = refit.left.iter().map(|left| left.joint).collect();
             let others = joints.into_iter().filter(|other| *other != joint);
             let same = others.filter(|other| joined_link(&model, law, *other) == Some(link));
-            same.map(|other| Suspect { joint: Some(other), ..own.clone() }).collect()
+            same.map(|other| Candidate { joint: Some(other), ..own.clone() }).collect()
         }
         Some(_) => Vec::new(),
     }
@@ -329,7 +329,7 @@ pub(super) fn conclude(
     notes: Vec<String>,
 ) -> Result<Diagnosis, DiagnoseError> {
     let mut ranking: Vec<Ranked> = Vec::new();
-    let mut refused = Vec::new();
+    let mut rejected = Vec::new();
     let mut found: Vec<Ranked> = Vec::new();
     let mut better = None;
     for (index, step) in steps.iter().enumerate() {
@@ -345,13 +345,13 @@ pub(super) fn conclude(
         }
         if index == 0 {
             ranking = ranked;
-            refused.extend(step.fitted.iter().filter_map(|judged| {
-                Some(Refused { suspect: judged.refit.suspect.clone()?, reason: judged.reason.clone()? })
+            rejected.extend(step.fitted.iter().filter_map(|judged| {
+                Some(Rejected { candidate: judged.refit.candidate.clone()?, reason: judged.reason.clone()? })
             }));
-            refused.extend(step.failed.iter().cloned());
+            rejected.extend(step.failed.iter().cloned());
         }
     }
-    let later = |other: &Ranked| found.iter().any(|found| found.suspect == other.suspect);
+    let later = |other: &Ranked| found.iter().any(|found| found.candidate == other.candidate);
     ranking.retain(|ranked| !later(ranked));
     let base = first.parsed()?;
     let mut verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
@@ -380,19 +380,19 @@ pub(super) fn conclude(
             sentences.push("How much of it is noise is not known of the torque error: it may be all of it.".to_owned());
         }
     }
-    let mut models: BTreeMap<(usize, Suspect), Model> = BTreeMap::new();
+    let mut models: BTreeMap<(usize, Candidate), Model> = BTreeMap::new();
     for (index, step) in steps.iter().enumerate() {
         for judged in &step.fitted {
-            if let (Some(suspect), Ok(model)) = (&judged.refit.suspect, judged.refit.parsed()) {
-                models.insert((index + 1, suspect.clone()), model);
+            if let (Some(candidate), Ok(model)) = (&judged.refit.candidate, judged.refit.parsed()) {
+                models.insert((index + 1, candidate.clone()), model);
             }
         }
     }
     for ranked in found.iter_mut().chain(ranking.iter_mut().take(1)) {
-        let fitted = |suspect: &Suspect| models.get(&(ranked.depth, suspect.clone()));
-        let others: Vec<(&Suspect, &Model)> =
-            ranked.confounded_with.iter().filter_map(|suspect| Some((suspect, fitted(suspect)?))).collect();
-        if let Some(own) = fitted(&ranked.suspect) {
+        let fitted = |candidate: &Candidate| models.get(&(ranked.depth, candidate.clone()));
+        let others: Vec<(&Candidate, &Model)> =
+            ranked.confounded_with.iter().filter_map(|candidate| Some((candidate, fitted(candidate)?))).collect();
+        if let Some(own) = fitted(&ranked.candidate) {
             ranked.experiment = super::tell_apart::experiment(own, &others, work.judge.runs);
         }
     }
@@ -405,7 +405,7 @@ pub(super) fn conclude(
         sentences,
         error: work.judge.error.to_string(),
         ranking,
-        refused,
+        rejected,
         screening: steps.into_iter().next().map(|step| step.screening).unwrap_or_default(),
         places,
         moved,
@@ -417,26 +417,26 @@ pub(super) fn conclude(
     })
 }
 
-/// Findings, the most telling first: what several runs say of a joint is told once, of the run that says it most.
+/// Findings, the most telling first: what several runs say of a joint is reported once, of the run that says it most.
 fn places(findings: Vec<Finding>) -> Vec<Place> {
-    let mut told: Vec<(Finding, Vec<String>)> = Vec::new();
+    let mut reported: Vec<(Finding, Vec<String>)> = Vec::new();
     for finding in findings {
-        match told.iter_mut().find(|(other, _)| other.says_the_same(&finding)) {
+        match reported.iter_mut().find(|(other, _)| other.says_the_same(&finding)) {
             Some((first, also)) if first.run != finding.run && !also.contains(&finding.run) => also.push(finding.run),
             Some(_) => {}
-            None => told.push((finding, Vec::new())),
+            None => reported.push((finding, Vec::new())),
         }
     }
     let place = |(finding, also): (Finding, Vec<String>)| {
         let also = if also.is_empty() { String::new() } else { format!("; likewise in {}", also.join(", ")) };
         Place { run: finding.run, joint: finding.joint, what: finding.what + &also }
     };
-    told.into_iter().take(PLACES).map(place).collect()
+    reported.into_iter().take(PLACES).map(place).collect()
 }
 
 fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
     let (before, after) = (&step.base, &judged.refit);
-    let suspect = after.suspect.clone()?;
+    let candidate = after.candidate.clone()?;
     let mut evidence_for = Vec::new();
     let mut evidence_against = Vec::new();
     if let Some((joint, gain, _)) = share(before, after) {
@@ -474,7 +474,7 @@ fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
         experiment: None,
         depth,
         worst_ratio_after: after.worst_ratio(),
-        suspect,
+        candidate,
     })
 }
 
@@ -509,8 +509,8 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
         Verdict::MissingEffect => {
             for ranked in found {
                 let with = left_with(ranked.worst_ratio_after, ranked.torque_percent_after);
-                let law = ranked.suspect.law().map_or("", |law| law.title.as_str());
-                sentences.push(format!("Missing: {} ({law}); with it {with}.", ranked.suspect));
+                let law = ranked.candidate.law().map_or("", |law| law.title.as_str());
+                sentences.push(format!("Missing: {} ({law}); with it {with}.", ranked.candidate));
                 if !ranked.confounded_with.is_empty() {
                     let names: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
                     sentences.push(format!("It could as well be {}.", names.join(" or ")));
@@ -523,7 +523,7 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
             }
         }
         Verdict::Unexplained => {
-            sentences.push(if first.followed != Followed::ToItsEnd || first.status.may_update_model() {
+            sentences.push(if first.followed != SearchExtent::ToItsEnd || first.status.may_update_model() {
                 "No effect of the library explains it.".to_owned()
             } else {
                 format!(
@@ -532,7 +532,7 @@ fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked
                 )
             });
             if let Some(nearest) = others.first() {
-                sentences.push(format!("The nearest is {}, which explains only part of it.", nearest.suspect));
+                sentences.push(format!("The nearest is {}, which explains only part of it.", nearest.candidate));
             }
         }
     }
@@ -546,7 +546,7 @@ mod tests {
     /// Two effects are missing, each at its joint: the first that is found cannot explain the other joint's error.
     #[test]
     fn an_effect_that_clears_its_joint_is_named_though_another_joint_is_far_off() {
-        let left = |joint: usize, ratio: f64| Left {
+        let left = |joint: usize, ratio: f64| JointResidual {
             joint,
             held_out: true,
             squares: ratio * ratio,
@@ -556,7 +556,7 @@ mod tests {
             white: false,
         };
         let refit = |ratios: [f64; 2]| Refit {
-            followed: Followed::WhileItFell,
+            followed: SearchExtent::WhileItFell,
             left: vec![left(4, ratios[0]), left(5, ratios[1])],
             ..crate::refit::tests::empty()
         };
@@ -583,7 +583,7 @@ mod tests {
 
     #[test]
     fn noise_is_what_is_low_or_low_and_white_at_every_joint() {
-        let left = |joint: usize, ratio: f64, white: bool| Left {
+        let left = |joint: usize, ratio: f64, white: bool| JointResidual {
             joint,
             held_out: true,
             squares: ratio * ratio,
@@ -592,7 +592,7 @@ mod tests {
             noise_squares: Some(1.0),
             white,
         };
-        let unknown = Left { noise_squares: None, ..left(0, 0.5, true) };
+        let unknown = JointResidual { noise_squares: None, ..left(0, 0.5, true) };
         let cases = [
             (vec![left(0, 1.10, true)], true),
             (vec![left(0, 1.10, false)], false),

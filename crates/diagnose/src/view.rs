@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use dynid_dynamics::{simulate, simulate::Input, simulate::Tether, system::SystemError};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Observer, system::SystemError};
 use dynid_identify::{position::FitRun, position::first_state};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_torque as torque;
@@ -92,15 +92,15 @@ impl View for TorqueView {
     }
 }
 
-/// The position error of simulations that a tether holds near the log, so that errors do not pile up: each sample tells of
+/// The position error of simulations that an observer holds near the log, so that errors do not pile up: each sample tells of
 /// what went wrong within the last `1 / rate`.
-pub struct TetheredView {
+pub struct ObserverView {
     runs: Vec<(FitRun, Vec<usize>, Vec<f64>)>,
     rate: f64,
     substeps: usize,
 }
 
-impl TetheredView {
+impl ObserverView {
     /// Of those of `runs` that are for fitting.
     ///
     /// # Errors
@@ -118,7 +118,7 @@ impl TetheredView {
     }
 }
 
-impl View for TetheredView {
+impl View for ObserverView {
     fn errors(&self, model: &Model) -> Option<Vec<Block>> {
         let blocks: Vec<Vec<Block>> = self
             .runs
@@ -127,10 +127,10 @@ impl View for TetheredView {
                 let system = model.system(free, |joint| positions[joint]).ok()?;
                 let n = free.len();
                 let start = first_state(run);
-                let input = Input { time: &run.time, command: &run.command, hold: run.hold };
-                let tether = Tether { rate: self.rate, position: &run.position };
+                let input = Input { time: &run.time, command: &run.command, intersample: run.intersample };
+                let observer = Observer { rate: self.rate, position: &run.position };
                 let options = simulate::Options { substeps: self.substeps, ..simulate::Options::default() };
-                let simulated = simulate::simulate_tethered(&system, &input, &tether, &start, &options).ok()?;
+                let simulated = simulate::simulate_with_observer(&system, &input, &observer, &start, &options).ok()?;
                 let block = |(slot, joint): (usize, &usize)| {
                     let errors = run.position.iter().zip(&simulated.q).skip(slot).step_by(n).skip(run.first_sample());
                     let values: Vec<f64> = errors.map(|(measured, model)| measured - model).collect();

@@ -12,11 +12,11 @@ use crate::{system::Scratch, system::System};
 
 /// How the commanded torque runs between samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Hold {
+pub enum Intersample {
     /// The torque of row `k` acts from `t_k` to `t_(k+1)`.
-    Zero,
+    ZeroOrder,
     /// The torque runs straight from row to row.
-    Linear,
+    FirstOrder,
 }
 
 /// What drives a simulation.
@@ -27,13 +27,13 @@ pub struct Input<'a> {
     /// Commanded torques [N*m or N] of all joints, one row per sample.
     pub command: &'a [f64],
     /// Between the samples.
-    pub hold: Hold,
+    pub intersample: Intersample,
 }
 
 impl<'a> Input<'a> {
     /// The commands as a simulation plays them.
     pub fn commands(&self, n_joints: usize) -> Commands<'a> {
-        Commands { time: self.time, rows: self.command, n_joints, hold: self.hold }
+        Commands { time: self.time, rows: self.command, n_joints, intersample: self.intersample }
     }
 
     /// The first `samples` samples.
@@ -41,24 +41,28 @@ impl<'a> Input<'a> {
     pub fn first(self, samples: usize) -> Self {
         let samples = samples.min(self.time.len());
         let n_joints = self.command.len() / self.time.len().max(1);
-        Self { time: &self.time[..samples], command: &self.command[..samples * n_joints], hold: self.hold }
+        Self {
+            time: &self.time[..samples],
+            command: &self.command[..samples * n_joints],
+            intersample: self.intersample,
+        }
     }
 }
 
 /// Pulls a simulation to a measurement, like a critically damped observer:
 /// `ddq += rate^2 (q_measured - q) + 2 rate (dq_measured - dq)`.
 ///
-/// A fit from a poor start first follows its log on such a tether, which it then loosens: what a wrong model does within
+/// A fit from a poor start first follows its log with such an observer, which it then loosens: what a wrong model does within
 /// one `1/rate` stays visible, but errors no longer pile up, and the cost has one minimum.
 #[derive(Debug, Clone, Copy)]
-pub struct Tether<'a> {
+pub struct Observer<'a> {
     /// How fast errors decay [1/s].
     pub rate: f64,
     /// Measured positions of the free joints, one row a sample.
     pub position: &'a [f64],
 }
 
-impl Tether<'_> {
+impl Observer<'_> {
     /// Measured position and speed of a joint between two samples.
     pub fn target(&self, slot: usize, n_free: usize, sample: usize, share: f64, span_s: f64) -> (f64, f64) {
         let now = self.position[sample * n_free + slot];
@@ -67,11 +71,11 @@ impl Tether<'_> {
     }
 }
 
-/// Simulates on a tether, from `q0` as [`simulate`].
-pub fn simulate_tethered(
+/// Simulates with an observer, from `q0` as [`simulate`].
+pub fn simulate_with_observer(
     system: &System,
     input: &Input<'_>,
-    tether: &Tether<'_>,
+    observer: &Observer<'_>,
     q0: &[f64],
     options: &Options,
 ) -> Result<Trajectory, SimulationError> {
@@ -87,11 +91,11 @@ pub fn simulate_tethered(
         let (start, end) = (input.time[sample], input.time[sample + 1]);
         let pull = |t: f64, x: &[f64], dx: &mut [f64]| {
             for slot in 0..n {
-                let (q, dq) = tether.target(slot, n, sample, (t - start) / (end - start), end - start);
-                dx[n + slot] += tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n + slot]));
+                let (q, dq) = observer.target(slot, n, sample, (t - start) / (end - start), end - start);
+                dx[n + slot] += observer.rate * (observer.rate * (q - x[slot]) + 2.0 * (dq - x[n + slot]));
             }
         };
-        let next = if input.hold == Hold::Zero { now } else { next };
+        let next = if input.intersample == Intersample::ZeroOrder { now } else { next };
         let late = input.commands(n_joints);
         stepper.pulled(system, (start, end), grid.steps(start, end), (now, next), &late, pull);
         recorder.take(system, end, &stepper.x, options)?;
@@ -205,9 +209,9 @@ pub fn simulate_from(
         let (start, end) = (input.time[sample], input.time[sample + 1]);
         let steps = grid.steps(start, end);
         let late = input.commands(n_joints);
-        match input.hold {
-            Hold::Zero => stepper.held(system, start, end, steps, now, &late),
-            Hold::Linear => stepper.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
+        match input.intersample {
+            Intersample::ZeroOrder => stepper.held(system, start, end, steps, now, &late),
+            Intersample::FirstOrder => stepper.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
         }
         recorder.take(system, end, &stepper.x, options)?;
     }

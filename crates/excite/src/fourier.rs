@@ -260,8 +260,8 @@ impl<'a> Search<'a> {
         let excess = (self.load(&motion) - 1.0).max(0.0);
         let log_det = self.information.log_det(&motion.path(&self.time), self.noise);
         // A motion that tells nothing is worse than any that does; the penalty outweighs what more torque would tell.
-        let told = if log_det.is_finite() { log_det } else { -1e6 };
-        -told + 20.0 * self.width() as f64 * excess
+        let reported = if log_det.is_finite() { log_det } else { -1e6 };
+        -reported + 20.0 * self.width() as f64 * excess
     }
 
     /// The motion itself, or as much of it as the torque limits allow.
@@ -335,16 +335,16 @@ mod tests {
         let limits = limits(f64::INFINITY);
         let regressor = BaseRegressor::new(&model, &system);
         let time = times(5.0, 0.01);
-        let told = |path: &Path| regressor.expected(path, &NOISE).log_det;
+        let reported = |path: &Path| regressor.expected(path, &NOISE).log_det;
         let best = optimised(&model, &system, &limits, &NOISE, &OPTIONS).unwrap();
         check_limits(&best, &system, &limits);
-        let optimised_told = told(&best.path(&time));
-        let random_told = (0..200).map(|seed| {
+        let optimised_reported = reported(&best.path(&time));
+        let random_reported = (0..200).map(|seed| {
             let motion = random(&model, &system, &limits, &NOISE, &Options { seed, ..OPTIONS }).unwrap();
-            told(&motion.path(&time))
+            reported(&motion.path(&time))
         });
-        let random_told = random_told.fold(f64::NEG_INFINITY, f64::max);
-        assert!(optimised_told > random_told + 1.0, "{optimised_told} {random_told}");
+        let random_reported = random_reported.fold(f64::NEG_INFINITY, f64::max);
+        assert!(optimised_reported > random_reported + 1.0, "{optimised_reported} {random_reported}");
         // a chirp over the same frequencies, as large as position and speed allow
         let waves = Wave::Chirp { from: 0.2, to: 0.8 }.values(2, &time, 5.0).unwrap();
         let highest = 2.0 * PI * 0.8;
@@ -355,8 +355,8 @@ mod tests {
             };
             vec![place(0), place(1)]
         });
-        let chirp_told = told(&Path::of_positions(&time, q.collect()));
-        assert!(optimised_told > chirp_told + 1.0, "{optimised_told} {chirp_told}");
+        let chirp_reported = reported(&Path::of_positions(&time, q.collect()));
+        assert!(optimised_reported > chirp_reported + 1.0, "{optimised_reported} {chirp_reported}");
     }
 
     #[test]
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_that_cannot_bear_its_load_is_told() {
+    fn a_joint_that_cannot_bear_its_load_is_reported() {
         let (model, system) = arm();
         let error = optimised(&model, &system, &limits(1e-3), &NOISE, &OPTIONS).unwrap_err();
         assert!(matches!(error, FourierError::TooHeavy { .. }), "{error}");
@@ -394,7 +394,7 @@ mod tests {
         let input = dynid_dynamics::simulate::Input {
             time: &time,
             command: &command,
-            hold: dynid_dynamics::simulate::Hold::Linear,
+            intersample: dynid_dynamics::simulate::Intersample::FirstOrder,
         };
         let options = dynid_dynamics::simulate::Options { substeps: 2, ..Default::default() };
         let played = dynid_dynamics::simulate::simulate(&system, &input, &path.q[0], &options).unwrap();

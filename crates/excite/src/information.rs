@@ -438,7 +438,7 @@ pub(super) mod tests {
 
     /// Other coordinates of the same base parameters: only a constant apart.
     #[test]
-    fn the_search_compares_what_is_told() {
+    fn the_search_compares_what_is_reported() {
         let (model, system) = arm();
         let (regressor, information) = (BaseRegressor::new(&model, &system), Information::new(&model, &system));
         let noise = [0.05, 0.02];

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_takes_no_file_is_told_before_the_work() {
+    fn a_folder_that_takes_no_file_is_reported_before_the_work() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.toml");
         check_output(&path, Overwrite::Refuse).unwrap();

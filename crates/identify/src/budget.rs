@@ -5,7 +5,7 @@
 //! `S I_c S`, and these shares add up: `S = S P S + sum(S I_c S)`. A simulated position with the derivative `j` by the
 //! parameters varies by `j S I_c S j'`; its mean over a run's samples is what the budget states, as a root. Thus a later
 //! joint's error is told apart into what its own runs left open and what earlier ones did (thesis section 4.2.2 could
-//! only suspect it).
+//! only candidate it).
 
 use nalgebra::DMatrix;
 
@@ -13,7 +13,7 @@ use super::{
     position::{Options, PositionFit, PositionFitError, PositionProblem, RunMotion, Unknown, motions},
     sequence::Step,
 };
-use dynid_user_model::{Share, Source};
+use dynid_user_model::{ErrorShare, Source};
 
 /// The budget of a sequence: `joint` fitted `problem`, whose runs are of `configurations` and have the free joints
 /// `free`; `steps` led there.
@@ -23,7 +23,7 @@ pub fn budget(
     steps: &[Step],
     joint: &PositionFit,
     options: &Options,
-) -> Result<Vec<Share>, PositionFitError> {
+) -> Result<Vec<ErrorShare>, PositionFitError> {
     let motions = motions(problem, joint, options)?;
     let n = joint.parameters.len();
     let widening = joint.widening();
@@ -49,7 +49,7 @@ pub fn budget(
     let carried: Vec<(usize, DMatrix<f64>)> =
         steps.iter().map(|step| (step.configuration, spread_out(step, joint))).collect();
 
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for number in &numbers {
         let runs: Vec<usize> = (0..motions.len()).filter(|run| configurations[*run] == *number).collect();
         let earlier = carried.iter().take_while(|(step, _)| step != number);
@@ -62,7 +62,7 @@ pub fn budget(
             let from: Vec<f64> = shares.from.iter().map(&variance).collect();
             let of_range = variance(&shares.range);
             let source = |configuration: usize, variance: f64| Source { configuration, rms: variance.sqrt() };
-            told.push(Share {
+            reported.push(ErrorShare {
                 configuration: *number,
                 joint: index,
                 noise_floor: pooled(&|run| joint.runs[run].noise[slot].powi(2)).sqrt(),
@@ -74,7 +74,7 @@ pub fn budget(
             });
         }
     }
-    Ok(told)
+    Ok(reported)
 }
 
 /// The covariance of all parameters, taken apart by where it comes from.

@@ -11,13 +11,13 @@ use std::{
 use dynid_model::sha256_hex;
 use serde::{Deserialize, Serialize};
 
-use crate::{identify::How, identify::State, position::Options, sequence::Weighting};
+use crate::{identify::FitSettings, identify::State, position::Options, sequence::Weighting};
 use dynid_files::{FileError, Overwrite, write_new};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]
@@ -82,7 +82,7 @@ pub struct Identity {
 
 impl Identity {
     /// Of the fit of `model` to `runs`.
-    pub fn new(model: &Model, experiment: &Experiment, runs: &[&Run], how: &How) -> Self {
+    pub fn new(model: &Model, experiment: &Experiment, runs: &[&Run], how: &FitSettings) -> Self {
         let mut data = experiment.digest.clone();
         for run in runs {
             data.push_str(&format!("\n{} {} {:?} {:?}", run.file, run.role, run.free, run.settings));
@@ -92,15 +92,15 @@ impl Identity {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             data: sha256_hex(data.as_bytes()),
             // A search may start again from what was believed.
-            model: sha256_hex(format!("{} {:?}", model.digest(), model.believed).as_bytes()),
+            model: sha256_hex(format!("{} {:?}", model.digest(), model.prior).as_bytes()),
             options: request(how),
         }
     }
 }
 
 /// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
-fn request(how: &How) -> String {
-    let How { error, method, weighting, only, starts, options, tell_start } = how;
+fn request(how: &FitSettings) -> String {
+    let FitSettings { error, method, weighting, only, starts, options, tell_start } = how;
     let Options { substeps, iterations, tolerance, start } = *options;
     let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
     if let Some(method) = method {
@@ -115,7 +115,7 @@ fn request(how: &How) -> String {
     if starts.count > 1 {
         text.push_str(&format!(" --starts {} --seed {}", starts.count, starts.seed));
     }
-    if !starts.believed {
+    if !starts.prior {
         text.push_str(" (not from what was believed)");
     }
     if !tell_start {

@@ -18,8 +18,8 @@ use crate::{
 use by_position::{by_position, cost_at};
 use by_torque::by_torque;
 use dynid_logs::{experiment::Experiment, experiment::Run};
-use dynid_optimise::sqp::Watch;
-use dynid_user_model::{FitRecord, Model, Share};
+use dynid_optimise::sqp::SearchControl;
+use dynid_user_model::{ErrorShare, FitRecord, Model};
 
 /// What a fit makes small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,7 +44,7 @@ impl fmt::Display for ErrorKind {
 
 /// What a fit found.
 #[derive(Debug, Clone)]
-pub struct Identified {
+pub struct FitResult {
     /// The model with the fitted values and the record of the fit.
     pub model: Model,
     /// Which error was made small.
@@ -61,7 +61,7 @@ pub struct Identified {
     /// The same at the end.
     pub cost_after: f64,
     /// What moved, in the model's order.
-    pub parameters: Vec<Found>,
+    pub parameters: Vec<FittedParameter>,
     /// Combinations that the data leave open: parameters and their parts, largest first.
     pub open: Vec<Vec<(String, f64)>>,
     /// The pairs that move together most, strongest first; a position fit tells them.
@@ -71,16 +71,16 @@ pub struct Identified {
     /// The start that was kept, from 0.
     pub best_start: usize,
     /// What each configuration of a method found.
-    pub steps: Vec<StepTold>,
+    pub steps: Vec<StepSummary>,
     /// How much of each joint's remaining error comes from which configuration of a method.
-    pub budget: Vec<Share>,
+    pub budget: Vec<ErrorShare>,
     /// What should be known of the fit besides.
     pub notes: Vec<String>,
 }
 
 /// A configuration's fit along a method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StepTold {
+pub struct StepSummary {
     /// Its number, from 1.
     pub configuration: usize,
     /// Its free joints.
@@ -95,7 +95,7 @@ pub struct StepTold {
 
 /// A fitted parameter.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
+pub struct FittedParameter {
     /// Its name.
     pub name: String,
     /// Where it started.
@@ -123,7 +123,7 @@ pub struct Correlation {
 
 /// What to fit, and how.
 #[derive(Debug, Clone, PartialEq)]
-pub struct How {
+pub struct FitSettings {
     /// What is made small; with a method always the position error.
     pub error: ErrorKind,
     /// One configuration of this method after another, then all together; without one, all runs at once.
@@ -136,11 +136,11 @@ pub struct How {
     pub starts: Starts,
     /// How finely, and for how long.
     pub options: Options,
-    /// Whether the cost at the start is told; it takes a simulation of every run, and its initial positions.
+    /// Whether the cost at the start is reported; it takes a simulation of every run, and its initial positions.
     pub tell_start: bool,
 }
 
-impl How {
+impl FitSettings {
     /// The error `error` of all runs at once, from the model as it stands.
     pub fn plain(error: ErrorKind, options: Options) -> Self {
         Self {
@@ -165,7 +165,7 @@ pub struct Progress {
     /// Length of the last step in standard deviations; `None` where it is not known.
     pub step: Option<f64>,
     /// How firmly the simulation is pulled to the logs while the start is poor [1/s]; 0 when it runs free.
-    pub tether: f64,
+    pub observer: f64,
     /// The configuration being fitted; `None` where all runs are.
     pub configuration: Option<usize>,
     /// The start under way, from 0.
@@ -243,12 +243,12 @@ pub fn identify(
     error: ErrorKind,
     options: &Options,
     progress: &mut dyn FnMut(&Progress),
-) -> Result<Identified, FitError> {
-    let mut watch = |told: &Progress, _: Option<&State>| {
-        progress(told);
-        Watch::Continue
+) -> Result<FitResult, FitError> {
+    let mut watch = |reported: &Progress, _: Option<&State>| {
+        progress(reported);
+        SearchControl::Continue
     };
-    identify_as(model, experiment, runs, &How::plain(error, *options), State::default(), &mut watch)
+    identify_as(model, experiment, runs, &FitSettings::plain(error, *options), State::default(), &mut watch)
 }
 
 /// Fits `model` to those of `runs` that are for it. `watch` sees every iteration and, in a position fit, a state from
@@ -260,28 +260,29 @@ pub fn identify_as(
     model: &Model,
     experiment: &Experiment,
     runs: &[&Run],
-    how: &How,
+    how: &FitSettings,
     from: State,
-    watch: &mut dyn FnMut(&Progress, Option<&State>) -> Watch,
-) -> Result<Identified, FitError> {
+    watch: &mut dyn FnMut(&Progress, Option<&State>) -> SearchControl,
+) -> Result<FitResult, FitError> {
     let options = &how.options;
     let whole = model;
     let restricted = only(model, &how.only)?;
     let model = &restricted;
-    let by_position = |model: &Model, from: State, watch: &mut dyn FnMut(&Progress, Option<&State>) -> Watch| {
-        by_position(model, runs, how, from, &mut |told, state| watch(told, Some(state)))
-    };
-    let mut untold = |told: &Progress| {
+    let by_position =
+        |model: &Model, from: State, watch: &mut dyn FnMut(&Progress, Option<&State>) -> SearchControl| {
+            by_position(model, runs, how, from, &mut |reported, state| watch(reported, Some(state)))
+        };
+    let mut unreported = |reported: &Progress| {
         // A torque fit takes seconds and is not stopped.
-        watch(told, None);
+        watch(reported, None);
     };
     let mut found = match how.error {
-        ErrorKind::Torque => by_torque(model, runs, options.iterations, &mut untold)?,
+        ErrorKind::Torque => by_torque(model, runs, options.iterations, &mut unreported)?,
         ErrorKind::Position => by_position(model, from, watch)?,
         ErrorKind::Both => {
             // What the second fit refuses is better refused before the first.
             PositionProblem::of_model(model, by_position::fitted(runs))?;
-            let first = by_torque(model, runs, options.iterations, &mut untold)?;
+            let first = by_torque(model, runs, options.iterations, &mut unreported)?;
             let mut second = by_position(&first.model, from, watch)?;
             second.iterations += first.iterations;
             second.cost_before = how.tell_start.then(|| cost_at(model, runs, options)).transpose()?;
@@ -346,10 +347,10 @@ fn matches(pattern: &str, name: &str) -> bool {
 }
 
 /// Writes into the fitted model how it came about.
-fn record(found: &mut Identified, parent: &Model, experiment: &Experiment, method: Option<&str>) {
-    let believed = found.parameters.iter().filter_map(|own| Some((own.name.clone(), parent.believed(&own.name)?)));
-    found.model.believed = parent.believed.clone();
-    found.model.believed.extend(believed);
+fn record(found: &mut FitResult, parent: &Model, experiment: &Experiment, method: Option<&str>) {
+    let prior = found.parameters.iter().filter_map(|own| Some((own.name.clone(), parent.prior(&own.name)?)));
+    found.model.prior = parent.prior.clone();
+    found.model.prior.extend(prior);
     found.model.fit = Some(FitRecord {
         error: found.error.to_string(),
         status: found.status.as_str().to_owned(),
@@ -403,9 +404,9 @@ mod tests {
         };
         assert_eq!(moving(&["link.1.m"]).expect("free"), ["link.1.m"]);
         assert!(!moving(&["link.2.*"]).expect("others are free").contains(&"link.2.m".to_owned()));
-        let told = moving(&["link.2.m"]).expect_err("fixed").to_string();
-        assert!(told.contains("link.2.m is fixed in the model"), "{told}");
-        let told = moving(&["link.2.M"]).expect_err("unknown").to_string();
-        assert!(told.contains("unknown parameter `link.2.M`"), "{told}");
+        let reported = moving(&["link.2.m"]).expect_err("fixed").to_string();
+        assert!(reported.contains("link.2.m is fixed in the model"), "{reported}");
+        let reported = moving(&["link.2.M"]).expect_err("unknown").to_string();
+        assert!(reported.contains("unknown parameter `link.2.M`"), "{reported}");
     }
 }

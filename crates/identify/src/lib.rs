@@ -11,7 +11,7 @@ pub mod sequence;
 pub mod starts;
 pub mod torque;
 
-pub use dynid_optimise::sqp::Watch;
+pub use dynid_optimise::sqp::SearchControl;
 pub use error::FitError;
 pub use nearness::{LONGEST_STEP, stays_near, strays};
 

@@ -6,8 +6,8 @@
 //! rest. A parameter's range also enters as a weak prior
 //! (its [`Unknown::spread`] as standard deviation) that decides only where the data say nothing.
 //!
-//! A poor start is met by a tether ([`simulate::Tether`]): first the simulation is pulled to the log, so that errors do not
-//! pile up, then the tether is loosened and let go as soon as the simulation stays near the log by itself. All searches but
+//! A poor start is met by an observer ([`simulate::Observer`]): first the simulation is pulled to the log, so that errors do not
+//! pile up, then the observer is loosened and let go as soon as the simulation stays near the log by itself. All searches but
 //! the last take as few integration steps as their accuracy allows (`searches`).
 
 mod assemble;
@@ -29,9 +29,9 @@ pub use motion::{RunMotion, motions};
 pub use result::{Direction, Estimate, PositionFit, RunError};
 
 use dynid_dynamics::{
-    simulate, simulate::Hold, simulate::Input, simulate::SimulationError, system::System, system::SystemError,
+    simulate, simulate::Input, simulate::Intersample, simulate::SimulationError, system::System, system::SystemError,
 };
-use dynid_optimise::{sqp, sqp::Ended, sqp::HalfSpace, sqp::Iteration, sqp::Limits, sqp::Region, sqp::Watch};
+use dynid_optimise::{sqp, sqp::Ended, sqp::HalfSpace, sqp::Iteration, sqp::Limits, sqp::Region, sqp::SearchControl};
 use evaluate::{At, Evaluator};
 use searches::{SEARCHES, Search};
 
@@ -49,7 +49,7 @@ pub struct FitRun {
     /// Measured positions of the free joints, one row a sample.
     pub position: Vec<f64>,
     /// How torques go on between samples.
-    pub hold: Hold,
+    pub intersample: Intersample,
     /// Weight of each free joint's error (thesis Table 4.6); 1 is neutral.
     pub weights: Vec<f64>,
     /// Samples before this time leave the cost (s) (the thesis's transient cut).
@@ -156,7 +156,7 @@ pub struct Options {
 /// How far the start may be off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Start {
-    /// Simulated and measured motion may part: the fit is led to the minimum on a tether.
+    /// Simulated and measured motion may part: the fit is led to the minimum with an observer.
     #[default]
     Poor,
     /// The model explains the logs nearly.
@@ -178,8 +178,8 @@ pub struct Progress {
     pub cost: f64,
     /// Length of the step in standard deviations.
     pub step: f64,
-    /// Rate of the tether to the logs [1/s]; 0 without one.
-    pub tether: f64,
+    /// Rate of the observer to the logs [1/s]; 0 without one.
+    pub observer: f64,
 }
 
 /// Why no fit could be made.
@@ -339,7 +339,7 @@ impl State {
 pub fn fit(
     problem: &PositionProblem,
     options: &Options,
-    watch: &mut dyn FnMut(&Progress) -> Watch,
+    watch: &mut dyn FnMut(&Progress) -> SearchControl,
 ) -> Result<PositionFit, PositionFitError> {
     resume(problem, options, None, &mut |progress, _| watch(progress))
 }
@@ -350,7 +350,7 @@ pub fn resume(
     problem: &PositionProblem,
     options: &Options,
     from: Option<State>,
-    watch: &mut dyn FnMut(&Progress, &State) -> Watch,
+    watch: &mut dyn FnMut(&Progress, &State) -> SearchControl,
 ) -> Result<PositionFit, PositionFitError> {
     let mut problem = problem.clone();
     keep_what_occurs(&mut problem);
@@ -368,7 +368,7 @@ pub fn resume(
     let mut ended = Ended::Converged;
     loop {
         let anchor = x;
-        let few = |search: Search| evaluator.coarse_substeps(&anchor, options.substeps, search.tether());
+        let few = |search: Search| evaluator.coarse_substeps(&anchor, options.substeps, search.observer());
         let may_be_near = search.is_none() && stage < searches::FIRST_FREE;
         let steps_if_near = may_be_near
             .then(|| few(SEARCHES[searches::FIRST_FREE]))
@@ -392,17 +392,17 @@ pub fn resume(
         }
         let limits = kind.limits(options, iterations);
         let samples = at.samples() as f64;
-        let mut told = |iteration: &Iteration, search: &sqp::State| {
+        let mut reported = |iteration: &Iteration, search: &sqp::State| {
             let progress = Progress {
                 iteration: iterations + iteration.number,
                 cost: iteration.cost / samples,
                 step: iteration.step,
-                tether: kind.tether(),
+                observer: kind.observer(),
             };
             watch(&progress, &State { stage, iterations, anchor: anchor.clone(), search: search.clone() })
         };
         let state = search.take().unwrap_or_else(|| sqp::State::start(&anchor, &region));
-        let outcome = sqp::resume(&at, &mut region, state, &limits, &mut told);
+        let outcome = sqp::resume(&at, &mut region, state, &limits, &mut reported);
         iterations += outcome.iterations;
         x = outcome.x;
         if outcome.ended == Ended::Interrupted {
@@ -411,7 +411,7 @@ pub fn resume(
         ended = outcome.ended;
         // What stiffened on the way may need shorter steps to be simulated at all.
         let is_cut_short = ended == Ended::Stuck && x != anchor && iterations < options.iterations;
-        if is_cut_short && evaluator.coarse_substeps(&x, options.substeps, kind.tether()) > coarse {
+        if is_cut_short && evaluator.coarse_substeps(&x, options.substeps, kind.observer()) > coarse {
             continue;
         }
         stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };
@@ -420,7 +420,7 @@ pub fn resume(
 
 /// Where a search came to while its simulations were pulled to the logs.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OnTether {
+pub struct WithObserver {
     /// Cost per sample.
     pub cost: f64,
     /// Its last steps did not keep what they promised, or hardly so: the simulations may be too rough to search in.
@@ -434,13 +434,13 @@ pub struct OnTether {
 /// per sample.
 ///
 /// A fit passes over this where the start is near its logs; this is for comparing starts.
-pub fn on_first_tether(
+pub fn with_first_observer(
     problem: &PositionProblem,
     options: &Options,
     above: usize,
     linearisations: usize,
     stop: &dyn Fn() -> bool,
-) -> Option<OnTether> {
+) -> Option<WithObserver> {
     let mut problem = problem.clone();
     keep_what_occurs(&mut problem);
     check(&problem).ok()?;
@@ -449,16 +449,16 @@ pub fn on_first_tether(
     let mut region = region(&problem, &evaluator);
     let x = evaluator.start(&problem);
     let search = SEARCHES[0];
-    let substeps = evaluator.coarse_substeps(&x, options.substeps, search.tether());
+    let substeps = evaluator.coarse_substeps(&x, options.substeps, search.observer());
     if substeps <= above {
         return None;
     }
     let at = search.at(&evaluator, &x, substeps, options.substeps);
     let limits = Limits { iterations: linearisations, ..search.limits(options, 0) };
-    let mut watch = |_: &Iteration| if stop() { Watch::Stop } else { Watch::Continue };
+    let mut watch = |_: &Iteration| if stop() { SearchControl::Stop } else { SearchControl::Continue };
     let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut watch);
     let cost = outcome.quadratic?.cost / at.samples() as f64;
-    cost.is_finite().then_some(OnTether { cost, is_stuck: outcome.ended == Ended::Stuck, substeps })
+    cost.is_finite().then_some(WithObserver { cost, is_stuck: outcome.ended == Ended::Stuck, substeps })
 }
 
 /// Initial positions of a run that was not fitted, estimated from its log with all parameters held.
@@ -476,11 +476,11 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let mut region = region(&problem, &evaluator);
     let mut minimised = |at: &At<'_, '_>, x: &[f64]| {
         let limits = Limits { iterations: 20, tolerance: 1e-4 };
-        let outcome = sqp::minimise(at, &mut region, x, &limits, &mut |_| Watch::Continue);
+        let outcome = sqp::minimise(at, &mut region, x, &limits, &mut |_| SearchControl::Continue);
         if outcome.quadratic.is_some() { Ok(outcome.x) } else { Err(at.why_not(x)) }
     };
     let fine = options.substeps;
-    let few = |x: &[f64]| evaluator.coarse_substeps(x, fine, Search::Coarse.tether());
+    let few = |x: &[f64]| evaluator.coarse_substeps(x, fine, Search::Coarse.observer());
     let start = evaluator.start(&problem);
     let coarse = few(&start);
     let every_step = Search::Coarse.at(&evaluator, &start, fine, fine);
@@ -502,7 +502,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
 /// A run against its log: estimates the initial positions, simulates, and tells the error of each free joint.
 pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitError> {
     let initial = initial_positions(run, options)?;
-    let input = Input { time: &run.time, command: &run.command, hold: run.hold };
+    let input = Input { time: &run.time, command: &run.command, intersample: run.intersample };
     let how = simulate::Options { substeps: options.substeps, ..simulate::Options::default() };
     let trajectory = simulate::simulate(&run.system, &input, &initial, &how)
         .map_err(|error| PositionFitError::Simulation { run: run.name.clone(), error })?;

@@ -15,8 +15,8 @@
 use dynid_generated::{LANES, Lanes, Scalar};
 
 use dynid_dynamics::{
-    simulate::Commands, simulate::Grid, simulate::Hold, simulate::Input, simulate::Options, simulate::SimulationError,
-    simulate::Tether, simulate::check, simulate::check_state, simulate::interpolate, simulate::step_bounds,
+    simulate::Commands, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Observer, simulate::Options,
+    simulate::SimulationError, simulate::check, simulate::check_state, simulate::interpolate, simulate::step_bounds,
     system::Linear, system::NONE, system::Scratch, system::Switch, system::System,
 };
 
@@ -106,14 +106,14 @@ pub enum Lumps {
     Known,
 }
 
-/// Simulates from `q0` (positions of the free joints, at rest; or positions, then speeds), on a tether if one is given, and
+/// Simulates from `q0` (positions of the free joints, at rest; or positions, then speeds), with an observer if one is given, and
 /// hands every sample to `observe`: its index, the logged positions of the free joints
 /// and their derivatives, n_free x width.
 pub fn simulate(
     system: &System,
     columns: &Columns,
     input: &Input<'_>,
-    tether: Option<&Tether<'_>>,
+    observer: Option<&Observer<'_>>,
     q0: &[f64],
     options: &Options,
     mut observe: impl FnMut(usize, &[f64], &[f64]),
@@ -132,11 +132,11 @@ pub fn simulate(
             start: input.time[sample],
             end: input.time[sample + 1],
             steps: grid.steps(input.time[sample], input.time[sample + 1]),
-            hold: input.hold,
+            intersample: input.intersample,
             now,
             next,
             late: input.commands(n_joints),
-            tether,
+            observer,
         };
         // As even as they come.
         let most = span.steps.div_ceil(span.steps.div_ceil(MOST_STEPS));
@@ -164,11 +164,11 @@ struct Span<'a> {
     /// s
     end: f64,
     steps: usize,
-    hold: Hold,
+    intersample: Intersample,
     now: &'a [f64],
     next: &'a [f64],
     late: Commands<'a>,
-    tether: Option<&'a Tether<'a>>,
+    observer: Option<&'a Observer<'a>>,
 }
 
 impl Span<'_> {
@@ -178,9 +178,11 @@ impl Span<'_> {
 
     /// What arrives at `t` within step `index`; `slopes` takes its derivatives by the delays.
     fn command(&self, system: &System, index: usize, t: f64, command: &mut [f64], slopes: Option<&mut [f64]>) {
-        match self.hold {
-            Hold::Zero => command.copy_from_slice(self.now),
-            Hold::Linear => interpolate((t - self.start) / (self.end - self.start), self.now, self.next, command),
+        match self.intersample {
+            Intersample::ZeroOrder => command.copy_from_slice(self.now),
+            Intersample::FirstOrder => {
+                interpolate((t - self.start) / (self.end - self.start), self.now, self.next, command)
+            }
         }
         if !system.delays().is_empty() {
             let bounds = step_bounds(self.start, self.end, self.steps, index);
@@ -188,12 +190,12 @@ impl Span<'_> {
         }
     }
 
-    /// What the tether adds to the acceleration of a free joint.
+    /// What the observer adds to the acceleration of a free joint.
     fn pull(&self, t: f64, n_free: usize, slot: usize, x: &[f64]) -> f64 {
-        let Some(tether) = self.tether else { return 0.0 };
+        let Some(observer) = self.observer else { return 0.0 };
         let span_s = self.end - self.start;
-        let (q, dq) = tether.target(slot, n_free, self.sample, (t - self.start) / span_s, span_s);
-        tether.rate * (tether.rate * (q - x[slot]) + 2.0 * (dq - x[n_free + slot]))
+        let (q, dq) = observer.target(slot, n_free, self.sample, (t - self.start) / span_s, span_s);
+        observer.rate * (observer.rate * (q - x[slot]) + 2.0 * (dq - x[n_free + slot]))
     }
 }
 
@@ -339,12 +341,12 @@ impl Variation {
                 let x = &before[stage * n_states..];
                 let rate = &mut self.stage_rate[stage * n_states..(stage + 1) * n_states];
                 self.stage_t[stage] = t;
-                if stage == 0 || span.hold == Hold::Linear || !system.steady_drive() {
+                if stage == 0 || span.intersample == Intersample::FirstOrder || !system.steady_drive() {
                     span.command(system, index, t, &mut self.command, None);
                     system.drive(&mut self.scratch, t, x, &self.command, rate);
                 }
                 system.motion(&mut self.scratch, t, x, rate);
-                if span.tether.is_some() {
+                if span.observer.is_some() {
                     for slot in 0..n {
                         rate[n + slot] += span.pull(t, n, slot, x);
                     }
@@ -427,7 +429,7 @@ impl Variation {
             for slot in 0..n {
                 self.ddq_lanes[slot] = pair(&self.stage_rate, n_states, n + slot);
             }
-            if first == 0 || span.hold == Hold::Linear || has_delays {
+            if first == 0 || span.intersample == Intersample::FirstOrder || has_delays {
                 self.linear.renew_drive();
                 // Both stages are of one step.
                 let index = self.first_step + first / STAGES;
@@ -442,7 +444,7 @@ impl Variation {
                     *lanes = Lanes::new([commands[0][joint], commands[1][joint]]);
                 }
             }
-            if span.tether.is_some() {
+            if span.observer.is_some() {
                 // The equations hold without the pull.
                 let x = &self.stage_x[first * n_states..];
                 for slot in 0..n {
@@ -495,7 +497,7 @@ impl Variation {
         let (n, n_states, width) = (system.n_free(), self.x.len(), columns.width);
         let step = span.step();
         let [sixth, third, half] = [step / 6.0, step / 3.0, step / 2.0];
-        let mut rows = Rows::<B>::new(n, n_states, width, span.tether.map_or(0.0, |tether| tether.rate));
+        let mut rows = Rows::<B>::new(n, n_states, width, span.observer.map_or(0.0, |observer| observer.rate));
         let slopes_of = |stage: usize| {
             let first = stage / LANES * self.places.count;
             &self.slopes[first..first + self.places.count]
@@ -577,7 +579,7 @@ fn occurring(system: &System) -> Vec<(usize, usize)> {
 /// A block of rows on their way back through the steps: what each depends on at the stage that was reached.
 struct Rows<const B: usize> {
     n: usize,
-    tether_rate: f64,
+    observer_rate: f64,
     /// By the states at the end of the current step.
     w: Vec<[Lanes; B]>,
     /// By the states at its beginning, as far as known.
@@ -593,11 +595,11 @@ struct Rows<const B: usize> {
 }
 
 impl<const B: usize> Rows<B> {
-    fn new(n: usize, n_states: usize, width: usize, tether_rate: f64) -> Self {
+    fn new(n: usize, n_states: usize, width: usize, observer_rate: f64) -> Self {
         let room = |length: usize| vec![[Lanes::constant(0.0); B]; length];
         Self {
             n,
-            tether_rate,
+            observer_rate,
             w: room(n_states),
             w_next: room(n_states),
             by_slope: room(n_states),
@@ -662,8 +664,8 @@ impl<const B: usize> Rows<B> {
         for &(row, state, place) in &places.rate_by_state {
             add_scaled(&mut self.by_state[state], slope(place), &self.by_slope[row]);
         }
-        if self.tether_rate > 0.0 {
-            let rate = Lanes::constant(self.tether_rate);
+        if self.observer_rate > 0.0 {
+            let rate = Lanes::constant(self.observer_rate);
             let (by_position, by_speed) = self.by_state.split_at_mut(n);
             for ((by_position, by_speed), slope) in by_position.iter_mut().zip(by_speed).zip(&self.by_slope[n..2 * n]) {
                 subtract_scaled(by_position, rate * rate, slope);
@@ -755,8 +757,8 @@ mod tests {
         let samples = 61;
         let time: Vec<f64> = (0..samples).map(|k| f64::from(k) * 0.01).collect();
         let command: Vec<f64> = time.iter().flat_map(|t| [4.0 + (9.0 * t).sin(), 3.0 * (5.0 * t).cos()]).collect();
-        for hold in [Hold::Zero, Hold::Linear] {
-            let input = Input { time: &time, command: &command, hold };
+        for intersample in [Intersample::ZeroOrder, Intersample::FirstOrder] {
+            let input = Input { time: &time, command: &command, intersample };
             let columns = Columns::new(&system, |_| true, Lumps::Wanted);
             let mut s = Vec::new();
             let mut q = Vec::new();
@@ -773,7 +775,7 @@ mod tests {
                 let scale = exact.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));
                 assert!(scale > 0.0, "{which:?} {index} matters");
                 let error = exact.iter().zip(&difference).fold(0.0_f64, |e, (a, b)| e.max((a - b).abs()));
-                assert!(error <= 1e-5 * scale, "{which:?} {index}: {error} of {scale} ({hold:?})");
+                assert!(error <= 1e-5 * scale, "{which:?} {index}: {error} of {scale} ({intersample:?})");
             };
             for (index, value) in system.effect_parameters().iter().enumerate() {
                 let column = columns.effect(index).unwrap();
@@ -814,7 +816,7 @@ mod tests {
         system.set_parameters(&links, &effects);
         let time: Vec<f64> = (0..=400).map(|k| f64::from(k) * 0.01).collect();
         let command: Vec<f64> = time.iter().flat_map(|t| [3.0 * (4.0 * t).sin(), 0.5 * (5.0 * t).cos()]).collect();
-        let input = Input { time: &time, command: &command, hold: Hold::Zero };
+        let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
         let fine = Options { substeps: 400, ..Options::default() };
         let q0 = [-1.2, -0.5];
         let positions = |change: f64| {

@@ -13,14 +13,14 @@ use super::{
     position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
 };
 use dynid_logs::{experiment::Role, experiment::Run};
-use dynid_optimise::sqp::Watch;
-use dynid_user_model::{Model, Share};
+use dynid_optimise::sqp::SearchControl;
+use dynid_user_model::{ErrorShare, Model};
 
 /// What is to be fitted, in which order.
 #[derive(Debug, Clone, Copy)]
 pub struct Sequence<'a> {
     /// What is believed before any data: the centre of the weak prior.
-    pub believed: &'a Model,
+    pub prior: &'a Model,
     /// Where the search starts.
     pub start: &'a Model,
     /// The runs; only those for fitting count.
@@ -52,10 +52,10 @@ pub fn budget(
     steps: &[Step],
     joint: &PositionFit,
     options: &Options,
-) -> Result<Vec<Share>, PositionFitError> {
+) -> Result<Vec<ErrorShare>, PositionFitError> {
     let used = used(sequence);
     let fitted = joint.applied_to(sequence.start);
-    let problem = problem(sequence.believed, &fitted, &used)?;
+    let problem = problem(sequence.prior, &fitted, &used)?;
     let configurations: Vec<usize> = used.iter().map(|run| run.configuration).collect();
     let free: Vec<&[usize]> = used.iter().map(|run| run.free.as_slice()).collect();
     budget::budget(&problem, (&configurations, &free), steps, joint, options)
@@ -106,9 +106,9 @@ pub fn fit(
     sequence: &Sequence<'_>,
     options: &Options,
     from: State,
-    watch: &mut dyn FnMut(&SequenceProgress, &State) -> Watch,
+    watch: &mut dyn FnMut(&SequenceProgress, &State) -> SearchControl,
 ) -> Result<SequenceFit, PositionFitError> {
-    let Sequence { believed: expected, start, configurations, weights, .. } = *sequence;
+    let Sequence { prior: expected, start, configurations, weights, .. } = *sequence;
     let is_method = !configurations.is_empty();
     let used = used(sequence);
     let steps: Vec<(usize, usize)> = configurations
@@ -118,14 +118,14 @@ pub fn fit(
         .filter(|(_, configuration)| used.iter().any(|run| run.configuration == *configuration))
         .collect();
     let roughly = Options { tolerance: ROUGHLY * options.tolerance, ..*options };
-    let mut believed = start.clone();
+    let mut prior = start.clone();
     let mut known = Knowledge::default();
     let mut state = State::default();
     let State { mut search, steps: done } = from;
     let mut done = done.into_iter();
     for (step, configuration) in steps {
         let own: Vec<&Run> = used.iter().copied().filter(|run| run.configuration == configuration).collect();
-        let mut problem = problem(expected, &believed, &own)?;
+        let mut problem = problem(expected, &prior, &own)?;
         if let Some(weights) = weights.get(step) {
             for run in &mut problem.runs {
                 run.weights.clone_from(weights);
@@ -135,27 +135,27 @@ pub fn fit(
         let fit = match done.next() {
             Some(step) => step.fit,
             None => {
-                let mut told = |progress: &Progress, search: &position::State| {
+                let mut reported = |progress: &Progress, search: &position::State| {
                     state.search = Some(search.clone());
                     watch(&SequenceProgress { configuration: Some(configuration), progress: *progress }, &state)
                 };
-                let mut fit = position::resume(&problem, &roughly, search.take(), &mut told)?;
+                let mut fit = position::resume(&problem, &roughly, search.take(), &mut reported)?;
                 fit.runs.iter_mut().for_each(|run| run.simulated.clear());
                 fit
             }
         };
-        believed = fit.applied_to(&believed);
+        prior = fit.applied_to(&prior);
         known.add(&fit, &problem);
         state = State { search: None, steps: state.steps };
         state.steps.push(Step { configuration, fit });
     }
-    let mut told = |progress: &Progress, search: &position::State| {
+    let mut reported = |progress: &Progress, search: &position::State| {
         state.search = Some(search.clone());
         watch(&SequenceProgress { configuration: None, progress: *progress }, &state)
     };
     let options = if is_method { Options { start: Start::Near, ..*options } } else { *options };
-    let joint = position::resume(&problem(expected, &believed, &used)?, &options, search.take(), &mut told)?;
-    let model = joint.applied_to(&believed);
+    let joint = position::resume(&problem(expected, &prior, &used)?, &options, search.take(), &mut reported)?;
+    let model = joint.applied_to(&prior);
     Ok(SequenceFit { steps: state.steps, joint, model })
 }
 
@@ -166,9 +166,9 @@ fn used<'a>(sequence: &Sequence<'a>) -> Vec<&'a Run> {
     sequence.runs.iter().copied().filter(|run| run.role == Role::Fit && is_of_it(run)).collect()
 }
 
-/// Starts from `believed`, with the weak prior around `start`.
-fn problem(start: &Model, believed: &Model, runs: &[&Run]) -> Result<PositionProblem, PositionFitError> {
-    let mut problem = PositionProblem::of_model(believed, runs.iter().copied())?;
+/// Starts from `prior`, with the weak prior around `start`.
+fn problem(start: &Model, prior: &Model, runs: &[&Run]) -> Result<PositionProblem, PositionFitError> {
+    let mut problem = PositionProblem::of_model(prior, runs.iter().copied())?;
     for unknown in &mut problem.unknowns {
         if let Some(parameter) = start.parameter(&unknown.name) {
             unknown.expected = parameter.value;

@@ -14,13 +14,13 @@ pub struct Starts {
     pub count: usize,
     /// What the others are drawn from.
     pub seed: u64,
-    /// Whether a search that comes to no good end is followed by one from the values that were believed before any fit.
-    pub believed: bool,
+    /// Whether a search that comes to no good end is followed by one from the prior values.
+    pub prior: bool,
 }
 
 impl Default for Starts {
     fn default() -> Self {
-        Self { count: 1, seed: 0, believed: true }
+        Self { count: 1, seed: 0, prior: true }
     }
 }
 
@@ -106,9 +106,9 @@ mod tests {
         for number in 1..20 {
             let start = draw(&model, &all, 7, number);
             assert_eq!(start.digest(), draw(&model, &all, 7, number).digest(), "the same every time");
-            for ((name, own), (_, believed)) in start.parameters().into_iter().zip(model.parameters()) {
-                assert!(believed.contains(own.value), "{name} = {}", own.value);
-                assert!(!believed.fixed || own.value == believed.value, "{name} is fixed");
+            for ((name, own), (_, prior)) in start.parameters().into_iter().zip(model.parameters()) {
+                assert!(prior.contains(own.value), "{name} = {}", own.value);
+                assert!(!prior.fixed || own.value == prior.value, "{name} is fixed");
             }
             for (larger, smaller) in orders(&model) {
                 let value = |name: &str| start.parameter(name).unwrap().value;
@@ -133,9 +133,9 @@ mod tests {
         let occurs = |name: &str| name.starts_with("joint.4.") || name == "link.7.Izz";
         let start = draw(&model, &occurs, 7, 1);
         let mut drawn = 0;
-        for ((name, own), (_, believed)) in start.parameters().into_iter().zip(model.parameters()) {
-            assert!(occurs(&name) || own.value == believed.value, "{name} = {}", own.value);
-            drawn += usize::from(own.value != believed.value);
+        for ((name, own), (_, prior)) in start.parameters().into_iter().zip(model.parameters()) {
+            assert!(occurs(&name) || own.value == prior.value, "{name} = {}", own.value);
+            drawn += usize::from(own.value != prior.value);
         }
         assert!(drawn > 5, "{drawn} drawn");
     }

@@ -134,7 +134,9 @@ pub fn compare(model: &Model, runs: &[&Run]) -> Result<Comparison, CompareError>
 impl Comparison {
     /// Puts together what was compared with each of `runs`.
     pub fn of(compared: Vec<RunComparison>, runs: &[&Run]) -> Self {
-        let of = |role: Role| compared.iter().zip(runs).filter(move |(_, run)| run.role == role).map(|(told, _)| told);
+        let of = |role: Role| {
+            compared.iter().zip(runs).filter(move |(_, run)| run.role == role).map(|(reported, _)| reported)
+        };
         Self {
             rmse_fit: pooled(of(Role::Fit)),
             rmse_validate: pooled(of(Role::Validate)),
@@ -203,7 +205,7 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
                     inputs::correlations(run, motion, position, torque.get(slot))
                 },
             );
-            let mut told = JointComparison {
+            let mut reported = JointComparison {
                 joint,
                 rmse: residual.as_deref().map(rms),
                 fit_percent: residual.as_deref().and_then(|residual| fit_percent(measured, residual)),
@@ -216,8 +218,8 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
                 inputs,
                 means: Vec::new(),
             };
-            told.means = means(&told, lost);
-            told
+            reported.means = means(&reported, lost);
+            reported
         })
         .collect();
     Ok(RunComparison {
@@ -293,7 +295,7 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
     // What a fit leaves out or weighs less is judged all the same.
     let fit_run = FitRun { from_s: f64::NEG_INFINITY, first_half: 1.0, ..FitRun::of_run(model, run)? };
     let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
-    let input = Input { time: &fit_run.time, command: &fit_run.command, hold: fit_run.hold };
+    let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
     let options = simulate::Options { substeps, ..simulate::Options::default() };
     let by_joint = |values: &[f64]| -> Vec<Vec<f64>> {
         let n_free = run.free.len();
@@ -391,7 +393,7 @@ mod tests {
 
     #[test]
     fn a_pattern_of_the_size_of_the_noise_leaves_little_not_nothing() {
-        let told = |rmse: f64, noise_floor: f64, white: bool| {
+        let reported = |rmse: f64, noise_floor: f64, white: bool| {
             let joint = JointComparison {
                 joint: 0,
                 rmse: Some(rmse),
@@ -408,16 +410,16 @@ mod tests {
             means(&joint, false).remove(0)
         };
         assert_eq!(
-            told(1.0, 1.0, true),
+            reported(1.0, 1.0, true),
             "The position error is 1.00 times the noise of the log: nothing is left to explain."
         );
-        assert_eq!(told(1.0, 1.0, false), "The position error is 1.00 times the noise of the log: little is left.");
+        assert_eq!(reported(1.0, 1.0, false), "The position error is 1.00 times the noise of the log: little is left.");
         assert_eq!(
-            told(0.0, 0.0, true),
+            reported(0.0, 0.0, true),
             "The position error is 0.00 times the noise of the log: nothing is left to explain."
         );
         assert_eq!(
-            told(1.0, 0.0, false),
+            reported(1.0, 0.0, false),
             "The position error is above the noise of the log: the model misses something."
         );
     }

@@ -1,6 +1,6 @@
 //! The models of a lineage on the same runs: does each effect that was added pay for its parameters?
 //!
-//! Errors are told per joint, on the runs to fit to and on those held out. Parsimony is the Bayesian information criterion
+//! Errors are reported per joint, on the runs to fit to and on those held out. Parsimony is the Bayesian information criterion
 //! of the runs to fit to (Schwarz 1978) for Gaussian errors of unknown size,
 //! `BIC = sum_j n_j ln(e_j^2) + k ln(sum_j n_j)`,
 //! with the mean squared error `e_j^2` of joint j, its number of *independent* samples `n_j` (errors have memory: see
@@ -17,7 +17,7 @@ use dynid_logs::{experiment::Role, experiment::Run};
 use dynid_signal::statistics::effective_samples;
 use dynid_user_model::{Added, EffectError, EffectInstance, Model};
 
-/// The formula, as it is told with the numbers.
+/// The formula, as it is reported with the numbers.
 pub const FORMULA: &str = "BIC = sum over joints n_j ln(e_j^2) + k ln(sum n_j); e_j: RMS error of joint j on the runs to fit to; \
                            n_j: its independent samples; k: free parameters";
 

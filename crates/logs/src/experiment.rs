@@ -16,7 +16,7 @@ use toml::{
 };
 
 use crate::{log, log::Log, log::LogError, log::LogFormat};
-use dynid_dynamics::simulate::Hold;
+use dynid_dynamics::simulate::Intersample;
 
 /// A list of runs of one device.
 #[derive(Debug, Clone)]
@@ -103,7 +103,7 @@ pub struct Settings {
     /// Slower samples leave the torque error: one entry a joint of the device [rad/s or m/s].
     pub min_speed: Vec<f64>,
     /// How the commanded torque runs between samples.
-    pub hold: Hold,
+    pub intersample: Intersample,
     /// Controller of a closed-loop run.
     pub controller: Option<PathBuf>,
     /// So much of the log's beginning leaves the position error of a fit (s) (the transient cut of the thesis's
@@ -126,7 +126,7 @@ impl Default for Settings {
             cutoff_hz: None,
             decimate: 1,
             min_speed: Vec::new(),
-            hold: Hold::Zero,
+            intersample: Intersample::ZeroOrder,
             controller: None,
             from_s: None,
             first_half: 1.0,
@@ -428,17 +428,17 @@ impl<'a> RunSource<'a> {
             Some(value) => self.min_speed(value, free)?,
             None => vec![0.0; self.device.joints.len()],
         };
-        let hold = match self.setting("hold") {
+        let intersample = match self.setting("hold") {
             Some(value) => match file.string(value, "hold")? {
-                "zero" => Hold::Zero,
-                "linear" => Hold::Linear,
+                "zero" => Intersample::ZeroOrder,
+                "linear" => Intersample::FirstOrder,
                 other => {
                     let message = format!("hold: expected \"zero\" or \"linear\", found \"{other}\"");
                     let remedy = "say \"zero\" where the torque of a row acts until the next row, \"linear\" where it runs straight between them";
                     return Err(file.invalid(value.span().start, message, remedy));
                 }
             },
-            None => Hold::Zero,
+            None => Intersample::ZeroOrder,
         };
         let controller = match self.setting("controller") {
             Some(value) => {
@@ -477,7 +477,7 @@ impl<'a> RunSource<'a> {
             cutoff_hz,
             decimate,
             min_speed,
-            hold,
+            intersample,
             controller,
             from_s,
             first_half,

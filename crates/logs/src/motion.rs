@@ -1,7 +1,7 @@
 //! The measured motion of a run: filtered positions with their derivatives, and which samples count.
 
 use crate::experiment::Run;
-use dynid_dynamics::simulate::Hold;
+use dynid_dynamics::simulate::Intersample;
 use dynid_signal::{
     Gap, Grid, Lowpass, decimate, first_derivative, held, motion_bandwidth, second_derivative, straight,
 };
@@ -142,9 +142,9 @@ impl Motion {
         let q: Vec<Vec<f64>> = positions.iter().map(|position| position_filter.apply(position)).collect();
         let dq: Vec<Vec<f64>> = q.iter().map(|position| first_derivative(position, grid.step)).collect();
         let ddq = q.iter().map(|position| second_derivative(position, grid.step)).collect();
-        let command = log.tau.iter().map(|tau| match run.settings.hold {
-            Hold::Zero => held(&log.t, tau, &grid),
-            Hold::Linear => straight(&log.t, tau, &grid),
+        let command = log.tau.iter().map(|tau| match run.settings.intersample {
+            Intersample::ZeroOrder => held(&log.t, tau, &grid),
+            Intersample::FirstOrder => straight(&log.t, tau, &grid),
         });
 
         let kept: Vec<usize> = (0..grid.len).step_by(decimation).collect();
@@ -249,7 +249,7 @@ mod tests {
             cutoff_hz: Some(10.0),
             decimate: 1,
             min_speed: vec![0.0; 2],
-            hold: Hold::Linear,
+            intersample: Intersample::FirstOrder,
             ..Settings::default()
         }
     }

@@ -38,7 +38,7 @@ pub fn noise_of_log(measured: &[f64]) -> f64 {
 pub fn last_digit(measured: &[f64]) -> f64 {
     /// Smaller differences are rounding of the decimal text, not digits.
     const ROUNDING: f64 = 1e-9;
-    /// How far from a whole number of digits a step may be, and up to how many digits that can be told.
+    /// How far from a whole number of digits a step may be, and up to how many digits that can be seen.
     const WHOLE: f64 = 0.02;
     const MOST_DIGITS: f64 = 1000.0;
     let size = measured.iter().fold(0.0_f64, |size, q| size.max(q.abs()));

@@ -177,9 +177,9 @@ mod tests {
         let quality = of_run(&run(t, q, tau));
         assert_eq!((quality.gaps, quality.n_samples), (1, 2000));
         assert!((quality.rate_hz - 100.0).abs() < 1e-6 && quality.jitter_s < 1e-9);
-        let told = quality.warnings.join("; ");
+        let reported = quality.warnings.join("; ");
         for part in ["1 gaps, the longest 0.51", "q0 is constant", "tau0 stands at its largest size for 4"] {
-            assert!(told.contains(part), "{part}: {told}");
+            assert!(reported.contains(part), "{part}: {reported}");
         }
     }
 

@@ -166,9 +166,10 @@ pub fn standing(factor: &DMatrix<f64>, noise: &DMatrix<f64>, scale: &[f64]) -> S
     });
     let covariance = &pseudo_inverse * scaled_noise * &pseudo_inverse;
     let flat = flat(&v_t, &seen, &lengths, n);
-    let flat_share = flat_share(&flat, scale);
-    let identifiable: Vec<bool> =
-        (0..n).map(|k| lengths[k] > 0.0 && 1.0 - share[k] < FLAT_SHARE && flat_share[k] < FLAT_SHARE).collect();
+    let unidentifiable_share = unidentifiable_share(&flat, scale);
+    let identifiable: Vec<bool> = (0..n)
+        .map(|k| lengths[k] > 0.0 && 1.0 - share[k] < FLAT_SHARE && unidentifiable_share[k] < FLAT_SHARE)
+        .collect();
     let std_error = (0..n)
         .map(|index| identifiable[index].then(|| covariance[(index, index)].max(0.0).sqrt() / lengths[index]))
         .collect();
@@ -183,7 +184,7 @@ pub fn standing(factor: &DMatrix<f64>, noise: &DMatrix<f64>, scale: &[f64]) -> S
 /// The squared share of each unknown's unit vector in the space of the `flat` combinations, unknowns in units of their
 /// natural size. One that hardly moves the prediction can be exchanged for a little of one that moves it much: only this
 /// measure sees that the former is open then.
-fn flat_share(flat: &[Vec<f64>], scale: &[f64]) -> Vec<f64> {
+fn unidentifiable_share(flat: &[Vec<f64>], scale: &[f64]) -> Vec<f64> {
     let n = scale.len();
     if flat.is_empty() {
         return vec![0.0; n];

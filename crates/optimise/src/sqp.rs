@@ -163,7 +163,7 @@ impl State {
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Watch {
+pub enum SearchControl {
     /// Go on.
     Continue,
     /// Stop at the best point so far.
@@ -199,7 +199,7 @@ pub fn minimise(
     region: &mut Region,
     start: &[f64],
     limits: &Limits,
-    watch: &mut dyn FnMut(&Iteration) -> Watch,
+    watch: &mut dyn FnMut(&Iteration) -> SearchControl,
 ) -> Outcome {
     let state = State::start(start, region);
     resume(objective, region, state, limits, &mut |iteration, _| watch(iteration))
@@ -211,7 +211,7 @@ pub fn resume(
     region: &mut Region,
     state: State,
     limits: &Limits,
-    watch: &mut dyn FnMut(&Iteration, &State) -> Watch,
+    watch: &mut dyn FnMut(&Iteration, &State) -> SearchControl,
 ) -> Outcome {
     let State { mut x, mut damping, mut growth, mut idle, mut iterations, half_spaces } = state;
     region.half_spaces = half_spaces;
@@ -263,12 +263,12 @@ pub fn resume(
         damping = damping.max(1e-12);
         growth = 2.0;
         idle = if decrease <= IDLE * limits.negligible(quadratic.cost) { idle + 1 } else { 0 };
-        let told = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
+        let reported = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
         let half_spaces = region.half_spaces.clone();
-        match watch(&told, &State { x: x.clone(), damping, growth, idle, iterations, half_spaces }) {
-            Watch::Continue => {}
-            Watch::Stop => break Ended::Interrupted,
-            Watch::Enough => break Ended::Converged,
+        match watch(&reported, &State { x: x.clone(), damping, growth, idle, iterations, half_spaces }) {
+            SearchControl::Continue => {}
+            SearchControl::Stop => break Ended::Interrupted,
+            SearchControl::Enough => break Ended::Converged,
         }
     };
     Outcome { x, quadratic: Some(quadratic), ended, iterations }
@@ -435,7 +435,8 @@ mod tests {
 
     #[test]
     fn the_valley_is_followed_to_its_end() {
-        let end = minimise(&Valley { disk: false }, &mut region(), &[-1.2, 1.0], &LIMITS, &mut |_| Watch::Continue);
+        let end =
+            minimise(&Valley { disk: false }, &mut region(), &[-1.2, 1.0], &LIMITS, &mut |_| SearchControl::Continue);
         assert!((end.x[0] - 1.0).abs() < 1e-6 && (end.x[1] - 1.0).abs() < 1e-6, "{:?}", end.x);
         assert!(end.iterations < 100, "{}", end.iterations);
     }
@@ -444,7 +445,8 @@ mod tests {
     fn a_bound_holds_and_is_optimal() {
         let mut region = region();
         region.upper[0] = 0.5;
-        let end = minimise(&Valley { disk: false }, &mut region, &[-1.2, 1.0], &LIMITS, &mut |_| Watch::Continue);
+        let end =
+            minimise(&Valley { disk: false }, &mut region, &[-1.2, 1.0], &LIMITS, &mut |_| SearchControl::Continue);
         assert_eq!(end.ended, Ended::Converged);
         assert!((end.x[0] - 0.5).abs() < 1e-7 && end.x[0] <= 0.5, "{:?}", end.x);
         assert!((end.x[1] - 0.25).abs() < 1e-5, "{:?}", end.x);
@@ -453,18 +455,20 @@ mod tests {
     /// The same optimum within bounds of which one is absurdly far, as a limit of torque is that stands where it limits nothing.
     #[test]
     fn a_far_bound_does_no_harm() {
-        let near = minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
+        let near =
+            minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| SearchControl::Continue);
         let mut far = region();
         far.lower = vec![-1e12; 2];
         far.upper = vec![1e15; 2];
-        let end = minimise(&Valley { disk: true }, &mut far, &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
+        let end = minimise(&Valley { disk: true }, &mut far, &[-0.5, 0.5], &LIMITS, &mut |_| SearchControl::Continue);
         assert!((end.x[0] - near.x[0]).abs() < 1e-6 && (end.x[1] - near.x[1]).abs() < 1e-6, "{:?}", end.x);
     }
 
     /// The published optimum of Rosenbrock's function in the unit disk: (0.7864, 0.6177).
     #[test]
     fn cuts_keep_to_a_curved_region() {
-        let end = minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| Watch::Continue);
+        let end =
+            minimise(&Valley { disk: true }, &mut region(), &[-0.5, 0.5], &LIMITS, &mut |_| SearchControl::Continue);
         assert!((end.x[0] - 0.786_415).abs() < 1e-4 && (end.x[1] - 0.617_698).abs() < 1e-4, "{:?}", end.x);
         assert!(end.x[0].hypot(end.x[1]) <= 1.0 + 1e-8);
     }
@@ -474,20 +478,20 @@ mod tests {
     fn a_search_goes_on_as_if_it_had_never_stopped() {
         let (objective, start) = (Valley { disk: true }, [-0.5, 0.5]);
         let mut whole_region = region();
-        let whole = minimise(&objective, &mut whole_region, &start, &LIMITS, &mut |_| Watch::Continue);
+        let whole = minimise(&objective, &mut whole_region, &start, &LIMITS, &mut |_| SearchControl::Continue);
         assert!(whole.iterations > 5, "{}", whole.iterations);
         for stop in 1..whole.iterations {
             let mut region = region();
             let mut kept = None;
             let state = State::start(&start, &region);
-            let first = resume(&objective, &mut region, state, &LIMITS, &mut |told, state| {
+            let first = resume(&objective, &mut region, state, &LIMITS, &mut |reported, state| {
                 kept = Some(state.clone());
-                if told.number == stop { Watch::Stop } else { Watch::Continue }
+                if reported.number == stop { SearchControl::Stop } else { SearchControl::Continue }
             });
             assert_eq!(first.ended, Ended::Interrupted);
             let mut region = self::region();
-            let state = kept.expect("an iteration was told");
-            let end = resume(&objective, &mut region, state, &LIMITS, &mut |_, _| Watch::Continue);
+            let state = kept.expect("an iteration was reported");
+            let end = resume(&objective, &mut region, state, &LIMITS, &mut |_, _| SearchControl::Continue);
             assert_eq!(end, whole, "stopped after iteration {stop}");
             assert_eq!(region, whole_region, "stopped after iteration {stop}");
         }
@@ -515,7 +519,7 @@ mod tests {
     fn a_perfect_model_converges() {
         let mut region = Region { lower: vec![f64::NEG_INFINITY], upper: vec![f64::INFINITY], half_spaces: Vec::new() };
         let limits = Limits { iterations: 50, tolerance: 1e-6 };
-        let end = minimise(&Rounding, &mut region, &[1.0], &limits, &mut |_| Watch::Continue);
+        let end = minimise(&Rounding, &mut region, &[1.0], &limits, &mut |_| SearchControl::Continue);
         assert_eq!(end.ended, Ended::Converged);
     }
 

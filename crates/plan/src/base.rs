@@ -220,7 +220,7 @@ impl BaseParameters {
     }
 
     /// `link.2.Jzz + L2^2*link.3.m - ...`
-    pub fn told(&self, combination: &Combination) -> String {
+    pub fn reported(&self, combination: &Combination) -> String {
         let others = combination.others.iter().map(|(other, factor)| factor.times(&self.names[*other]));
         self.names[combination.leading].clone() + &others.collect::<String>()
     }
@@ -261,11 +261,11 @@ impl BaseParameters {
         matrix
     }
 
-    /// As [`Self::told`], the effects left out.
-    pub fn told_of_links(&self, combination: &Combination) -> String {
+    /// As [`Self::reported`], the effects left out.
+    pub fn reported_of_links(&self, combination: &Combination) -> String {
         let others = combination.others.iter().filter(|(other, _)| *other < self.n_link);
-        let told = others.map(|(other, factor)| factor.times(&self.names[*other]));
-        self.names[combination.leading].clone() + &told.collect::<String>()
+        let reported = others.map(|(other, factor)| factor.times(&self.names[*other]));
+        self.names[combination.leading].clone() + &reported.collect::<String>()
     }
 
     /// Names of the standard parameters (`link.2.m`, `link.2.x`, `link.2.Izz`, ..) that the base parameters determine by
@@ -310,9 +310,9 @@ mod tests {
         let mut model = model("planar2r");
         model.effects.clear();
         let base = base_parameters(&model, &all_configurations(&model)).unwrap();
-        let told: Vec<String> = base.combinations.iter().map(|combination| base.told(combination)).collect();
+        let reported: Vec<String> = base.combinations.iter().map(|combination| base.reported(combination)).collect();
         assert_eq!(
-            told,
+            reported,
             [
                 "link.1.Jzz - L1^2*link.1.m - L1^2*link.2.m",
                 "link.1.mx + L1*link.1.m + L1*link.2.m",
@@ -351,8 +351,9 @@ mod tests {
             let numbers = all_configurations(&model);
             let analysis = Analysis::new(&model, &numbers).unwrap();
             let base = analysis.base();
-            let told: Vec<String> = base.combinations.iter().map(|combination| base.told(combination)).collect();
-            assert!(base.is_exact(), "{}: {told:#?}", device.id);
+            let reported: Vec<String> =
+                base.combinations.iter().map(|combination| base.reported(combination)).collect();
+            assert!(base.is_exact(), "{}: {reported:#?}", device.id);
             let mut random = Random::new(101);
             let mut other = model.clone();
             for length in other.lengths.iter_mut().filter(|length| length.value != 0.0) {

@@ -5,10 +5,10 @@
 //! being identifiable: parameters may act only together.
 
 pub mod base;
-pub mod flat;
 mod found;
 pub mod linear;
 pub mod symbolic;
+pub mod unidentifiable;
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -268,20 +268,20 @@ mod tests {
     #[test]
     fn polynomials_are_recognised_and_written() {
         let (recogniser, points) = recogniser(&mut Random::new(1));
-        let told = |f: &dyn Fn(f64, f64) -> f64| {
+        let reported = |f: &dyn Fn(f64, f64) -> f64| {
             let values: Vec<f64> = points.iter().map(|point| f(point[0], point[1])).collect();
             recogniser.polynomial(&values).map(|found| (found.to_string(), found.times("m")))
         };
         let both = |plain: &str, times: &str| Some((plain.to_owned(), times.to_owned()));
-        assert_eq!(told(&|a, _| a * a), both("L2^2", " + L2^2*m"));
-        assert_eq!(told(&|a, b| -2.0 * a * b), both("-2*L2*L3", " - 2*L2*L3*m"));
-        assert_eq!(told(&|a, b| 0.5 * a - b * b), both("1/2*L2 - L3^2", " + (1/2*L2 - L3^2)*m"));
-        assert_eq!(told(&|_, _| -1.0), both("-1", " - m"));
-        assert_eq!(told(&|a, b| 2.0 * a * a / b), both("2*L2^2/L3", " + 2*L2^2/L3*m"));
-        let sum = told(&|a, b| (a * a * b + 2.0 * a * a * a) / b);
+        assert_eq!(reported(&|a, _| a * a), both("L2^2", " + L2^2*m"));
+        assert_eq!(reported(&|a, b| -2.0 * a * b), both("-2*L2*L3", " - 2*L2*L3*m"));
+        assert_eq!(reported(&|a, b| 0.5 * a - b * b), both("1/2*L2 - L3^2", " + (1/2*L2 - L3^2)*m"));
+        assert_eq!(reported(&|_, _| -1.0), both("-1", " - m"));
+        assert_eq!(reported(&|a, b| 2.0 * a * a / b), both("2*L2^2/L3", " + 2*L2^2/L3*m"));
+        let sum = reported(&|a, b| (a * a * b + 2.0 * a * a * a) / b);
         assert_eq!(sum, both("(2*L2^3 + L2^2*L3)/L3", " + ((2*L2^3 + L2^2*L3)/L3)*m"));
-        assert_eq!(told(&|a, b| 1.0 - a / b), both("(-L2 + L3)/L3", " + ((-L2 + L3)/L3)*m"));
-        assert_eq!(told(&|a, _| 2.0_f64.sqrt() * a), both("sqrt(2)*L2", " + sqrt(2)*L2*m"));
+        assert_eq!(reported(&|a, b| 1.0 - a / b), both("(-L2 + L3)/L3", " + ((-L2 + L3)/L3)*m"));
+        assert_eq!(reported(&|a, _| 2.0_f64.sqrt() * a), both("sqrt(2)*L2", " + sqrt(2)*L2*m"));
     }
 
     #[test]

@@ -40,7 +40,7 @@ fn texts(value: &Value) -> Vec<String> {
     list(value).iter().filter_map(|entry| entry.as_str().map(str::to_owned)).collect()
 }
 
-fn told(value: &Value) -> String {
+fn reported(value: &Value) -> String {
     number(value.as_f64().unwrap_or(f64::NAN))
 }
 
@@ -74,8 +74,8 @@ impl Section for Ranking<'_> {
         }
         let refused =
             list(&self.diagnosis["refused"]).chunk_by(|one, next| one["reason"] == next["reason"]).map(|alike| {
-                let suspects: Vec<String> = alike.iter().map(placed).collect();
-                format!("{}: {}", suspects.join(", "), alike[0]["reason"].as_str().unwrap_or(""))
+                let candidates: Vec<String> = alike.iter().map(placed).collect();
+                format!("{}: {}", candidates.join(", "), alike[0]["reason"].as_str().unwrap_or(""))
             });
         html.push_str(&listed("Refused", refused));
         let moved = list(&self.diagnosis["moved"]).iter().map(|entry| {
@@ -83,7 +83,7 @@ impl Section for Ranking<'_> {
                 "{} in {}: {} standard errors",
                 entry["parameter"].as_str().unwrap_or("?"),
                 entry["run"].as_str().unwrap_or("?"),
-                told(&entry["change_in_std_errors"])
+                reported(&entry["change_in_std_errors"])
             )
         });
         html.push_str(&listed("Parameters that moved between runs", moved));
@@ -114,8 +114,8 @@ fn table(ranking: &[Value]) -> String {
              <td class=\"word\">{}</td></tr>",
             index + 1,
             escaped(&placed(entry)),
-            told(&entry["rmse_validate_before"]),
-            told(&entry["rmse_validate_after"]),
+            reported(&entry["rmse_validate_before"]),
+            reported(&entry["rmse_validate_after"]),
             percent(&entry["torque_percent_before"]),
             percent(&entry["torque_percent_after"]),
             percent(&entry["delta_bic"]).replace('-', "\u{2212}"),
@@ -151,7 +151,7 @@ fn evidence(index: usize, entry: &Value) -> String {
         .map(|own| {
             let error =
                 own["std_error"].as_f64().map_or_else(String::new, |error| format!(" \u{b1} {}", number(error)));
-            format!("{} = {}{error}", own["name"].as_str().unwrap_or("?"), told(&own["value"]))
+            format!("{} = {}{error}", own["name"].as_str().unwrap_or("?"), reported(&own["value"]))
         })
         .collect();
     if !values.is_empty() {
@@ -169,7 +169,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn a_full_diagnosis_is_told_whole() {
+    fn a_full_diagnosis_is_reported_whole() {
         let diagnosis = json!({
             "verdict": "missing_effect",
             "sentences": ["Joint 4 lacks <Coulomb> friction, `coulomb`."],

@@ -19,7 +19,7 @@ pub struct Where<'a> {
 
 /// Findings that stand in the table at once; the others are folded away.
 const OPEN: usize = 12;
-/// Findings of the model before that are told.
+/// Findings of the model before that are reported.
 const OPEN_BEFORE: usize = 6;
 
 impl Section for Where<'_> {

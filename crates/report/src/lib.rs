@@ -19,8 +19,8 @@ pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
 pub use sheet::{DataQuality, Sheet};
-pub use space::{SpaceReport, told_carried};
-pub use wall::{WallReport, WallReportError, told_damping};
+pub use space::{SpaceReport, reported_carried};
+pub use wall::{WallReport, WallReportError, reported_damping};
 
 pub(crate) use dynid_text::{escaped, number};
 

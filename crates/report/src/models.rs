@@ -6,7 +6,7 @@ use std::fmt::Write;
 use super::{Section, number};
 use dynid_judge::compare::Comparison;
 use dynid_text::escaped;
-use dynid_user_model::{FitRecord, Model, Share};
+use dynid_user_model::{ErrorShare, FitRecord, Model};
 
 /// Parameters of several models of one device side by side.
 #[derive(Debug, Clone, Default)]
@@ -181,7 +181,7 @@ pub struct Accuracy<'a> {
     pub title: String,
     /// The runs.
     pub comparison: &'a Comparison,
-    /// Whether the torque error is told too.
+    /// Whether the torque error is reported too.
     pub with_torque: bool,
 }
 
@@ -196,13 +196,13 @@ impl Section for Accuracy<'_> {
              <th>RMS</th><th>noise</th><th>RMS / noise</th><th>largest</th><th>fit %</th><th class=\"word\">white</th>",
         );
         html.push_str(if self.with_torque { "<th>torque %</th></tr>\n" } else { "</tr>\n" });
-        let told = |value: Option<f64>| number(value.unwrap_or(f64::NAN));
-        let percent = |value: Option<f64>| value.map_or_else(|| told(None), |value| format!("{value:.2}"));
+        let reported = |value: Option<f64>| number(value.unwrap_or(f64::NAN));
+        let percent = |value: Option<f64>| value.map_or_else(|| reported(None), |value| format!("{value:.2}"));
         for run in &self.comparison.runs {
             for joint in &run.joints {
                 let ratio = joint.times_noise();
                 let white =
-                    joint.rmse.map_or_else(|| told(None), |_| if joint.white { "yes" } else { "no" }.to_owned());
+                    joint.rmse.map_or_else(|| reported(None), |_| if joint.white { "yes" } else { "no" }.to_owned());
                 let _ = write!(
                     html,
                     "<tr><td class=\"word\">{}</td><td class=\"word\">{}</td><td>{}</td><td>{}</td><td>{}</td>\
@@ -210,10 +210,10 @@ impl Section for Accuracy<'_> {
                     escaped(&run.file),
                     escaped(&run.role),
                     joint.joint,
-                    told(joint.rmse),
+                    reported(joint.rmse),
                     number(joint.noise_floor),
                     percent(ratio.filter(|ratio| ratio.is_finite())),
-                    told(joint.max_abs),
+                    reported(joint.max_abs),
                     percent(joint.fit_percent),
                     white,
                 );
@@ -247,7 +247,7 @@ pub struct Budget<'a> {
     /// Heading.
     pub title: String,
     /// As a fit along a method recorded them.
-    pub shares: &'a [Share],
+    pub shares: &'a [ErrorShare],
 }
 
 impl Section for Budget<'_> {
@@ -298,10 +298,10 @@ mod tests {
             ..FitRecord::default()
         });
         let models = Models::new(&[("start".to_owned(), start), ("<fitted>".to_owned(), fitted)]);
-        let told: Vec<(&str, &str)> =
+        let reported: Vec<(&str, &str)> =
             models.rows.iter().filter_map(|row| Some((row.name.as_str(), row.cells[1]?.standing.as_str()))).collect();
         assert_eq!(
-            told,
+            reported,
             [("link.1.m", "determined"), ("link.1.x", "held by bound"), ("link.2.m", "not identifiable")],
             "only what the fit moved"
         );

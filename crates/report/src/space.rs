@@ -6,7 +6,7 @@ use dynid_model::JointKind;
 
 use super::{Part, Section, number};
 use crate::{plot::traces, plot::traces::Trace, plot::traces::Traces};
-use dynid_control::{Shares, Wall};
+use dynid_control::{CompensationRatios, Wall};
 use dynid_dynamics::{kinematics::Vector, kinematics::dot, kinematics::plus};
 use dynid_haptics::{
     wall::WallError, wall::median, wall::space::Case, wall::space::Contact, wall::space::Setting, wall::space::contact,
@@ -23,7 +23,7 @@ const AFTER_S: f64 = 2.4;
 pub struct SpaceReport<'a> {
     setting: &'a Setting,
     cases: &'a [Case],
-    carried: Option<Shares>,
+    carried: Option<CompensationRatios>,
     /// Name, and a contact for each approach.
     shown: Vec<(String, Vec<Contact>)>,
     /// The direction along the wall in which the end points slip most.
@@ -40,7 +40,7 @@ impl<'a> SpaceReport<'a> {
         setting: &'a Setting,
         walls: &[(String, Wall)],
         cases: &'a [Case],
-        carried: Option<Shares>,
+        carried: Option<CompensationRatios>,
     ) -> Result<Self, WallError> {
         let hand = &setting.people.typical;
         let mut shown = Vec::with_capacity(walls.len());
@@ -79,7 +79,7 @@ impl<'a> SpaceReport<'a> {
             plane.normal.map(number).join(", "),
             people.count,
             number(1.0 / sampling.sample_s),
-            told_carried(self.carried),
+            reported_carried(self.carried),
         );
         for (name, _) in &self.shown {
             if self.cases.iter().all(|case| case.controller != *name) {
@@ -240,11 +240,11 @@ impl<'a> SpaceReport<'a> {
 }
 
 /// What the controller carries, in words.
-pub fn told_carried(carried: Option<Shares>) -> String {
+pub fn reported_carried(carried: Option<CompensationRatios>) -> String {
     match carried {
         None => "the device's weight is in the hand".to_owned(),
-        Some(Shares::WEIGHT) => "the device's weight is carried by the model".to_owned(),
-        Some(Shares { inertia, friction }) => format!(
+        Some(CompensationRatios::WEIGHT) => "the device's weight is carried by the model".to_owned(),
+        Some(CompensationRatios { inertia, friction }) => format!(
             "carried by the model: the device's weight, {} % of its inertia, {} % of its friction",
             number(100.0 * inertia),
             number(100.0 * friction)

@@ -80,7 +80,7 @@ impl Unit {
 }
 
 /// A sentence on the damping that a device has of its own, to stand beside what Colgate & Schenkel's bound asks for.
-pub fn told_damping(own: &OwnDamping, setting: &Setting) -> String {
+pub fn reported_damping(own: &OwnDamping, setting: &Setting) -> String {
     if own.from.is_empty() {
         return "By the model friction at this joint does not grow with speed, and dry friction does not count: the bound asks for \
                 more than there is."
@@ -266,7 +266,7 @@ impl<'a> WallReport<'a> {
             sections.push(part("Fuzzy sets", self.memberships()));
             sections.push(part("Rules", self.rules()));
         }
-        sections.push(part("The setting", self.told_setting()));
+        sections.push(part("The setting", self.reported_setting()));
         sections
     }
 

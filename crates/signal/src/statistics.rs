@@ -106,8 +106,8 @@ mod tests {
         let sum: f64 = noise.iter().sum();
         assert!(standard_errors(sum, &noise, 10).abs() < 4.0);
         // 0.1 over 1 / sqrt(3 * 10 000)
-        let told = standard_errors(sum + 1000.0, &noise, 10);
-        assert!((told - 17.3).abs() < 4.0, "{told}");
+        let reported = standard_errors(sum + 1000.0, &noise, 10);
+        assert!((reported - 17.3).abs() < 4.0, "{reported}");
         assert_eq!(standard_errors(0.0, &[], 3), 0.0);
     }
 }

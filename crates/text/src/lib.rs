@@ -52,11 +52,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_told_in_four_digits() {
-        let told: Vec<String> =
+    fn numbers_are_reported_in_four_digits() {
+        let reported: Vec<String> =
             [0.0, 1.0, -0.376, 12.34567, 4321.0, 1.5e-5, -2.02e7, f64::INFINITY, f64::NAN].map(number).into();
         assert_eq!(
-            told,
+            reported,
             [
                 "0",
                 "1.000",

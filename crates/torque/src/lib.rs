@@ -362,7 +362,7 @@ pub fn linearise(system: &System, motion: &Motion, rigid: &[RigidColumns]) -> Ve
 }
 
 /// How much of a change of the drive's torque is left for the motion at each free joint, at the kept samples: less than 1
-/// where friction grows with the torque. The torque error is divided by it, for it is told as a command. `None` where no
+/// where friction grows with the torque. The torque error is divided by it, for it is stated as a command. `None` where no
 /// joint effect reads the drive's torque.
 fn passed(system: &System, motion: &Motion, states: Option<&states::States>) -> Option<Vec<Vec<f64>>> {
     /// Relative change of the commands: what is read of the drive's torque is proportional to it, so it may be large.

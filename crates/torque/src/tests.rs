@@ -4,7 +4,7 @@ use dynid_model::Scope;
 
 use super::*;
 use dynid_dynamics::{
-    simulate::Hold, system::fixtures::ARM, system::fixtures::GAIN, system::fixtures::INPUT_COUPLING,
+    simulate::Intersample, system::fixtures::ARM, system::fixtures::GAIN, system::fixtures::INPUT_COUPLING,
     system::fixtures::LUGRE, system::fixtures::ROTOR_INERTIA, system::fixtures::SPRING, system::fixtures::VISCOUS,
     system::fixtures::placed,
 };
@@ -45,7 +45,7 @@ fn run() -> Run {
         cutoff_hz: Some(5.0),
         decimate: 4,
         min_speed: vec![0.0; 2],
-        hold: Hold::Linear,
+        intersample: Intersample::FirstOrder,
         ..Settings::default()
     };
     Run { file: "arm.csv".to_owned(), role: Role::Fit, free: vec![0, 1], configuration: 1, log, settings }

@@ -79,7 +79,7 @@ mod tests {
     use super::clipped;
 
     #[test]
-    fn values_outside_their_bounds_are_put_on_them_and_told() {
+    fn values_outside_their_bounds_are_put_on_them_and_reported() {
         let text = "# mine\n[link.2]\nm = { value = 2.0, lower = 0.5, upper = 1.5 } # kg\nx = 0.1\n\n[[effect]]\n\
                     id = \"viscous\"\njoint = 1\nFv = { value = -1, lower = 0.0, upper = 1.0 }\n";
         let (now, notes) = clipped(text);

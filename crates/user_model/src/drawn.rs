@@ -26,7 +26,7 @@ impl Model {
             .flat_map(|gain| (0..gain.parameters.len()).map(|index| gain.parameter_name(index)))
             .collect();
         let common = gains.iter().map(|name| relative(name).unwrap_or(0.0)).reduce(f64::min).unwrap_or(0.0);
-        // A gain has the scale also where commands are told as torques, and its unit is none.
+        // A gain has the scale also where commands are stated as torques, and its unit is none.
         let scales = |name: &String| {
             let has_unit = |unit: String| unit.starts_with('N') || unit.starts_with("kg");
             gains.contains(name) || self.unit(name).is_some_and(has_unit)

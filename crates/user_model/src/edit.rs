@@ -174,7 +174,7 @@ impl Model {
     fn forget_fit(&mut self) {
         self.fit = None;
         let names = self.names();
-        self.believed.retain(|name, _| names.contains(name));
+        self.prior.retain(|name, _| names.contains(name));
     }
 
     fn check_place(&self, effect: &Effect, joint: Option<usize>, from: Option<usize>) -> Result<(), EffectError> {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 /// One free joint of one configuration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Share {
+pub struct ErrorShare {
     /// The configuration, from 1.
     pub configuration: usize,
     /// The joint.
@@ -63,7 +63,7 @@ pub struct FitRecord {
     /// The method whose configurations were fitted one after another, if one was.
     pub method: Option<String>,
     /// How much of each joint's remaining error comes from which configuration of the method.
-    pub budget: Vec<Share>,
+    pub budget: Vec<ErrorShare>,
 }
 
 /// A table of numbers by name; empty where there is none.
@@ -164,7 +164,7 @@ fn lines(names: &[String]) -> Array {
     array
 }
 
-fn write_share(share: &Share) -> OutTable {
+fn write_share(share: &ErrorShare) -> OutTable {
     let mut table = OutTable::new();
     table.insert("configuration", value(share.configuration as i64));
     table.insert("joint", value(share.joint as i64));
@@ -189,7 +189,7 @@ fn write_share(share: &Share) -> OutTable {
     table
 }
 
-fn read_share(table: &Table) -> Result<Share, ModelError> {
+fn read_share(table: &Table) -> Result<ErrorShare, ModelError> {
     table.only(&["configuration", "joint", "noise_floor", "rmse", "remaining", "range", "from", "carried"])?;
     let number = |key: &str| table.required(key, "0.0")?.number();
     let sources = |key: &str| -> Result<Vec<Source>, ModelError> {
@@ -201,7 +201,7 @@ fn read_share(table: &Table) -> Result<Share, ModelError> {
         };
         table.tables(key, key, 1)?.iter().map(read).collect()
     };
-    Ok(Share {
+    Ok(ErrorShare {
         configuration: table.required("configuration", "1")?.index()?,
         joint: table.required("joint", "0")?.index()?,
         noise_floor: number("noise_floor")?,

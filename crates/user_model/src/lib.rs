@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use dynid_model::{Device, Effect, JointKind, Link, Parameter, did_you_mean, instance::instance_name};
 
 pub use edit::{Added, EffectError};
-pub use fit_record::{FitRecord, Share, Source};
+pub use fit_record::{ErrorShare, FitRecord, Source};
 pub use read::device_of;
 
 use dynid_text::UnknownName;
@@ -39,8 +39,8 @@ pub struct Model {
     /// How the values were found, if a fit found them.
     pub fit: Option<FitRecord>,
     /// What each parameter that a fit has moved was believed to be before the first fit of a series.
-    pub believed: BTreeMap<String, f64>,
-    /// What a person should be told about the file, e.g. values outside the device's bounds.
+    pub prior: BTreeMap<String, f64>,
+    /// What a person should be reported about the file, e.g. values outside the device's bounds.
     pub notes: Vec<String>,
     /// Text that the model was read from, kept so that writing it keeps its comments.
     origin: Option<String>,
@@ -77,7 +77,7 @@ impl Model {
             base: device.up.map(|component| Parameter::known(device.gravity * component)),
             effects,
             fit: None,
-            believed: BTreeMap::new(),
+            prior: BTreeMap::new(),
             notes: Vec::new(),
             origin: None,
         }
@@ -99,8 +99,8 @@ impl Model {
     }
 
     /// What the parameter of that name was believed to be before the first fit of a series; its value where none was fitted.
-    pub fn believed(&self, name: &str) -> Option<f64> {
-        self.believed.get(name).copied().or_else(|| self.parameter(name).map(|parameter| parameter.value))
+    pub fn prior(&self, name: &str) -> Option<f64> {
+        self.prior.get(name).copied().or_else(|| self.parameter(name).map(|parameter| parameter.value))
     }
 
     /// The model with other values of the parameters that are not fixed, within their bounds; those for which `value` is
@@ -116,10 +116,10 @@ impl Model {
         model
     }
 
-    /// The model with the values that were believed before the first fit of a series; `None` where those are its own.
-    pub fn as_believed(&self) -> Option<Self> {
-        let believed = self.with_values(&|name| self.believed(name));
-        (believed.digest() != self.digest()).then_some(believed)
+    /// The model with the prior values before the first fit of a series; `None` where those are its own.
+    pub fn at_prior(&self) -> Option<Self> {
+        let prior = self.with_values(&|name| self.prior(name));
+        (prior.digest() != self.digest()).then_some(prior)
     }
 
     /// The parameter of that name.

@@ -63,9 +63,9 @@ impl Model {
         read_base(&root, &mut model)?;
         read_effects(&root, &mut model)?;
         model.fit = root.optional("fit").map(|entry| FitRecord::read(&entry.table("[fit]")?)).transpose()?;
-        model.believed = numbers(&root, "believed", "[believed]")?;
+        model.prior = numbers(&root, "believed", "[believed]")?;
         let names = model.names();
-        let unknown = model.believed.keys().filter(|name| !names.contains(name));
+        let unknown = model.prior.keys().filter(|name| !names.contains(name));
         let notes: Vec<String> = unknown
             .map(|name| {
                 let help = did_you_mean(name, names.iter().map(String::as_str));
@@ -73,7 +73,7 @@ impl Model {
             })
             .collect();
         model.notes.extend(notes);
-        model.believed.retain(|name, _| names.contains(name));
+        model.prior.retain(|name, _| names.contains(name));
         model.origin = Some(text.to_owned());
         Ok(model)
     }

@@ -3,7 +3,7 @@ use std::path::Path;
 
 use dynid_model::{Parameter, device, devices};
 
-use crate::{Share, Source};
+use crate::{ErrorShare, Source};
 use dynid_random::Random;
 
 use super::{FitRecord, Model};
@@ -36,9 +36,9 @@ joint = 4
 gain = -0.2
 "#;
 
-fn share() -> Share {
+fn share() -> ErrorShare {
     let source = |configuration, rms| Source { configuration, rms };
-    Share {
+    ErrorShare {
         configuration: 9,
         joint: 3,
         noise_floor: 2e-4,
@@ -98,7 +98,7 @@ fn writing_keeps_comments_order_and_digits() {
         method: Some("coupling".to_owned()),
         budget: vec![share()],
     });
-    model.believed = [("link.2.m".to_owned(), 0.5)].into();
+    model.prior = [("link.2.m".to_owned(), 0.5)].into();
     let text = model.to_toml();
     insta::assert_snapshot!(text);
     let again = parse(&text);
@@ -106,7 +106,7 @@ fn writing_keeps_comments_order_and_digits() {
     assert_eq!(again.digest(), model.digest());
     assert_eq!(again.fit.as_ref().unwrap().budget, [share()]);
     assert_eq!(again.fit.as_ref().unwrap().at_bound, ["link.7.Izz"]);
-    assert_eq!(again.believed["link.2.m"], 0.5);
+    assert_eq!(again.prior["link.2.m"], 0.5);
     assert_eq!(again.fit.as_ref().unwrap().method.as_deref(), Some("coupling"));
     assert_eq!(again.fit.as_ref().unwrap().not_identifiable.len(), 2);
     assert_eq!(again.fit.as_ref().unwrap().std_error.len(), 1, "an infinite standard error is left out");
@@ -115,13 +115,13 @@ fn writing_keeps_comments_order_and_digits() {
 
 /// What a record says of no parameter of the model is noted, with the nearest name, and left out.
 #[test]
-fn an_unknown_name_that_was_believed_is_noted() {
+fn an_unknown_name_that_was_prior_is_noted() {
     let mut text = Model::of_device(device("freedom6s").expect("in the library")).to_toml();
     text.push_str("\n[believed]\n\"link.2.m\" = 0.5\n\"link.2.mm\" = 0.5\n");
     let model = parse(&text);
-    assert_eq!(model.believed.keys().collect::<Vec<_>>(), ["link.2.m"]);
-    let told = model.notes.iter().find(|note| note.contains("[believed]")).expect("a note");
-    assert!(told.contains("`link.2.mm`") && told.contains("`link.2.m`"), "{told}");
+    assert_eq!(model.prior.keys().collect::<Vec<_>>(), ["link.2.m"]);
+    let message = model.notes.iter().find(|note| note.contains("[believed]")).expect("a note");
+    assert!(message.contains("`link.2.mm`") && message.contains("`link.2.m`"), "{message}");
 }
 
 /// Over many draws each parameter scatters by its standard error; what all gains have in common is the torques' scale, and
@@ -241,7 +241,7 @@ fn unknown_parameter_names_the_nearest() {
 }
 
 #[test]
-fn wrong_files_are_told_with_place_and_remedy() {
+fn wrong_files_are_reported_with_place_and_remedy() {
     let wrong = [
         "device = \"freedom7s\"\n",
         "link.1.m = 1\n",
@@ -266,8 +266,8 @@ fn wrong_files_are_told_with_place_and_remedy() {
         "device = \"planar2r\"\nmass = 3\n",
         "device = \"planar2r\n",
     ];
-    let told = wrong.map(refused).join("\n\n");
-    insta::assert_snapshot!(told);
+    let message = wrong.map(refused).join("\n\n");
+    insta::assert_snapshot!(message);
 }
 
 /// A fit ends where both are equal, up to rounding; what it writes can be read.

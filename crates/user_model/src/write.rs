@@ -115,8 +115,8 @@ impl Model {
         if let Some(fit) = &self.fit {
             document.insert("fit", fit.write());
         }
-        if !self.believed.is_empty() {
-            document.insert("believed", write_numbers(&self.believed));
+        if !self.prior.is_empty() {
+            document.insert("believed", write_numbers(&self.prior));
         }
     }
 

@@ -4,9 +4,12 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use dynid_control::{Holding, Shares, largest_inertia_share};
+use dynid_control::{CompensationRatios, Holding, largest_inertia_share};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_haptics::{felt::Felt, felt::JointFelt, felt::Options, felt::Survey, felt::survey};
+use dynid_haptics::{
+    rendered_impedance::Impedance, rendered_impedance::JointImpedance, rendered_impedance::Options,
+    rendered_impedance::Survey, rendered_impedance::survey,
+};
 use dynid_haptics::{wall::Hand, wall::Setting};
 use dynid_report::{plot::steps::Steps, plot::steps::standalone};
 use dynid_user_model::Model;
@@ -38,10 +41,10 @@ pub struct Arguments {
     #[arg(long, value_name = "A", default_value_t = 0.2)]
     amplitude: f64,
     /// Share of the inertia that is carried, 0 to 1.
-    #[arg(long, value_name = "SHARE", default_value_t = Shares::default().inertia)]
+    #[arg(long, value_name = "SHARE", default_value_t = CompensationRatios::default().inertia)]
     inertia: f64,
     /// Share of the friction that is carried, 0 to 1.
-    #[arg(long, value_name = "SHARE", default_value_t = Shares::default().friction)]
+    #[arg(long, value_name = "SHARE", default_value_t = CompensationRatios::default().friction)]
     friction: f64,
     /// Rate of the controller (Hz).
     #[arg(long, value_name = "HZ", default_value_t = 1000.0)]
@@ -72,19 +75,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         check_output(out, overwrite)?;
     }
     let setting = Setting::shipped()?;
-    let believed = match &arguments.model {
+    let prior = match &arguments.model {
         Some(path) => Model::load(path)?,
         None => Model::of_device(setting.device),
     };
     let plant = match &arguments.plant {
         Some(path) => {
             let model = Model::load(path)?;
-            of_device(&model, path, believed.device, "the model that the controller believes")?;
+            of_device(&model, path, prior.device, "the model that the controller believes")?;
             model
         }
-        None => believed.clone(),
+        None => prior.clone(),
     };
-    let device = believed.device;
+    let device = prior.device;
     let largest = device.configurations.iter().map(|configuration| &configuration.free).max_by_key(|free| free.len());
     let mut free = match (&arguments.free, largest) {
         (Some(free), _) => free.clone(),
@@ -111,9 +114,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         seed: arguments.seed,
         ..usual
     };
-    let survey = survey(&plant, &believed, &free, &options)?;
+    let survey = survey(&plant, &prior, &free, &options)?;
     let borne = (setting.device.id == device.id).then(|| borne(&survey, &setting)).flatten();
-    let mut text = told(&survey);
+    let mut text = reported(&survey);
     if let Some((typical, worst)) = borne {
         let _ = writeln!(
             text,
@@ -130,7 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .joints
         .iter()
         .map(|joint| {
-            let JointFelt { joint: index, bare, carried, drawn } = joint;
+            let JointImpedance { joint: index, bare, carried, drawn } = joint;
             let worst = joint.worst(BAND.0, BAND.1);
             json!({ "joint": index, "bare": bare, "carried": carried, "drawn": drawn, "left": worst })
         })
@@ -165,7 +168,7 @@ fn left(own: f64, bare: f64) -> String {
     format!("{:.0} %", 100.0 * own / bare)
 }
 
-fn told(survey: &Survey) -> String {
+fn reported(survey: &Survey) -> String {
     let options = &survey.options;
     let mut text = format!(
         "carried: gravity, springs, {:.0} % of the inertia, {:.0} % of the friction; controller at {:.0} Hz, counts of {:.0e}, the \
@@ -188,7 +191,7 @@ fn told(survey: &Survey) -> String {
     ]);
     for joint in &survey.joints {
         for (index, (bare, carried)) in joint.bare.iter().zip(&joint.carried).enumerate() {
-            let off = |value: fn(&Felt) -> f64| {
+            let off = |value: fn(&Impedance) -> f64| {
                 let drawn = joint.drawn.iter().map(|drawn| value(&drawn[index]));
                 let worst = drawn.reduce(|worst, own| if own.abs() > worst.abs() { own } else { worst });
                 worst.map_or_else(|| "-".to_owned(), |worst| left(worst, value(bare)))
@@ -198,10 +201,10 @@ fn told(survey: &Survey) -> String {
                 format!("{}", bare.frequency_hz),
                 format!("{:.2e}", bare.inertia),
                 left(carried.inertia, bare.inertia),
-                off(|felt| felt.inertia),
+                off(|impedance| impedance.inertia),
                 format!("{:.2e}", bare.damping),
                 left(carried.damping, bare.damping),
-                off(|felt| felt.damping),
+                off(|impedance| impedance.damping),
             ]);
         }
     }
@@ -231,15 +234,16 @@ fn told(survey: &Survey) -> String {
 
 /// Two pictures a joint, inertia and friction over frequency.
 fn pictures(survey: &Survey) -> Vec<Steps> {
-    type Quantity = (&'static str, &'static str, fn(&Felt) -> f64);
+    type Quantity = (&'static str, &'static str, fn(&Impedance) -> f64);
     let values: [Quantity; 2] = [
-        ("inertia", "size [kg*m^2 or kg]", |felt| felt.inertia),
-        ("friction", "size [N*m*s/rad or N*s/m]", |felt| felt.damping),
+        ("inertia", "size [kg*m^2 or kg]", |impedance| impedance.inertia),
+        ("friction", "size [N*m*s/rad or N*s/m]", |impedance| impedance.damping),
     ];
-    let of = |joint: &JointFelt| {
-        let rungs: Vec<String> = joint.bare.iter().map(|felt| format!("{} Hz", felt.frequency_hz)).collect();
+    let of = |joint: &JointImpedance| {
+        let rungs: Vec<String> = joint.bare.iter().map(|impedance| format!("{} Hz", impedance.frequency_hz)).collect();
         values.map(|(name, quantity, value)| {
-            let sizes = |own: &[Felt]| own.iter().map(|felt| Some(value(felt).abs())).collect::<Vec<_>>();
+            let sizes =
+                |own: &[Impedance]| own.iter().map(|impedance| Some(value(impedance).abs())).collect::<Vec<_>>();
             let mut series =
                 vec![("bare".to_owned(), sizes(&joint.bare)), ("carried".to_owned(), sizes(&joint.carried))];
             let drawn: Vec<Option<f64>> = (0..rungs.len())
@@ -253,7 +257,7 @@ fn pictures(survey: &Survey) -> Vec<Steps> {
                 .carried
                 .iter()
                 .zip(&rungs)
-                .filter(|(felt, _)| value(felt) < 0.0)
+                .filter(|(impedance, _)| value(impedance) < 0.0)
                 .map(|(_, rung)| &**rung)
                 .collect();
             let sign = if pushed.is_empty() { String::new() } else { format!("; below 0 at {}", pushed.join(", ")) };

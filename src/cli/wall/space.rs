@@ -4,12 +4,12 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use dynid_control::{Shares, Wall};
+use dynid_control::{CompensationRatios, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_haptics::{wall::WallFile, wall::median};
 use dynid_haptics::{wall::space, wall::space::Case, wall::space::Setting};
 use dynid_model::JointKind;
-use dynid_report::{Section, SpaceReport, told_carried};
+use dynid_report::{Section, SpaceReport, reported_carried};
 use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         walls.push((name.clone(), setting.wall(&file)?));
         files.push((name, file));
     }
-    let shares = Shares { inertia: arguments.inertia, friction: arguments.friction };
+    let shares = CompensationRatios { inertia: arguments.inertia, friction: arguments.friction };
     let carried = arguments.compensate.then_some(shares);
     let cases = space::compare(&model, &setting, &walls, carried)?;
     let never = walls.len() * setting.reaching.approaches.len() * setting.people.count - cases.len();
@@ -85,12 +85,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if never > 0 {
         eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
-    let mut text = told(&setting, &walls, &cases, carried);
+    let mut text = reported(&setting, &walls, &cases, carried);
     if let Some(out) = &arguments.out {
         let report = SpaceReport::new(&model, &setting, &walls, &cases, carried)?;
         let mut sections = report.sections();
-        let mut command = format!("dynid wall space{}", place.told());
-        if let Some(Shares { inertia, friction }) = carried {
+        let mut command = format!("dynid wall space{}", place.reported());
+        if let Some(CompensationRatios { inertia, friction }) = carried {
             let _ = write!(command, " --compensate --inertia {inertia} --friction {friction}");
         }
         let _ = write!(command, " --wall {} --out {}", arguments.wall.join(","), out.display());
@@ -105,13 +105,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 /// A row for each wall and approach, the median hand; then how the joints moved.
-fn told(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Option<Shares>) -> String {
+fn reported(
+    setting: &Setting,
+    walls: &[(String, Wall)],
+    cases: &[Case],
+    carried: Option<CompensationRatios>,
+) -> String {
     let mut text = format!(
         "the end point of {} at a plane, {} hands, controller at {} Hz; {}\n",
         setting.device.id,
         setting.people.count,
         number(1.0 / setting.sampling.sample_s),
-        told_carried(carried)
+        reported_carried(carried)
     );
     let right = |heading: &'static str| (heading, Align::Right);
     let mut table = Table::new(&[

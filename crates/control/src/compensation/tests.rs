@@ -8,7 +8,7 @@ use dynid_dynamics::{
     system::fixtures::VISCOUS, system::fixtures::placed,
 };
 
-const WHOLE: Shares = Shares { inertia: 1.0, friction: 1.0 };
+const WHOLE: CompensationRatios = CompensationRatios { inertia: 1.0, friction: 1.0 };
 
 /// A two-link arm with effects of every kind; `p` are numbers around 1.
 fn arm(p: &[f64]) -> System {
@@ -58,15 +58,15 @@ proptest! {
     fn shares_leave_gravity_and_springs_alone(motion in prop::collection::vec(-2.0..2.0_f64, 6), share in 0.0..1.0_f64) {
         let system = arm(&[1.0; 12]);
         let (q, dq, ddq) = (&motion[..2], &motion[2..4], &motion[4..]);
-        let torque = |shares: Shares, dq: &[f64], ddq: &[f64]| {
+        let torque = |shares: CompensationRatios, dq: &[f64], ddq: &[f64]| {
             let mut compensation = Compensation::new(system.clone(), shares, 1e-3).unwrap();
             compensation.tick(q, dq, ddq);
             compensation.torques().to_vec()
         };
-        let none = Shares { inertia: 0.0, friction: 0.0 };
+        let none = CompensationRatios { inertia: 0.0, friction: 0.0 };
         let rest = torque(WHOLE, &[0.0; 2], &[0.0; 2]);
         let whole = torque(WHOLE, dq, ddq);
-        let part = torque(Shares { inertia: share, friction: share }, dq, ddq);
+        let part = torque(CompensationRatios { inertia: share, friction: share }, dq, ddq);
         for slot in 0..2 {
             prop_assert!((torque(none, dq, ddq)[slot] - rest[slot]).abs() < 1e-12);
             let expected = rest[slot] + share * (whole[slot] - rest[slot]);
@@ -78,7 +78,7 @@ proptest! {
 fn rubbing(sigma0: f64) -> Compensation {
     let effects = [placed(&LUGRE, 0, None, &[sigma0, 0.0, 0.0, 0.1, 0.03, 0.03])];
     let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.02], Vec::new(), &effects).unwrap();
-    Compensation::new(system, Shares { inertia: 0.0, friction: 1.0 }, 1e-3).unwrap()
+    Compensation::new(system, CompensationRatios { inertia: 0.0, friction: 1.0 }, 1e-3).unwrap()
 }
 
 /// Bristles follow a held speed as `z = Fc / sigma0 (1 - exp(-sigma0 dq t / Fc))`, at any tick.
@@ -121,9 +121,11 @@ fn what_cannot_be_carried_is_refused() {
     let system = |gain: f64| {
         System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.02], Vec::new(), &[placed(&GAIN, 0, None, &[gain])]).unwrap()
     };
-    let of = |gain: f64, shares: Shares, sample_s: f64| Compensation::new(system(gain), shares, sample_s).unwrap_err();
+    let of = |gain: f64, shares: CompensationRatios, sample_s: f64| {
+        Compensation::new(system(gain), shares, sample_s).unwrap_err()
+    };
     assert_eq!(of(0.0, WHOLE, 1e-3), InverseError::NoDrive.into());
     assert_eq!(of(1.0, WHOLE, 0.0), CompensationError::Sample { value: 0.0 });
-    let shares = Shares { friction: 1.2, ..WHOLE };
+    let shares = CompensationRatios { friction: 1.2, ..WHOLE };
     assert_eq!(of(1.0, shares, 1e-3), CompensationError::Share { of: "friction", value: 1.2 });
 }

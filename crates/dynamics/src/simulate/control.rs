@@ -6,7 +6,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use super::{Commands, Grid, Hold, Input, Options, Recorder, SimulationError, Stepper, Trajectory, check};
+use super::{Commands, Grid, Input, Intersample, Options, Recorder, SimulationError, Stepper, Trajectory, check};
 use crate::system::System;
 
 /// A controller's gains, filter and limits.
@@ -109,7 +109,7 @@ pub fn simulate(
     options: &Options,
 ) -> Result<(Trajectory, Vec<f64>), SimulationError> {
     let n_joints = system.n_joints();
-    check(system, &Input { time, command: reference, hold: Hold::Zero }, q0)?;
+    check(system, &Input { time, command: reference, intersample: Intersample::ZeroOrder }, q0)?;
     for gains in [&controller.proportional, &controller.derivative, &controller.limit] {
         if gains.len() != n_joints {
             return Err(SimulationError::Length {
@@ -132,7 +132,12 @@ pub fn simulate(
         let row = sample * n_joints..(sample + 1) * n_joints;
         control.command(elapsed_s, &reference[row.clone()], shown, &mut commands[row.clone()]);
         if let Some(&end) = time.get(sample + 1) {
-            let given = Commands { time: &time[..=sample], rows: &commands[..row.end], n_joints, hold: Hold::Zero };
+            let given = Commands {
+                time: &time[..=sample],
+                rows: &commands[..row.end],
+                n_joints,
+                intersample: Intersample::ZeroOrder,
+            };
             stepper.held(system, time[sample], end, grid.steps(time[sample], end), &commands[row], &given);
         }
     }
@@ -192,7 +197,7 @@ mod tests {
         let (motion, commands) =
             simulate(&body(), &controller, &time, &reference, &[0.1], &Options::default()).unwrap();
         assert!(commands.iter().all(|torque| torque.abs() <= 0.05) && commands.contains(&-0.05));
-        let input = Input { time: &time, command: &commands, hold: Hold::Zero };
+        let input = Input { time: &time, command: &commands, intersample: Intersample::ZeroOrder };
         let replayed = super::super::simulate(&body(), &input, &[0.1], &Options::default()).unwrap();
         assert_eq!(motion, replayed);
     }

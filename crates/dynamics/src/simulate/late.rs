@@ -4,7 +4,7 @@
 //! that the impulse is exact and the motion changes smoothly with the delay: `d mean / d delay` is what leaves less what
 //! enters, over the step. Before the first sample its command holds, and after the last one that one does.
 
-use super::Hold;
+use super::Intersample;
 use crate::{system::Delay, system::System};
 
 /// The commands of a log, or those that a controller has given so far.
@@ -17,7 +17,7 @@ pub struct Commands<'a> {
     /// Joints of the device.
     pub n_joints: usize,
     /// How a command runs between samples.
-    pub hold: Hold,
+    pub intersample: Intersample,
 }
 
 impl Commands<'_> {
@@ -33,9 +33,9 @@ impl Commands<'_> {
     ) {
         for (index, delay) in system.delays().iter().enumerate() {
             let &Delay { joint, span_s, .. } = delay;
-            let (value, slope) = match self.hold {
-                Hold::Zero => self.mean(joint, begin - span_s, end - span_s),
-                Hold::Linear => {
+            let (value, slope) = match self.intersample {
+                Intersample::ZeroOrder => self.mean(joint, begin - span_s, end - span_s),
+                Intersample::FirstOrder => {
                     let (value, rate) = self.at(joint, t - span_s);
                     (value, -rate)
                 }
@@ -94,13 +94,13 @@ mod tests {
     const TIME: [f64; 4] = [1.0, 2.0, 4.0, 5.0];
     const ROWS: [f64; 4] = [3.0, -1.0, 2.0, 7.0];
 
-    fn commands(hold: Hold) -> Commands<'static> {
-        Commands { time: &TIME, rows: &ROWS, n_joints: 1, hold }
+    fn commands(intersample: Intersample) -> Commands<'static> {
+        Commands { time: &TIME, rows: &ROWS, n_joints: 1, intersample }
     }
 
     #[test]
     fn the_mean_of_what_is_held_is_its_integral() {
-        let held = commands(Hold::Zero);
+        let held = commands(Intersample::ZeroOrder);
         // A fine sum of the step function.
         let at = |t: f64| ROWS[TIME.iter().rposition(|time| *time <= t).unwrap_or(0)];
         for (from, to) in
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn what_runs_straight_is_read_between_the_samples() {
-        let straight = commands(Hold::Linear);
+        let straight = commands(Intersample::FirstOrder);
         for (t, value, rate) in [(0.0, 3.0, 0.0), (1.5, 1.0, -4.0), (3.0, 0.5, 1.5), (5.0, 7.0, 0.0), (8.0, 7.0, 0.0)] {
             assert_eq!(straight.at(0, t), (value, rate), "at {t}");
         }

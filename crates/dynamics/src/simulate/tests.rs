@@ -18,7 +18,7 @@ fn pendulum(effects: &[crate::system::PlacedEffect]) -> System {
 fn a_swinging_pendulum_keeps_its_period() {
     let system = pendulum(&[]);
     let (time, command) = (times(1001, 0.01), vec![0.0; 1001]);
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let swing = simulate(&system, &input, &[1e-3], &Options::default()).unwrap();
     let rate = (GRAVITY * 0.15 / (0.01 + 0.5 * 0.09)).sqrt();
     // Amplitude 1e-3 lengthens the period by 1/16 of its square: 6e-8.
@@ -32,7 +32,7 @@ fn energy_is_kept_without_friction() {
     let links = vec![1.2, 0.21, 0.02, 0.8, 0.17, 0.011];
     let system = System::new(&ARM, 2, links, Vec::new(), &[]).unwrap();
     let (time, command) = (times(501, 0.01), vec![0.0; 1002]);
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate(&system, &input, &[0.4, 0.3], &Options::default()).unwrap();
     let energy = |q: &[f64], dq: &[f64]| {
         let mut d = [0.0; 4];
@@ -53,7 +53,7 @@ fn an_oscillator_follows_its_exact_solution() {
     let effects = [placed(&VISCOUS, 0, None, &[0.08]), placed(&SPRING, 0, None, &[3.0, 0.5])];
     let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.05], Vec::new(), &effects).unwrap();
     let (time, command) = (times(301, 0.01), vec![0.0; 301]);
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate(&system, &input, &[0.9], &Options::default()).unwrap();
     let decay: f64 = 0.08 / (2.0 * 0.05);
     let rate = (3.0 / 0.05 - decay * decay).sqrt();
@@ -68,13 +68,13 @@ fn a_held_torque_acts_over_its_sample_and_a_linear_one_between() {
     let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, 2.0], Vec::new(), &[]).unwrap();
     let time = [0.0, 0.1, 0.3];
     let command = [4.0, 8.0, 0.0];
-    let held = Input { time: &time, command: &command, hold: Hold::Zero };
+    let held = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate(&system, &held, &[1.0], &Options::default()).unwrap();
     let expected = [1.0, 1.0 + 0.01, 1.01 + 0.2 * 0.2 + 0.5 * 4.0 * 0.04];
     for (q, expected) in motion.q.iter().zip(expected) {
         assert!((q - expected).abs() < 1e-12, "{q} instead of {expected}");
     }
-    let linear = Input { hold: Hold::Linear, ..held };
+    let linear = Input { intersample: Intersample::FirstOrder, ..held };
     let motion = simulate(&system, &linear, &[1.0], &Options::default()).unwrap();
     // ddq = 2 + 20 t over the first sample: q = t^2 + 20 t^3 / 6
     assert!((motion.q[1] - (1.0 + 0.01 + 20.0 * 1e-3 / 6.0)).abs() < 1e-12);
@@ -90,7 +90,7 @@ fn lugre_agrees_with_an_independent_fine_integration() {
     let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, inertia], Vec::new(), &effects).unwrap();
     let time = times(201, 0.01);
     let command: Vec<f64> = time.iter().map(|t| 0.04 * (3.0 * t).cos()).collect();
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate(&system, &input, &[-0.2], &Options::default()).unwrap();
     let (mut q, mut v, mut z): (f64, f64, f64) = (-0.2, 0.0, 0.0);
     let steps = 20_000;
@@ -118,7 +118,7 @@ fn a_diverging_motion_is_an_error_that_says_when_and_where() {
     let effects = [placed(&SPRING, 0, None, &[-500.0, 0.0])];
     let system = pendulum(&effects);
     let (time, command) = (times(101, 0.01), vec![0.0; 101]);
-    let input = Input { time: &time, command: &command, hold: Hold::Zero };
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let error = simulate(&system, &input, &[0.1], &Options::default()).unwrap_err();
     let SimulationError::Diverged { time_s, joint: 0 } = error else { panic!("{error}") };
     assert!((0.05..0.5).contains(&time_s), "{time_s}");
@@ -128,7 +128,7 @@ fn a_diverging_motion_is_an_error_that_says_when_and_where() {
 fn inputs_that_do_not_fit_are_errors() {
     let system = full_arm();
     let run = |time: &[f64], command: &[f64], q0: &[f64]| {
-        let input = Input { time, command, hold: Hold::Zero };
+        let input = Input { time, command, intersample: Intersample::ZeroOrder };
         simulate(&system, &input, q0, &Options::default()).unwrap_err().to_string()
     };
     assert_eq!(run(&[0.0, 0.1], &[0.0; 3], &[0.0; 2]), "commanded torques: 3 values given, 4 needed");

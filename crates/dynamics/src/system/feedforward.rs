@@ -104,10 +104,10 @@ impl System {
         let (at_zero, at_one) = (reading(0.0), reading(1.0));
         let maps = at_zero.iter().zip(&at_one).map(|(zero, one)| (1.0 / (one - zero), -zero / (one - zero)));
         let is_known = |(slope, offset): &(f64, f64)| slope.is_finite() && offset.is_finite();
-        let told = |(map, joint): ((f64, f64), &usize)| {
+        let reported = |(map, joint): ((f64, f64), &usize)| {
             Some(map).filter(is_known).ok_or(InverseError::NoSensor { joint: *joint })
         };
-        maps.zip(self.kernel().free).map(told).collect()
+        maps.zip(self.kernel().free).map(reported).collect()
     }
 
     /// What a hand must add at each free joint so that the motion in `x` goes on with `ddq` under the torques of all joints

@@ -87,15 +87,15 @@ pub(super) fn every<T: Send>(
             asked.extend(numbered.map(|(number, hand)| Asked { name, wall, approach, number, hand }));
         }
     }
-    let told: Vec<Result<Option<T>, WallError>> = asked
+    let reported: Vec<Result<Option<T>, WallError>> = asked
         .into_par_iter()
         .map(|asked| {
             let Asked { name, approach, number, .. } = asked;
             play(asked).map_err(|error| error.in_case(name, approach, Some(number)))
         })
         .collect();
-    let told = told.into_iter().collect::<Result<Vec<Option<T>>, WallError>>()?;
-    Ok(told.into_iter().flatten().collect())
+    let reported = reported.into_iter().collect::<Result<Vec<Option<T>>, WallError>>()?;
+    Ok(reported.into_iter().flatten().collect())
 }
 
 /// Chatter of the wall `than` over that of the wall `name`, for every approach and hand that met both.

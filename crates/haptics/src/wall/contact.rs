@@ -113,15 +113,15 @@ impl Plant {
         Self::taken_for(model, model, setting)
     }
 
-    /// A device that is as `model` says, in the hands of a controller that takes it to be as `believed` says.
+    /// A device that is as `model` says, in the hands of a controller that takes it to be as `prior` says.
     ///
     /// # Errors
     /// As [`Plant::new`].
-    pub(super) fn taken_for(believed: &Model, model: &Model, setting: &Setting) -> Result<Self, WallError> {
+    pub(super) fn taken_for(prior: &Model, model: &Model, setting: &Setting) -> Result<Self, WallError> {
         let of = |model: &Model| model.system(&[setting.joint], |joint| setting.posture[joint]);
         let system = of(model)?;
         refuse_delays(&system)?;
-        let inverse = of(believed)?.inverse_drive().map_err(|_| WallError::NoDrive { joint: setting.joint })?;
+        let inverse = of(prior)?.inverse_drive().map_err(|_| WallError::NoDrive { joint: setting.joint })?;
         Ok(Self { system, gain: 1.0 / inverse[0] })
     }
 
@@ -178,7 +178,7 @@ pub(super) fn played(
     let plan = Plan::new(setting.start, &setting.reaching(), approach);
     let mut wall = wall.clone();
     let mut velocity = FilteredVelocity::new(setting.filter, setting.sample_s);
-    let mut told = Contact {
+    let mut reported = Contact {
         sample_s: setting.sample_s,
         position: Vec::new(),
         velocity: Vec::new(),
@@ -201,10 +201,10 @@ pub(super) fn played(
         answer[setting.joint] = torque / plant.gain;
         answer[n_joints] = torque;
     };
-    told.touched = encounter.play(&mut Joint { plan }, control, |tick| {
-        told.position.push(tick.device[0]);
-        told.velocity.push(tick.device[1]);
-        told.torque.push(tick.acting[n_joints]);
+    reported.touched = encounter.play(&mut Joint { plan }, control, |tick| {
+        reported.position.push(tick.device[0]);
+        reported.velocity.push(tick.device[1]);
+        reported.torque.push(tick.acting[n_joints]);
     })?;
-    Ok(told)
+    Ok(reported)
 }

@@ -81,10 +81,10 @@ mod tests {
     fn the_viscous_part_of_lugre_counts_and_its_bristles_do_not() {
         let setting = Setting::shipped().expect("shipped");
         let model = Model::of_device(setting.device);
-        let told = own_damping(&model, &setting).expect("equations");
+        let reported = own_damping(&model, &setting).expect("equations");
         let sigma2 = model.parameter("joint.0.lugre.sigma2").expect("it is there").value;
-        assert!((told.value - sigma2).abs() < 1e-9 * sigma2, "{told:?}");
-        assert_eq!(told.from, ["joint.0.lugre.sigma2"]);
+        assert!((reported.value - sigma2).abs() < 1e-9 * sigma2, "{reported:?}");
+        assert_eq!(reported.from, ["joint.0.lugre.sigma2"]);
     }
 
     #[test]
@@ -99,8 +99,8 @@ mod tests {
         assert_eq!(own_damping(&model, &setting).expect("equations").value, 0.0);
         model.add_effect("viscous", Some(0), None).expect("added");
         model.set_value("joint.0.viscous.Fv", 0.3).expect("its own");
-        let told = own_damping(&model, &setting).expect("equations");
-        assert!((told.value - 0.3).abs() < 1e-9 && told.from == ["joint.0.viscous.Fv"], "{told:?}");
+        let reported = own_damping(&model, &setting).expect("equations");
+        assert!((reported.value - 0.3).abs() < 1e-9 && reported.from == ["joint.0.viscous.Fv"], "{reported:?}");
     }
 
     /// Friction that falls with speed damps nothing, and no damping is not a negative one.
@@ -113,12 +113,12 @@ mod tests {
         for (name, value) in [("Fc", 0.05), ("Fs", 0.4), ("vs", 2.0)] {
             model.set_value(&format!("joint.0.stribeck.{name}"), value).expect("its own");
         }
-        let told = own_damping(&model, &setting).expect("equations");
-        assert_eq!((told.value, told.from.len()), (0.0, 0), "{told:?}");
-        // A damper that is stronger than the fall is told with it.
+        let reported = own_damping(&model, &setting).expect("equations");
+        assert_eq!((reported.value, reported.from.len()), (0.0, 0), "{reported:?}");
+        // A damper that is stronger than the fall is reported with it.
         model.add_effect("viscous", Some(0), None).expect("added");
         model.set_value("joint.0.viscous.Fv", 2.0).expect("its own");
-        let told = own_damping(&model, &setting).expect("equations");
-        assert!(told.value > 0.0 && told.value < 2.0 && told.from.len() == 4, "{told:?}");
+        let reported = own_damping(&model, &setting).expect("equations");
+        assert!(reported.value > 0.0 && reported.value < 2.0 && reported.from.len() == 4, "{reported:?}");
     }
 }

@@ -55,7 +55,7 @@ pub(super) struct Encounter<'a> {
 }
 
 impl Encounter<'_> {
-    /// Plays it. `control` answers what the sensors show with commands of all joints and, behind them, what is to be told;
+    /// Plays it. `control` answers what the sensors show with commands of all joints and, behind them, what is to be reported;
     /// `tell` hears of every tick. Answers the tick of the first contact.
     ///
     /// # Errors

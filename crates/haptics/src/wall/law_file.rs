@@ -397,17 +397,17 @@ mod tests {
     }
 
     #[test]
-    fn wrong_files_are_told_with_their_place() {
-        let told = |from: &str, to: &str| {
+    fn wrong_files_are_reported_with_their_place() {
+        let reported = |from: &str, to: &str| {
             let text = include_str!("shipped/fuzzy.toml");
             assert!(text.contains(from), "{from}");
             WallFile::parse(&text.replacen(from, to, 1), Path::new("w.toml")).expect_err("wrong").to_string()
         };
-        let order = told("-0.020, -0.015", "-0.015, -0.020");
+        let order = reported("-0.020, -0.015", "-0.015, -0.020");
         assert!(order.contains("the peak -0.02 of `N3` does not lie above") && order.contains("w.toml:"), "{order}");
-        let size = told("P6 = [\"=\", ", "P6 = [");
+        let size = reported("P6 = [\"=\", ", "P6 = [");
         assert!(size.contains("the rules of `P6` are 12, the sets of the position 13"), "{size}");
-        let unknown = told("\"N5*2\"", "\"N7*2\"");
+        let unknown = reported("\"N5*2\"", "\"N7*2\"");
         assert!(unknown.contains("unknown output `N7`"), "{unknown}");
         let no_law = WallFile::parse("title = \"x\"\ntorque_per_unit = 1", Path::new("w.toml")).expect_err("none");
         assert!(no_law.to_string().contains("no law"));
@@ -416,10 +416,10 @@ mod tests {
             WallFile::parse(&text, Path::new("w.toml")).map_err(|error| error.to_string())
         };
         assert!(leaky("share = 1.0").is_ok());
-        for (share, told) in [("share = 1.01", "`share` is 1.01"), ("share = -0.1", "`share` is -0.1")] {
+        for (share, reported) in [("share = 1.01", "`share` is 1.01"), ("share = -0.1", "`share` is -0.1")] {
             let error = leaky(share).expect_err("out of range");
             assert!(
-                error.contains("w.toml:") && error.contains(told) && error.contains("give a number from 0"),
+                error.contains("w.toml:") && error.contains(reported) && error.contains("give a number from 0"),
                 "{error}"
             );
         }

@@ -167,14 +167,14 @@ mod tests {
         let position: Vec<f64> = (0..400).map(|k| -0.03 + 0.01 * (TAU * 8.0 * f64::from(k) * 0.01).sin()).collect();
         let contact =
             Contact { sample_s: 0.01, velocity: vec![0.0; 400], torque: vec![0.0; 400], touched: Some(50), position };
-        let told = Measures::of(&contact, &wall()).expect("a contact");
+        let reported = Measures::of(&contact, &wall()).expect("a contact");
         // forwards and backwards the gain at 8 Hz is (f/fc)^4 / (1 + (f/fc)^4), prewarped
         let ratio = ((0.08 * std::f64::consts::PI).tan() / (0.02 * std::f64::consts::PI).tan()).powi(4);
         let gain = ratio / (1.0 + ratio);
-        assert!((told.chatter_rms - gain * 0.01 / 2.0_f64.sqrt()).abs() < 2e-5, "{}", told.chatter_rms);
-        assert!((told.frequency - 8.0).abs() < 0.5, "{}", told.frequency);
-        assert!((told.settled_position + 0.03).abs() < 1e-4 && told.outside == 0.0);
-        assert!((told.stiffness - 3.0).abs() < 1e-12, "{}", told.stiffness);
+        assert!((reported.chatter_rms - gain * 0.01 / 2.0_f64.sqrt()).abs() < 2e-5, "{}", reported.chatter_rms);
+        assert!((reported.frequency - 8.0).abs() < 0.5, "{}", reported.frequency);
+        assert!((reported.settled_position + 0.03).abs() < 1e-4 && reported.outside == 0.0);
+        assert!((reported.stiffness - 3.0).abs() < 1e-12, "{}", reported.stiffness);
     }
 
     /// Pushed in to a depth it holds more than let out to the same, and the measure tells either.
@@ -208,8 +208,8 @@ mod tests {
             touched: Some(1),
         };
         // takes 0.1, gives 0.4, takes 0.3: 0.3 J more was out than in
-        let told = Measures::of(&contact, &wall()).expect("a contact");
-        assert!((told.energy_out - 0.3).abs() < 1e-12, "{}", told.energy_out);
+        let reported = Measures::of(&contact, &wall()).expect("a contact");
+        assert!((reported.energy_out - 0.3).abs() < 1e-12, "{}", reported.energy_out);
     }
 
     #[test]
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bound_is_told_of_plain_springs_and_dampers_only() {
+    fn the_bound_is_reported_of_plain_springs_and_dampers_only() {
         let setting = Setting::shipped().expect("shipped");
         let bounded: Vec<&str> = crate::wall::library()
             .map(|(name, _)| name)

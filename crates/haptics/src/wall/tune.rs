@@ -204,7 +204,7 @@ pub fn tune(
     family: &Family,
     scale: f64,
     goal: &Goal,
-    told: &(dyn Fn(Told) -> bool + Sync),
+    reported: &(dyn Fn(Told) -> bool + Sync),
 ) -> Result<Tuned, WallError> {
     // Hands and plants are drawn from streams of their own.
     let mut random = Random::new(!goal.seed);
@@ -241,7 +241,7 @@ pub fn tune(
     let stopped = std::sync::atomic::AtomicBool::new(false);
     let heard = |cost: f64| -> f64 {
         use std::sync::atomic::Ordering::Relaxed;
-        if told(Told { evaluations: done.fetch_add(1, Relaxed) + 1, cost }) {
+        if reported(Told { evaluations: done.fetch_add(1, Relaxed) + 1, cost }) {
             stopped.store(true, Relaxed);
         }
         cost
@@ -349,8 +349,8 @@ mod tests {
             let law = LinearLaw { k1: 220.0, k2: 8.0, offset: 0.0 };
             let tried = monotone(table.position(), table.velocity(), &law, &x);
             prop_assert!(tried.is_monotone());
-            let Law::Rules(told) = rounded(Law::Rules(tried)) else { panic!("rules") };
-            prop_assert!(told.is_monotone());
+            let Law::Rules(reported) = rounded(Law::Rules(tried)) else { panic!("rules") };
+            prop_assert!(reported.is_monotone());
         }
     }
 
@@ -412,8 +412,8 @@ mod tests {
         let law = LinearLaw { k1: 220.0, k2: 8.0, offset: 0.0 };
         let start = monotone(table.position(), table.velocity(), &law, &[0.0; N_RULE_NUMBERS]);
         for (position, velocity) in [(-0.01, 0.3), (-0.0125, -1.8), (-0.3, 4.0), (-0.002, -2.4)] {
-            let (told, expected) = (start.output(position, velocity), law.output(position, velocity));
-            assert!((told - expected).abs() < 1e-9, "{position} {velocity}: {told} for {expected}");
+            let (reported, expected) = (start.output(position, velocity), law.output(position, velocity));
+            assert!((reported - expected).abs() < 1e-9, "{position} {velocity}: {reported} for {expected}");
         }
     }
 }

@@ -3,7 +3,9 @@
 use dynid_model::Device;
 use rayon::prelude::*;
 
-use super::{Best, Correlation, ErrorKind, Found, How, Identified, Progress, State, StepTold, Tried};
+use super::{
+    Best, Correlation, ErrorKind, FitResult, FitSettings, FittedParameter, Progress, State, StepSummary, Tried,
+};
 use crate::FitError;
 use crate::{
     FitStatus, position, position::FitRun, position::Options, position::PositionFit, position::PositionFitError,
@@ -11,7 +13,7 @@ use crate::{
     starts,
 };
 use dynid_logs::{experiment::Role, experiment::Run};
-use dynid_optimise::sqp::Watch;
+use dynid_optimise::sqp::SearchControl;
 use dynid_plan as plan;
 use dynid_user_model::Model;
 
@@ -22,10 +24,10 @@ use dynid_user_model::Model;
 pub(super) fn by_position(
     model: &Model,
     runs: &[&Run],
-    how: &How,
+    how: &FitSettings,
     from: State,
-    watch: &mut dyn FnMut(&Progress, &State) -> Watch,
-) -> Result<Identified, FitError> {
+    watch: &mut dyn FnMut(&Progress, &State) -> SearchControl,
+) -> Result<FitResult, FitError> {
     let mut notes = Vec::new();
     let mut configurations: &[usize] = &[];
     let mut weights: &[Vec<f64>] = &[];
@@ -61,22 +63,21 @@ pub(super) fn by_position(
         let start = if number < count {
             starts::draw(model, &occurs, how.starts.seed, number)
         } else {
-            let Some(believed) = model.as_believed().filter(|_| how.starts.believed && is_poor(state.best.as_ref()))
-            else {
+            let Some(prior) = model.at_prior().filter(|_| how.starts.prior && is_poor(state.best.as_ref())) else {
                 break;
             };
-            believed
+            prior
         };
-        let sequence = Sequence { believed: model, start: &start, runs, configurations, weights };
+        let sequence = Sequence { prior: model, start: &start, runs, configurations, weights };
         let resumed = std::mem::take(&mut state.sequence);
-        let fit = sequence::fit(&sequence, &how.options, resumed, &mut |told, carried| {
+        let fit = sequence::fit(&sequence, &how.options, resumed, &mut |reported, carried| {
             state.sequence.clone_from(carried);
             let progress = Progress {
-                iteration: told.progress.iteration,
-                cost: told.progress.cost,
-                step: Some(told.progress.step),
-                tether: told.progress.tether,
-                configuration: told.configuration,
+                iteration: reported.progress.iteration,
+                cost: reported.progress.cost,
+                step: Some(reported.progress.step),
+                observer: reported.progress.observer,
+                configuration: reported.configuration,
                 start: number,
             };
             watch(&progress, &state)
@@ -96,9 +97,7 @@ pub(super) fn by_position(
     };
     if start == count {
         notes.push(
-            "the search from the model's values came to no good end; that from what was believed of them before \
-                    any fit is kept"
-                .to_owned(),
+            "the search from the model's values came to no good end; that from the prior values is kept".to_owned(),
         );
     }
     joint.iterations = state.tried.iter().map(|tried| tried.iterations).sum();
@@ -106,14 +105,14 @@ pub(super) fn by_position(
     let budget = if configurations.is_empty() {
         Vec::new()
     } else {
-        let sequence = Sequence { believed: model, start: model, runs, configurations, weights };
+        let sequence = Sequence { prior: model, start: model, runs, configurations, weights };
         sequence::budget(&sequence, &steps, &joint, &how.options)?
     };
     let cost_before = how.tell_start.then(|| cost_at(model, &used, &how.options)).transpose()?;
-    let mut found = told(model, joint, cost_before);
+    let mut found = reported(model, joint, cost_before);
     found.best_start = start;
     found.tried = if state.tried.len() > 1 { state.tried } else { Vec::new() };
-    found.steps = steps.iter().map(|step| step_told(model.device, step)).collect();
+    found.steps = steps.iter().map(|step| step_summary(model.device, step)).collect();
     found.notes = notes;
     found.budget = budget;
     Ok(found)
@@ -166,10 +165,10 @@ fn made_bodies(steps: &[Step], joint: &PositionFit) -> Vec<String> {
         steps.iter().map(|step| &step.fit).chain([joint]).flat_map(|fit| fit.moved.iter().copied()).collect();
     links.sort_unstable();
     links.dedup();
-    let told = |link: usize| {
+    let reported = |link: usize| {
         format!("no body has the inertia that link {link} starts with; the fit started from that of a body near by")
     };
-    links.into_iter().map(told).collect()
+    links.into_iter().map(reported).collect()
 }
 
 /// Whether a search has lost its way, or may have: no minimum, or one far from the noise.
@@ -200,13 +199,13 @@ pub(super) fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
     runs.iter().copied().filter(|run| run.role == Role::Fit)
 }
 
-fn told(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> Identified {
+fn reported(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitResult {
     let model = fit.applied_to(before);
     let correlations = correlations(&fit);
     let PositionFit { status, parameters, undetermined, iterations, needs_every_step, runs, .. } = fit;
     let parameters = parameters
         .into_iter()
-        .map(|estimate| Found {
+        .map(|estimate| FittedParameter {
             start: before.parameter(&estimate.name).map_or(f64::NAN, |parameter| parameter.value),
             name: estimate.name,
             value: estimate.value,
@@ -215,7 +214,7 @@ fn told(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> Identifie
             held: estimate.at_bound,
         })
         .collect();
-    Identified {
+    FitResult {
         model,
         error: ErrorKind::Position,
         status,
@@ -256,7 +255,7 @@ fn correlations(fit: &PositionFit) -> Vec<Correlation> {
     pairs.into_iter().map(|(row, column, value)| Correlation { one: name(row), other: name(column), value }).collect()
 }
 
-fn step_told(device: &Device, step: &Step) -> StepTold {
+fn step_summary(device: &Device, step: &Step) -> StepSummary {
     let free = device.configurations[step.configuration - 1].free.clone();
     let rmse = (0..free.len())
         .map(|slot| {
@@ -267,7 +266,7 @@ fn step_told(device: &Device, step: &Step) -> StepTold {
         })
         .collect();
     let status = step.fit.status.as_str().to_owned();
-    StepTold { configuration: step.configuration, free, status, iterations: step.fit.iterations, rmse }
+    StepSummary { configuration: step.configuration, free, status, iterations: step.fit.iterations, rmse }
 }
 
 /// Cost of the runs that are fitted to; infinite where one cannot be simulated to its end, for then it is larger than
@@ -289,12 +288,12 @@ fn cost(runs: &[RunError]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{identify::Identified, identify::identify};
+    use crate::{identify::FitResult, identify::identify};
     use dynid_logs::experiment::Experiment;
     use dynid_model::inertia::check_body;
 
     /// A wrist's logs fitted from a handle that turns too heavily for its own shape.
-    fn fitted_from(izz: f64) -> Identified {
+    fn fitted_from(izz: f64) -> FitResult {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wrist");
         let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices());
         let experiment = experiment.expect("the wrist's");
@@ -308,11 +307,11 @@ mod tests {
     }
 
     #[test]
-    fn a_start_that_no_body_has_is_told() {
-        let told = fitted_from(4e-4);
-        assert_eq!(told.notes.len(), 1, "{:?}", told.notes);
-        assert!(told.notes[0].contains("link 7 starts with"), "{}", told.notes[0]);
-        assert_eq!(check_body(&told.model.links[6].map(|parameter| parameter.value)), Ok(()));
+    fn a_start_that_no_body_has_is_reported() {
+        let reported = fitted_from(4e-4);
+        assert_eq!(reported.notes.len(), 1, "{:?}", reported.notes);
+        assert!(reported.notes[0].contains("link 7 starts with"), "{}", reported.notes[0]);
+        assert_eq!(check_body(&reported.model.links[6].map(|parameter| parameter.value)), Ok(()));
         assert!(fitted_from(2e-5).notes.is_empty(), "a body's inertia is nothing to tell");
     }
 }

@@ -1,6 +1,6 @@
 //! A fit of the torque error, told like every other.
 
-use super::{ErrorKind, Found, Identified, Progress};
+use super::{ErrorKind, FitResult, FittedParameter, Progress};
 use crate::FitError;
 use crate::{orders, torque, torque::TorqueFit, torque::TorqueRun};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
@@ -15,7 +15,7 @@ pub(super) fn by_torque(
     runs: &[&Run],
     iterations: usize,
     progress: &mut dyn FnMut(&Progress),
-) -> Result<Identified, FitError> {
+) -> Result<FitResult, FitError> {
     let fitted: Vec<TorqueRun> = runs
         .iter()
         .filter(|run| run.role == Role::Fit)
@@ -30,14 +30,14 @@ pub(super) fn by_torque(
         .collect::<Result<_, FitError>>()?;
     let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =
         torque::fit(&fitted, &model.parameters(), &orders(model), iterations, &mut |iteration, cost| {
-            progress(&Progress { iteration, cost, step: None, tether: 0.0, configuration: None, start: 0 });
+            progress(&Progress { iteration, cost, step: None, observer: 0.0, configuration: None, start: 0 });
         })?;
     let mut fitted = model.clone();
-    let parameters: Vec<Found> = parameters
+    let parameters: Vec<FittedParameter> = parameters
         .into_iter()
         .map(|parameter| {
             fitted.set_value(&parameter.name, parameter.value)?;
-            Ok(Found {
+            Ok(FittedParameter {
                 name: parameter.name,
                 start: parameter.start,
                 value: parameter.value,
@@ -47,7 +47,7 @@ pub(super) fn by_torque(
             })
         })
         .collect::<Result<_, FitError>>()?;
-    Ok(Identified {
+    Ok(FitResult {
         model: fitted,
         error: ErrorKind::Torque,
         status,

@@ -18,7 +18,7 @@ impl FitRun {
             system,
             command,
             position,
-            hold: run.settings.hold,
+            intersample: run.settings.intersample,
             weights: vec![1.0; run.free.len()],
             from_s: run.settings.from_s.map_or(f64::NEG_INFINITY, |span| time[0] + span),
             time,

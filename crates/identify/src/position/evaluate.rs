@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::{Body, FitRun, PositionFitError, PositionProblem, motion::RunMotion};
 use crate::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Options, simulate::SimulationError, simulate::Tether, system::System,
+    simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError, system::System,
 };
 use dynid_optimise::{sqp::HalfSpace, sqp::Objective, sqp::Quadratic};
 
@@ -56,8 +56,8 @@ pub(super) struct Resolution {
     pub(super) substeps: usize,
     /// Steps of the sensitivities: fewer do, for an error of theirs only bends the path to the minimum a little.
     pub(super) jacobian_substeps: usize,
-    /// Rate of the tether to the log [1/s]; 0 without one.
-    pub(super) tether: f64,
+    /// Rate of the observer to the log [1/s]; 0 without one.
+    pub(super) observer: f64,
 }
 
 /// An evaluator at one resolution.
@@ -136,16 +136,16 @@ impl<'a> Evaluator<'a> {
     }
 
     /// The fewest steps per sample that change no position by more than a small part of the noise, or of the error where
-    /// that is somewhat larger: what is far from the log need not be far from it exactly. On a tether of rate `tether`
+    /// that is somewhat larger: what is far from the log need not be far from it exactly. With an observer of rate `observer`
     /// [1/s] an error of one step is pulled back, so that fewer may do.
     ///
     /// The first seconds of the runs tell. Where so few steps cannot simulate the runs to their end and `fine` ones can, the whole
     /// runs do.
-    pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize, tether: f64) -> usize {
+    pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize, observer: f64) -> usize {
         const FIRST_S: f64 = 5.0;
         const ALL_S: f64 = f64::INFINITY;
         let simulated = |horizon_s: f64, substeps: usize| {
-            self.at(Resolution { horizon_s, substeps, jacobian_substeps: substeps, tether }).simulated(x)
+            self.at(Resolution { horizon_s, substeps, jacobian_substeps: substeps, observer }).simulated(x)
         };
         let fewest = |horizon_s: f64, reference: &[Vec<f64>], above: usize| {
             let allowed = self.allowed(reference);
@@ -263,7 +263,7 @@ impl<'a> Ready<'a> {
     }
 
     fn input(&self, resolution: Resolution) -> Input<'a> {
-        let all = Input { time: &self.run.time, command: &self.run.command, hold: self.run.hold };
+        let all = Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample };
         let end = self.run.time.first().copied().unwrap_or(0.0) + resolution.horizon_s;
         all.first(self.run.time.partition_point(|t| *t <= end))
     }
@@ -271,15 +271,15 @@ impl<'a> Ready<'a> {
     fn simulate(&self, x: &[f64], resolution: Resolution) -> Result<Vec<f64>, SimulationError> {
         let options = Options { substeps: resolution.substeps, ..Options::default() };
         let (system, input) = (self.system(x), self.input(resolution));
-        let trajectory = match self.tether(resolution) {
-            Some(tether) => simulate::simulate_tethered(&system, &input, &tether, self.initial(x), &options),
+        let trajectory = match self.observer(resolution) {
+            Some(observer) => simulate::simulate_with_observer(&system, &input, &observer, self.initial(x), &options),
             None => simulate::simulate(&system, &input, self.initial(x), &options),
         };
         trajectory.map(|trajectory| trajectory.q)
     }
 
-    fn tether(&self, resolution: Resolution) -> Option<Tether<'a>> {
-        (resolution.tether > 0.0).then_some(Tether { rate: resolution.tether, position: &self.run.position })
+    fn observer(&self, resolution: Resolution) -> Option<Observer<'a>> {
+        (resolution.observer > 0.0).then_some(Observer { rate: resolution.observer, position: &self.run.position })
     }
 
     /// Factor on the error of a free joint at a sample (thesis Eq. 4.2: by time; Eq. 4.3: by joint).
@@ -339,9 +339,9 @@ impl<'a> Ready<'a> {
             }
         };
         let input = self.input(resolution);
-        let tether = self.tether(resolution);
+        let observer = self.observer(resolution);
         let initial = self.initial(x);
-        sensitivity::simulate(&system, &self.columns, &input, tether.as_ref(), initial, &options, observe).ok()?;
+        sensitivity::simulate(&system, &self.columns, &input, observer.as_ref(), initial, &options, observe).ok()?;
         let by_unknown = self.chain(&system);
         let gradient = DVector::from_fn(count, |k, _| gradient[k]);
         let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
@@ -372,7 +372,7 @@ impl<'a> Ready<'a> {
                 sum.ger(1.0, &row, &row, 1.0);
             }
         };
-        let all = Input { time: &self.run.time, command: &self.run.command, hold: self.run.hold };
+        let all = Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample };
         let options = Options { substeps, ..Options::default() };
         sensitivity::simulate(&system, &self.columns, &all, None, self.initial(x), &options, observe).ok()?;
         let by_unknown = self.chain(&system);

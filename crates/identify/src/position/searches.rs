@@ -10,7 +10,7 @@ use dynid_optimise::sqp::Limits;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Search {
     /// With few integration steps, the simulation pulled to the log at this rate [1/s].
-    Tethered(f64),
+    Observed(f64),
     /// With few integration steps.
     Coarse,
     /// With few integration steps, plus what the stated step made of the positions where the search begins.
@@ -21,10 +21,10 @@ pub(super) enum Search {
 
 /// In this order.
 pub(super) const SEARCHES: [Search; 9] = [
-    Search::Tethered(100.0),
-    Search::Tethered(30.0),
-    Search::Tethered(10.0),
-    Search::Tethered(3.0),
+    Search::Observed(100.0),
+    Search::Observed(30.0),
+    Search::Observed(10.0),
+    Search::Observed(3.0),
     Search::Coarse,
     // The correction is that of where a search begins: it is renewed until nothing moves.
     Search::Corrected,
@@ -32,16 +32,16 @@ pub(super) const SEARCHES: [Search; 9] = [
     Search::Corrected,
     Search::Fine,
 ];
-/// The first search without a tether.
+/// The first search without an observer.
 pub(super) const FIRST_FREE: usize = 4;
 /// The last, which judges.
 pub(super) const LAST: usize = SEARCHES.len() - 1;
 
 impl Search {
-    /// Rate of the tether [1/s]; 0 without one.
-    pub(super) fn tether(self) -> f64 {
+    /// Rate of the observer [1/s]; 0 without one.
+    pub(super) fn observer(self) -> f64 {
         match self {
-            Self::Tethered(rate) => rate,
+            Self::Observed(rate) => rate,
             Self::Coarse | Self::Corrected | Self::Fine => 0.0,
         }
     }
@@ -55,10 +55,14 @@ impl Search {
         coarse: usize,
         fine: usize,
     ) -> At<'e, 'a> {
-        let rough =
-            Resolution { horizon_s: f64::INFINITY, substeps: coarse, jacobian_substeps: coarse, tether: self.tether() };
+        let rough = Resolution {
+            horizon_s: f64::INFINITY,
+            substeps: coarse,
+            jacobian_substeps: coarse,
+            observer: self.observer(),
+        };
         match self {
-            Self::Tethered(_) | Self::Coarse => evaluator.at(rough),
+            Self::Observed(_) | Self::Coarse => evaluator.at(rough),
             Self::Corrected => evaluator.corrected(rough, fine, anchor),
             Self::Fine => evaluator.at(Resolution { substeps: fine, ..rough }),
         }
@@ -66,20 +70,20 @@ impl Search {
 
     /// When this search ends, after so many `iterations` of those before.
     pub(super) fn limits(self, options: &Options, iterations: usize) -> Limits {
-        /// On a tether the minimum is another one anyway.
-        const TETHERED: Limits = Limits { iterations: 20, tolerance: 1e-2 };
+        /// With an observer the minimum is another one anyway.
+        const OBSERVED: Limits = Limits { iterations: 20, tolerance: 1e-2 };
         /// The corrected search goes on from there.
         const ROUGHLY: f64 = 100.0;
         let left = options.iterations.saturating_sub(iterations).max(1);
         match self {
-            Self::Tethered(_) => Limits { iterations: TETHERED.iterations.min(left), ..TETHERED },
+            Self::Observed(_) => Limits { iterations: OBSERVED.iterations.min(left), ..OBSERVED },
             Self::Coarse => Limits { iterations: left, tolerance: ROUGHLY * options.tolerance },
             Self::Corrected | Self::Fine => Limits { iterations: left, tolerance: options.tolerance },
         }
     }
 }
 
-/// Whether a simulation with `coarse` steps per sample stays so near the logs that it needs no tether.
+/// Whether a simulation with `coarse` steps per sample stays so near the logs that it needs no observer.
 pub(super) fn is_near(evaluator: &Evaluator<'_>, x: &[f64], coarse: usize) -> bool {
     /// Root mean square of the error over the noise.
     const NEAR: f64 = 10.0;

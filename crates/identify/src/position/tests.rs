@@ -34,7 +34,7 @@ fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
                 .iter()
                 .map(|t| amplitude * ((rate * t).cos() + 0.4 * (2.7 * rate * t + 0.1 * t * t).sin()))
                 .collect();
-            let input = Input { time: &time, command: &command, hold: Hold::Zero };
+            let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
             let motion = simulate::simulate(&system, &input, &[q0], &simulate::Options::default()).unwrap();
             let position = motion.q.iter().map(|q| q + 2e-4 * noise.normal()).collect();
             FitRun {
@@ -43,7 +43,7 @@ fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
                 time: time.clone(),
                 command,
                 position,
-                hold: Hold::Zero,
+                intersample: Intersample::ZeroOrder,
                 weights: vec![1.0],
                 from_s: 0.0,
                 first_half: 1.0,
@@ -105,7 +105,7 @@ fn a_poor_start_reaches_the_noise_and_the_truth_within_its_errors() {
             unknown.value = unknown.value.max(0.025);
         }
     }
-    let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+    let fit = fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap();
     for run in &fit.runs {
         assert!(run.rmse[0] < 1.03 * 2e-4, "{}: {} rad", run.name, run.rmse[0]);
     }
@@ -127,7 +127,7 @@ fn the_thread_count_does_not_change_a_bit() {
     let problem = problem(5, 4.0, 0.05);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let fit = pool.install(|| fit(&problem, &Options::default(), &mut |_| Watch::Continue)).unwrap();
+        let fit = pool.install(|| fit(&problem, &Options::default(), &mut |_| SearchControl::Continue)).unwrap();
         fit.parameters.iter().map(|parameter| parameter.value.to_bits()).collect::<Vec<_>>()
     };
     assert_eq!(on(1), on(2));
@@ -135,7 +135,7 @@ fn the_thread_count_does_not_change_a_bit() {
 
 /// Gain, inertia, stiffness and friction scaled together move alike: the fit says so and stays finite.
 #[test]
-fn a_common_scale_is_told_as_undetermined() {
+fn a_common_scale_is_reported_as_undetermined() {
     let mut problem = problem(7, 6.0, 0.0);
     for (name, value) in std::mem::take(&mut problem.known) {
         let unit = matches!(name.as_str(), "link.1.m" | "link.1.Izz" | "joint.0.gain.Kp");
@@ -145,37 +145,38 @@ fn a_common_scale_is_told_as_undetermined() {
             problem.known.insert(name, value);
         }
     }
-    let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+    let fit = fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap();
     assert!(!fit.undetermined.is_empty());
     for parameter in &fit.parameters {
         assert_eq!(parameter.std_error.is_some(), parameter.identifiable && !parameter.at_bound, "{parameter:?}");
     }
     assert!(fit.parameters.iter().any(|parameter| parameter.std_error.is_none()));
     assert!(matches!(fit.status, FitStatus::NotIdentifiable | FitStatus::HeldByBound), "{:?}", fit.status);
-    let told: Vec<&str> = fit.undetermined.iter().flat_map(|way| &way.parts).map(|(name, _)| name.as_str()).collect();
-    assert!(told.contains(&"joint.0.gain.Kp"), "{:?}", fit.undetermined);
+    let message: Vec<&str> =
+        fit.undetermined.iter().flat_map(|way| &way.parts).map(|(name, _)| name.as_str()).collect();
+    assert!(message.contains(&"joint.0.gain.Kp"), "{:?}", fit.undetermined);
 }
 
 #[test]
 fn starts_that_cannot_be_are_errors() {
     let good = problem(1, 1.0, 0.0);
-    let told = |change: &dyn Fn(&mut PositionProblem)| {
+    let message = |change: &dyn Fn(&mut PositionProblem)| {
         let mut problem = good.clone();
         change(&mut problem);
-        fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap_err().to_string()
+        fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap_err().to_string()
     };
     let fs = good.unknowns.iter().position(|unknown| unknown.name.ends_with("Fs")).unwrap();
-    assert!(told(&|p| p.unknowns[fs].value = 0.015).contains("joint.0.lugre.Fs = 0.015 starts below"));
-    assert!(told(&|p| p.unknowns[0].value = 9.0).contains("outside its bounds"));
-    assert!(told(&|p| p.unknowns[0].upper = -9.0).contains("lies above the upper bound"));
-    assert!(told(&|p| p.runs.clear()).contains("no run to fit to"));
-    assert!(told(&|p| p.unknowns.clear()).contains("nothing is unknown"));
-    assert!(told(&|p| p.runs[0].from_s = 5.0).contains("too few"));
-    assert!(told(&|p| p.runs[0].position.truncate(5)).contains("measured positions: 5 values given"));
+    assert!(message(&|p| p.unknowns[fs].value = 0.015).contains("joint.0.lugre.Fs = 0.015 starts below"));
+    assert!(message(&|p| p.unknowns[0].value = 9.0).contains("outside its bounds"));
+    assert!(message(&|p| p.unknowns[0].upper = -9.0).contains("lies above the upper bound"));
+    assert!(message(&|p| p.runs.clear()).contains("no run to fit to"));
+    assert!(message(&|p| p.unknowns.clear()).contains("nothing is unknown"));
+    assert!(message(&|p| p.runs[0].from_s = 5.0).contains("too few"));
+    assert!(message(&|p| p.runs[0].position.truncate(5)).contains("measured positions: 5 values given"));
     let spin = |p: &mut PositionProblem| {
         p.unknowns.push(Unknown { name: "link.1.Izz".to_owned(), value: 1.0, expected: 1.0, lower: 0.5, upper: 2.0 });
     };
-    assert!(told(&spin).contains("link 1 starts with an inertia that no body has"), "nor has any within its bounds");
+    assert!(message(&spin).contains("link 1 starts with an inertia that no body has"), "nor has any within its bounds");
 }
 
 /// A start next to zero is no reason to stay there: the weak prior is as wide as the range.
@@ -193,7 +194,7 @@ fn the_prior_is_as_wide_for_a_start_next_to_zero() {
         let mut problem = problem(3, 6.0, 0.0);
         let rest = problem.unknowns.iter_mut().find(|unknown| unknown.name.ends_with("qeq")).unwrap();
         (rest.value, rest.expected, rest.lower, rest.upper) = (start, start, -1.0, 1.0);
-        let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+        let fit = fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap();
         let rest = fit.parameters.iter().find(|parameter| parameter.name.ends_with("qeq")).unwrap();
         assert!((rest.value - SPRING_TRUTH[1]).abs() < 0.05, "from {start}: {rest:?}");
         ends.push(rest.value);
@@ -212,7 +213,7 @@ fn standard_errors_do_not_believe_in_weights() {
             run.weights = vec![weight];
             run.first_half = first_half;
         }
-        fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap()
+        fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap()
     };
     let (one, three, uneven) = (fitted(1.0, 1.0), fitted(3.0, 1.0), fitted(1.0, 0.2));
     assert!((three.variance_ratio / one.variance_ratio - 1.0).abs() < 1e-3, "{}", three.variance_ratio);
@@ -241,7 +242,7 @@ fn a_spoiled_beginning_can_be_cut() {
         }
         run.from_s = 3.0;
     }
-    let fit = fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap();
+    let fit = fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap();
     assert!(fit.status.may_update_model() && (fit.variance_ratio - 1.0).abs() < 0.15, "{:?}", fit.status);
     for parameter in &fit.parameters {
         let error = (parameter.value - truth(&parameter.name)).abs();
@@ -262,7 +263,7 @@ fn a_log_that_begins_in_motion_has_an_initial_speed() {
             run.position.drain(..AWAY);
             run.moving = moving;
         }
-        fit(&problem, &Options::default(), &mut |_| Watch::Continue).unwrap()
+        fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap()
     };
     let moving = fitted(true);
     for run in &moving.runs {
@@ -280,7 +281,7 @@ fn informations_of_the_runs_add_up_to_that_of_the_fit() {
     let mut problem = problem(4, 10.0, 0.02);
     problem.runs[0].from_s = 2.0;
     let options = Options::default();
-    let fit = fit(&problem, &options, &mut |_| Watch::Continue).unwrap();
+    let fit = fit(&problem, &options, &mut |_| SearchControl::Continue).unwrap();
     let n = fit.parameters.len();
     let sum = motions(&problem, &fit, &options)
         .unwrap()
@@ -326,7 +327,7 @@ fn stiff_only_later() -> FitRun {
 }
 
 fn simulated(run: &FitRun, substeps: usize) -> Result<Vec<f64>, SimulationError> {
-    let input = Input { time: &run.time, command: &run.command, hold: run.hold };
+    let input = Input { time: &run.time, command: &run.command, intersample: run.intersample };
     let options = simulate::Options { substeps, ..simulate::Options::default() };
     simulate::simulate(&run.system, &input, &[-0.25], &options).map(|trajectory| trajectory.q)
 }
@@ -368,7 +369,7 @@ fn a_run_that_is_stiff_only_later_can_be_fitted_to() {
     let unknowns = spring.iter().map(unknown).collect();
     let problem = PositionProblem { runs: vec![run], unknowns, known, inequalities: Vec::new(), prior: None };
     for start in [Start::Near, Start::Poor] {
-        let fit = fit(&problem, &Options { start, ..Options::default() }, &mut |_| Watch::Continue).unwrap();
+        let fit = fit(&problem, &Options { start, ..Options::default() }, &mut |_| SearchControl::Continue).unwrap();
         assert_eq!(fit.status, FitStatus::Converged, "{start:?}");
         assert!(fit.runs[0].rmse[0] < 1.05 * 2e-4, "{start:?}: {} rad", fit.runs[0].rmse[0]);
         for ((name, value), estimate) in spring.iter().zip(&fit.parameters) {
@@ -389,7 +390,7 @@ fn few_steps_are_rough_where_they_end_elsewhere_or_nowhere() {
 }
 
 #[test]
-fn a_search_on_the_first_tether_tells_where_long_steps_stop_it() {
+fn a_search_on_the_first_observer_tells_where_long_steps_stop_it() {
     let mut effects = effects(TRUTH[3], &SPRING_TRUTH, &LUGRE_TRUTH);
     // Friction that jumps where the joint rests.
     effects.push(placed(&FRICTION_BIAS, 0, None, &[3.0]));
@@ -411,7 +412,7 @@ fn a_search_on_the_first_tether_tells_where_long_steps_stop_it() {
     let unknowns = wanted.into_iter().map(unknown).collect();
     let problem = PositionProblem { runs, unknowns, known, inequalities: Vec::new(), prior: None };
     let search = |substeps: usize, above: usize| {
-        on_first_tether(&problem, &Options { substeps, ..Options::default() }, above, 16, &|| false)
+        with_first_observer(&problem, &Options { substeps, ..Options::default() }, above, 16, &|| false)
     };
     let long = search(4, 0).unwrap();
     assert!(long.is_stuck && long.substeps == 4, "{long:?}");
@@ -421,17 +422,17 @@ fn a_search_on_the_first_tether_tells_where_long_steps_stop_it() {
 }
 
 #[test]
-fn a_start_that_is_near_its_logs_needs_no_tether() {
+fn a_start_that_is_near_its_logs_needs_no_observer() {
     let is_led = |off: f64| {
         let problem = problem(4, 8.0, off);
-        let mut tethers = Vec::new();
+        let mut observers = Vec::new();
         let mut watch = |progress: &Progress| {
-            tethers.push(progress.tether);
-            Watch::Stop
+            observers.push(progress.observer);
+            SearchControl::Stop
         };
         let stopped = fit(&problem, &Options::default(), &mut watch);
         assert!(matches!(stopped, Err(PositionFitError::Interrupted { .. })), "{stopped:?}");
-        tethers.iter().any(|tether| *tether > 0.0)
+        observers.iter().any(|observer| *observer > 0.0)
     };
     assert!(!is_led(0.0), "the truth");
     assert!(is_led(0.3));

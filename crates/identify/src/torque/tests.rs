@@ -4,8 +4,8 @@ use proptest::prelude::*;
 
 use super::*;
 use dynid_dynamics::{
-    simulate::Hold, system::PlacedEffect, system::fixtures::ARM, system::fixtures::GAIN, system::fixtures::PENDULUM,
-    system::fixtures::ROTOR_INERTIA, system::fixtures::VISCOUS, system::fixtures::placed,
+    simulate::Intersample, system::PlacedEffect, system::fixtures::ARM, system::fixtures::GAIN,
+    system::fixtures::PENDULUM, system::fixtures::ROTOR_INERTIA, system::fixtures::VISCOUS, system::fixtures::placed,
 };
 use dynid_logs::{experiment::Role, experiment::Run, experiment::Settings, log::Log};
 use dynid_random::Random;
@@ -84,7 +84,7 @@ fn play(system: &System, torque_noise: f64, seed: u64) -> TorqueRun {
         cutoff_hz: Some(8.0),
         decimate: 1,
         min_speed: vec![0.0; n],
-        hold: Hold::Linear,
+        intersample: Intersample::FirstOrder,
         ..Settings::default()
     };
     let run =

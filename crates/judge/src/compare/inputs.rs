@@ -112,7 +112,7 @@ fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step:
         )
     } else if bound > 0.5 {
         format!(
-            "Whether the {name} error goes along with joint {input}'s commanded torque cannot be told: both repeat too few times \
+            "Whether the {name} error goes along with joint {input}'s commanded torque cannot be decided: both repeat too few times \
              ({} at {} s; chance stays below {}).",
             number(value),
             number(lag_s),

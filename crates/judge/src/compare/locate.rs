@@ -1,6 +1,6 @@
 //! Where model and log part: what the error of a joint follows, and where in the run it lies.
 //!
-//! Each finding is a share of the squared error beside the share that chance would give, and is told only where chance
+//! Each finding is a share of the squared error beside the share that chance would give, and is reported only where chance
 //! gives it in less than about one case of 100 000. Two questions are asked of every error:
 //!
 //! - *what does it follow?* Signals at hand (speed, its sign, position, load, the other joints' motion and torque, time) are
@@ -31,7 +31,7 @@ use dynid_logs::experiment::Run;
 use dynid_text::number;
 use dynid_user_model::Model;
 
-/// Findings of one joint in one run that are told, the most telling first.
+/// Findings of one joint in one run that are reported, the most telling first.
 const MOST: usize = 6;
 
 /// Smaller shares of the squared error are not worth a sentence.
@@ -202,13 +202,13 @@ pub fn locate(model: &Model, runs: &[&Run], comparison: &Comparison) -> Vec<Find
 
 /// What both errors of a joint in a run say is said once, by the one that says more, with the other's share.
 fn twins_together(findings: Vec<Finding>) -> Vec<Finding> {
-    let mut told: Vec<Finding> = Vec::new();
+    let mut reported: Vec<Finding> = Vec::new();
     for finding in findings {
-        let twin = told.iter_mut().find(|other| {
+        let twin = reported.iter_mut().find(|other| {
             other.run_index == finding.run_index && other.says_the_same(&finding) && other.error != finding.error
         });
         let Some(twin) = twin else {
-            told.push(finding);
+            reported.push(finding);
             continue;
         };
         let (mut more, less) =
@@ -220,7 +220,7 @@ fn twins_together(findings: Vec<Finding>) -> Vec<Finding> {
         ));
         *twin = more;
     }
-    told
+    reported
 }
 
 /// The same of one error.

@@ -90,7 +90,7 @@ fn reads_columns_scale_rows_mask_and_settings() {
             cutoff_hz: Some(8.0),
             decimate: 2,
             min_speed: vec![0.0, 0.3],
-            hold: Hold::Linear,
+            intersample: Intersample::FirstOrder,
             ..Settings::default()
         }
     );
@@ -118,8 +118,8 @@ fn references_that_are_asked_for_must_be_there() {
     fs::write(folder.path().join("experiment.toml"), format!("{GOOD}controller = \"control.toml\"\n"))
         .expect("writable");
     let result = Experiment::read_with(&folder.path().join("experiment.toml"), devices());
-    let told = result.expect_err("no references").to_string();
-    assert_snapshot!(told.replace(&format!("{}/", folder.path().display()), ""), @r#"experiment.toml:6:14: controller: log.csv lacks the references that it follows: ref0, ref1; log them; where they have other names, say so: columns = { ref0 = "..." }"#);
+    let message = result.expect_err("no references").to_string();
+    assert_snapshot!(message.replace(&format!("{}/", folder.path().display()), ""), @r#"experiment.toml:6:14: controller: log.csv lacks the references that it follows: ref0, ref1; log them; where they have other names, say so: columns = { ref0 = "..." }"#);
 }
 
 #[test]

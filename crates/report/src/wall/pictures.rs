@@ -1,4 +1,4 @@
-//! Pictures of walls; those of the thesis's chapter 5 are told by their numbers there.
+//! Pictures of walls; those of the thesis's chapter 5 are named by their numbers there.
 
 use std::fmt::Write;
 
@@ -87,12 +87,12 @@ impl WallReport<'_> {
         for (approach, contact) in self.setting.approaches.iter().zip(&first.contacts) {
             let settled =
                 dynid_haptics::wall::Measures::of(contact, &first.wall).map(|measures| measures.settled_position);
-            let told = settled.map_or_else(String::new, |settled| {
+            let reported = settled.map_or_else(String::new, |settled| {
                 format!(": settles at {} {}", super::milli(settled), self.unit.small)
             });
             let traces = Traces {
                 title: format!(
-                    "{}, {} approach ({} {}){told}",
+                    "{}, {} approach ({} {}){reported}",
                     first.name,
                     approach.name,
                     plain(approach.peak),

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Shown, WallReport, densest, median, milli, number, plain, short, told_damping};
+use super::{Shown, WallReport, densest, median, milli, number, plain, reported_damping, short};
 use dynid_control::{Law, LinearLaw, RuleTable, VirtualTool};
 use dynid_haptics::{wall, wall::Measures};
 use dynid_text::escaped;
@@ -58,13 +58,14 @@ impl WallReport<'_> {
             self.setting.hands
         );
         html.push_str(&self.compared());
-        // It stands beside the bounds that are told below.
+        // It stands beside the bounds that stand below.
         if self.walls.iter().any(|own| self.passive_above(own).is_some()) {
-            let _ = writeln!(html, "<p>{}</p>", escaped(&told_damping(&self.own, self.setting)));
+            let _ = writeln!(html, "<p>{}</p>", escaped(&reported_damping(&self.own, self.setting)));
         }
         html.push_str("<dl>\n");
         for own in &self.walls {
-            let _ = writeln!(html, "<dt><code>{}</code></dt><dd>{}</dd>", escaped(&own.name), escaped(&self.told(own)));
+            let _ =
+                writeln!(html, "<dt><code>{}</code></dt><dd>{}</dd>", escaped(&own.name), escaped(&self.reported(own)));
         }
         html.push_str("</dl>\n");
         html
@@ -96,7 +97,7 @@ impl WallReport<'_> {
     }
 
     /// What a wall is.
-    fn told(&self, own: &Shown) -> String {
+    fn reported(&self, own: &Shown) -> String {
         let scale = own.wall.scale();
         let law = match own.wall.law() {
             Law::Linear(law) | Law::Leaky { linear: law, .. } => {
@@ -176,7 +177,7 @@ impl WallReport<'_> {
         html
     }
 
-    pub(super) fn told_setting(&self) -> String {
+    pub(super) fn reported_setting(&self) -> String {
         let own = self.setting;
         let (position, torque) = (self.unit.position, self.unit.torque);
         let hand = &own.hand;
@@ -260,13 +261,13 @@ fn cells(table: &RuleTable, base: Option<&LinearLaw>) -> String {
             let (position, rate) = (table.position().peaks()[column], table.velocity().peaks()[row]);
             let is_core = inside(across, position) && inside(up, rate);
             let given = |base: &LinearLaw| if position > 0.0 { 0.0 } else { base.output(position, rate) };
-            let told = match base {
+            let reported = match base {
                 Some(base) if output != given(base) => format!("<b>{}\u{2022}</b>", short(output)),
                 _ => short(output),
             };
             let _ = write!(
                 html,
-                "<td{} style=\"background:rgba({colour},{tint:.2})\">{told}</td>",
+                "<td{} style=\"background:rgba({colour},{tint:.2})\">{reported}</td>",
                 if is_core { " class=\"core\"" } else { "" },
             );
         }

@@ -7,7 +7,7 @@ use super::{
     contact::{Plant, played},
 };
 use crate::{wall::Measures, wall::WallError, wall::compare::Asked, wall::compare::every};
-use dynid_control::{Shares, Wall};
+use dynid_control::{CompensationRatios, Wall};
 use dynid_user_model::Model;
 
 /// One hand's approach to one wall.
@@ -35,7 +35,7 @@ pub fn compare(
     model: &Model,
     setting: &Setting,
     walls: &[(String, Wall)],
-    carried: Option<Shares>,
+    carried: Option<CompensationRatios>,
 ) -> Result<Vec<Case>, WallError> {
     let plant = Plant::new(model, setting, carried)?;
     every(
@@ -44,8 +44,8 @@ pub fn compare(
         &setting.people.all(),
         &|Asked { name, wall, approach, number, hand }| {
             let contact = played(&plant, setting, wall, hand, approach)?;
-            let told = contact.measures(wall, setting.lever).zip(contact.coupling(setting));
-            Ok(told.map(|(measures, coupling)| Case {
+            let reported = contact.measures(wall, setting.lever).zip(contact.coupling(setting));
+            Ok(reported.map(|(measures, coupling)| Case {
                 controller: name.to_owned(),
                 speed: approach.name.clone(),
                 hand: number,

@@ -7,7 +7,7 @@ use crate::{
     wall, wall::Approach, wall::Hand, wall::WallError, wall::encounter::Encounter, wall::encounter::Held,
     wall::hand::Plan, wall::hand::Wanted, wall::setting::Sampling,
 };
-use dynid_control::{Compensation, Estimator, FilteredVelocity, PlaneWall, Shares, Wall};
+use dynid_control::{Compensation, CompensationRatios, Estimator, FilteredVelocity, PlaneWall, Wall};
 use dynid_dynamics::{kinematics::Kinematics, kinematics::Vector, kinematics::dot, kinematics::plus, system::System};
 use dynid_user_model::Model;
 
@@ -83,7 +83,7 @@ impl Contact {
     }
 
     /// Energy that the wall gives out from a tick to the next (J): exact, for the torques are held, where the drive delivers
-    /// what it is told.
+    /// what is commanded.
     pub fn given(&self, tick: usize) -> f64 {
         let moved = self.q[tick + 1].iter().zip(&self.q[tick]).map(|(after, before)| after - before);
         self.torque[tick].iter().zip(moved).map(|(torque, moved)| torque * moved).sum()
@@ -102,7 +102,11 @@ pub(super) struct Plant {
 }
 
 impl Plant {
-    pub(super) fn new(model: &Model, setting: &Setting, carried: Option<Shares>) -> Result<Self, WallError> {
+    pub(super) fn new(
+        model: &Model,
+        setting: &Setting,
+        carried: Option<CompensationRatios>,
+    ) -> Result<Self, WallError> {
         let system = model.system(&setting.free, |joint| setting.posture[joint])?;
         let kinematics = setting.start(model)?;
         let start: Vec<f64> = setting.free.iter().map(|joint| setting.posture[*joint]).collect();
@@ -206,7 +210,7 @@ pub fn contact(
     setting: &Setting,
     wall: &Wall,
     (hand, approach): (&Hand, &Approach),
-    carried: Option<Shares>,
+    carried: Option<CompensationRatios>,
 ) -> Result<Contact, WallError> {
     played(&Plant::new(model, setting, carried)?, setting, wall, hand, approach)
 }
@@ -220,8 +224,8 @@ pub(super) fn played(
 ) -> Result<Contact, WallError> {
     let Plant { system, kinematics, first, holding, carrying } = plant;
     let (n_free, n_joints, plane) = (system.n_free(), system.n_joints(), setting.plane);
-    let felt = (wall.clone(), setting.lever);
-    let mut felt = PlaneWall::new(system, kinematics.clone(), plane, felt, &setting.torque_limits)?;
+    let impedance = (wall.clone(), setting.lever);
+    let mut impedance = PlaneWall::new(system, kinematics.clone(), plane, impedance, &setting.torque_limits)?;
     let mut carrying = carrying.clone();
     let mut speeds = vec![FilteredVelocity::new(setting.sampling.filter, setting.sampling.sample_s); n_free];
     let still = vec![0.0; n_free];
@@ -258,13 +262,13 @@ pub(super) fn played(
         for ((dq, velocity), shown) in dq.iter_mut().zip(&mut speeds).zip(shown) {
             *dq = velocity.tick(*shown);
         }
-        answer[..n_joints].copy_from_slice(felt.tick(shown, &dq));
-        answer[n_joints..n_joints + n_free].copy_from_slice(felt.torques());
-        answer[n_joints + n_free] = felt.force();
-        answer[n_joints + n_free + 1] = felt.share();
+        answer[..n_joints].copy_from_slice(impedance.tick(shown, &dq));
+        answer[n_joints..n_joints + n_free].copy_from_slice(impedance.torques());
+        answer[n_joints + n_free] = impedance.force();
+        answer[n_joints + n_free + 1] = impedance.share();
         if let Some((compensation, estimator)) = &mut carrying {
             // The weight alone needs no motion.
-            let carried = if compensation.shares() == Shares::WEIGHT {
+            let carried = if compensation.shares() == CompensationRatios::WEIGHT {
                 compensation.tick(shown, &still, &still)
             } else {
                 estimator.tick(shown, &mut own_q, &mut own_dq, &mut own_ddq);
@@ -274,20 +278,20 @@ pub(super) fn played(
         }
     };
     let mut seen = kinematics.clone();
-    let mut told = Contact::begun(setting.sampling.sample_s);
-    told.along.touched = encounter.play(&mut handle, control, |tick| {
+    let mut reported = Contact::begun(setting.sampling.sample_s);
+    reported.along.touched = encounter.play(&mut handle, control, |tick| {
         let (q, dq) = (&tick.device[..n_free], &tick.device[n_free..2 * n_free]);
         seen.move_to(q);
-        told.along.position.push(plane.distance(seen.position()));
-        told.along.velocity.push(dot(plane.normal, seen.velocity(dq)[0]));
-        told.along.torque.push(tick.acting[n_joints + n_free]);
-        told.point.push(seen.position());
-        told.rotation.push(seen.rotation());
-        told.q.push(q.to_vec());
-        told.dq.push(dq.to_vec());
-        told.torque.push(tick.acting[n_joints..n_joints + n_free].to_vec());
-        told.share.push(tick.acting[n_joints + n_free + 1]);
-        told.hand_work.push(tick.hand_work);
+        reported.along.position.push(plane.distance(seen.position()));
+        reported.along.velocity.push(dot(plane.normal, seen.velocity(dq)[0]));
+        reported.along.torque.push(tick.acting[n_joints + n_free]);
+        reported.point.push(seen.position());
+        reported.rotation.push(seen.rotation());
+        reported.q.push(q.to_vec());
+        reported.dq.push(dq.to_vec());
+        reported.torque.push(tick.acting[n_joints..n_joints + n_free].to_vec());
+        reported.share.push(tick.acting[n_joints + n_free + 1]);
+        reported.hand_work.push(tick.hand_work);
     })?;
-    Ok(told)
+    Ok(reported)
 }

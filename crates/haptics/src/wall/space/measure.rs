@@ -86,47 +86,47 @@ mod tests {
         let aside = [0.8, 0.36, -0.48];
         assert!(dot(normal, aside).abs() < 1e-12);
         let aside = aside.map(|own| own / dot(aside, aside).sqrt());
-        let mut told = Contact::begun(0.01);
+        let mut reported = Contact::begun(0.01);
         for tick in 0..300 {
             // the plane is passed at 0.0975 s, three quarters of the way from a tick to the next
             let t = f64::from(tick) * 0.01 - 0.0975;
             let distance = (-0.8 * t).max(-0.01);
             let way = (0.4 * t).min(0.02);
             let (sine, cosine) = angle(t).sin_cos();
-            told.along.position.push(distance);
-            told.along.velocity.push(0.0);
-            told.along.torque.push(0.0);
-            told.point.push(plus(plus(point, distance, normal), way, aside));
-            told.rotation.push([cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0]);
-            told.q.push(vec![distance, way]);
-            told.dq.push(vec![0.0; 2]);
-            told.torque.push(vec![0.0; 2]);
-            told.share.push(1.0);
-            told.hand_work.push(0.0);
+            reported.along.position.push(distance);
+            reported.along.velocity.push(0.0);
+            reported.along.torque.push(0.0);
+            reported.point.push(plus(plus(point, distance, normal), way, aside));
+            reported.rotation.push([cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0]);
+            reported.q.push(vec![distance, way]);
+            reported.dq.push(vec![0.0; 2]);
+            reported.torque.push(vec![0.0; 2]);
+            reported.share.push(1.0);
+            reported.hand_work.push(0.0);
         }
-        told.along.touched = told.along.position.iter().position(|distance| *distance < 0.0);
-        (setting, told)
+        reported.along.touched = reported.along.position.iter().position(|distance| *distance < 0.0);
+        (setting, reported)
     }
 
     /// At a coarse rate the first tick inside is far along already: slip, turn and ways of the joints start where the plane
     /// was passed.
     #[test]
     fn what_moved_is_counted_from_where_the_plane_was_passed() {
-        let (setting, told) = moved(|t| (0.5 * t).min(0.1));
-        assert_eq!(told.along.touched, Some(10));
-        let met = told.met().expect("it was met");
+        let (setting, reported) = moved(|t| (0.5 * t).min(0.1));
+        assert_eq!(reported.along.touched, Some(10));
+        let met = reported.met().expect("it was met");
         assert!(setting.plane.distance(met.point).abs() < 1e-15 && met.q[0].abs() < 1e-15);
-        let coupling = told.coupling(&setting).expect("it was met");
+        let coupling = reported.coupling(&setting).expect("it was met");
         assert!((coupling.slip - 0.02).abs() < 1e-12 && (coupling.settled_slip - 0.02).abs() < 1e-12, "{coupling:?}");
         assert!((coupling.moved[0] + 0.01).abs() < 1e-12 && (coupling.moved[1] - 0.02).abs() < 1e-12, "{coupling:?}");
         assert!((coupling.turned - 0.1).abs() < 1e-6, "{}", coupling.turned);
     }
 
     #[test]
-    fn a_turn_beyond_a_right_angle_is_told_as_it_is() {
+    fn a_turn_beyond_a_right_angle_is_reported_as_it_is() {
         for angle in [0.3, 1.5, 1.7, 2.5, 3.1] {
-            let (setting, told) = moved(|t| if t < 0.05 { 0.0 } else { angle });
-            let turned = told.coupling(&setting).expect("it was met").turned;
+            let (setting, reported) = moved(|t| if t < 0.05 { 0.0 } else { angle });
+            let turned = reported.coupling(&setting).expect("it was met").turned;
             assert!((turned - angle).abs() < 1e-9, "{turned} for {angle}");
         }
     }

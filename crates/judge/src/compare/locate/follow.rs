@@ -32,7 +32,7 @@ const PER_PERIOD: f64 = 4.0;
 struct Candidate {
     kind: FindingKind,
     other: Option<usize>,
-    /// As it is called when another one is told.
+    /// As it is called when another one is reported.
     name: String,
     columns: Vec<Vec<f64>>,
     /// How many alternatives this one is the best of.
@@ -70,10 +70,10 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         effective = effective_samples(&fit.remainder, n_used);
     }
     let freedom = effective - fit.basis.len() as f64;
-    let told: Vec<&Taken> = taken.iter().filter(|taken| is_significant(taken, freedom, fit.left())).collect();
-    let coefficients = together(trace, &told);
+    let reported: Vec<&Taken> = taken.iter().filter(|taken| is_significant(taken, freedom, fit.left())).collect();
+    let coefficients = together(trace, &reported);
     let mut findings: Vec<Finding> = Vec::new();
-    for (taken, coefficients) in told.into_iter().zip(coefficients) {
+    for (taken, coefficients) in reported.into_iter().zip(coefficients) {
         let Candidate { kind, other, name, columns, looked, words } = &taken.candidate;
         let share = taken.gain / total;
         let expected = (columns.len() as f64 + 2.0 * (*looked as f64).ln()) / effective * fit.left() / total;
@@ -98,14 +98,15 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
     findings
 }
 
-/// The coefficients of all that is told beside each other: what was taken in later changes those of what was there.
-fn together(trace: &Trace, told: &[&Taken]) -> Vec<Vec<f64>> {
-    let columns: Vec<Vec<f64>> = told.iter().flat_map(|taken| taken.candidate.columns.iter().cloned()).collect();
+/// The coefficients of all that is reported beside each other: what was taken in later changes those of what was there.
+fn together(trace: &Trace, reported: &[&Taken]) -> Vec<Vec<f64>> {
+    let columns: Vec<Vec<f64>> = reported.iter().flat_map(|taken| taken.candidate.columns.iter().cloned()).collect();
     let Some(all) = Regression::new(trace).take(&columns) else {
-        return told.iter().map(|taken| taken.coefficients.clone()).collect();
+        return reported.iter().map(|taken| taken.coefficients.clone()).collect();
     };
     let mut rest = all.as_slice();
-    told.iter()
+    reported
+        .iter()
         .map(|taken| {
             let (own, later) = rest.split_at(taken.candidate.columns.len());
             rest = later;
@@ -489,13 +490,13 @@ fn candidates_of(
     let joint = other.joint;
     let unit = trace.unit.clone();
     let mut one = |kind, what: String, column: Vec<f64>| {
-        let (u, told) = (unit.clone(), what.clone());
+        let (u, reported) = (unit.clone(), what.clone());
         add(
             kind,
             Some(joint),
             &what,
             vec![column],
-            Box::new(move |c| format!("follows {told}, {} {u} per unit of it", number(c[0]))),
+            Box::new(move |c| format!("follows {reported}, {} {u} per unit of it", number(c[0]))),
         );
     };
     if varies(&other.command) {
@@ -533,7 +534,7 @@ fn repetition(trace: &Trace, fit: &Regression) -> Option<Candidate> {
         let turn = |q: &f64| TAU * periods * (q - low) / range;
         vec![trace.own.q.iter().map(|q| turn(q).sin()).collect(), trace.own.q.iter().map(|q| turn(q).cos()).collect()]
     };
-    // Finer repetitions than the motion from sample to sample resolves cannot be told.
+    // Finer repetitions than the motion from sample to sample resolves cannot be found.
     let steps = trace.own.q.windows(2).map(|pair| (pair[1] - pair[0]).abs());
     let fastest = steps.fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let most = PERIODS.1.min(0.25 * range / fastest);

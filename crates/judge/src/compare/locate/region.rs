@@ -76,15 +76,17 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
 /// chance gives it is the same samples under another name, as reversals are slow.
 fn grouped(trace: &Trace, mut found: Vec<(Region, Finding)>) -> Vec<Finding> {
     found.sort_by(|a, b| b.1.surplus().total_cmp(&a.1.surplus()));
-    let mut told: Vec<(Region, Finding, Vec<String>)> = Vec::new();
+    let mut reported: Vec<(Region, Finding, Vec<String>)> = Vec::new();
     for (region, finding) in found {
-        let alike = told.iter_mut().find(|(stronger, ..)| !is_denser_outside(trace, &region.inside, &stronger.inside));
+        let alike =
+            reported.iter_mut().find(|(stronger, ..)| !is_denser_outside(trace, &region.inside, &stronger.inside));
         match alike {
             Some((.., alike)) => alike.push(format!("{} ({:.0} %)", region.place, 100.0 * finding.share)),
-            None => told.push((region, finding, Vec::new())),
+            None => reported.push((region, finding, Vec::new())),
         }
     }
-    told.into_iter()
+    reported
+        .into_iter()
         .map(|(_, mut finding, alike)| {
             if !alike.is_empty() {
                 finding.what.push_str(&format!("; that is also where it lies {}", alike.join(", and ")));

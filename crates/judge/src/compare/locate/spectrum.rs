@@ -9,7 +9,7 @@ use rustfft::{FftPlanner, num_complex::Complex};
 use super::{Finding, FindingKind, Signal, trace::Trace};
 use dynid_text::number;
 
-/// A band is told when it holds this share of the squared error, ..
+/// A band is reported when it holds this share of the squared error, ..
 const BAND_SHARE: f64 = 0.5;
 /// .. so many times what white noise would put there.
 const DENSER: f64 = 5.0;

@@ -78,9 +78,9 @@ fn noise_gives_nothing() {
             *value = smoother;
         }
         made.bandwidth_hz = 4.0;
-        let told: Vec<Finding> =
+        let message: Vec<Finding> =
             of_trace(&made).into_iter().filter(|finding| finding.kind != FindingKind::Band).collect();
-        assert_eq!(told, [], "with memory, seed {seed}");
+        assert_eq!(message, [], "with memory, seed {seed}");
     }
 }
 
@@ -98,21 +98,21 @@ fn the_noise_of_accelerations_gives_nothing() {
 }
 
 #[test]
-fn an_offset_is_told_with_its_size() {
+fn an_offset_is_reported_with_its_size() {
     let found = first(&trace(|_, _, _| 0.02, 0.005));
     assert_eq!(found.kind, FindingKind::Offset);
     assert!(found.what.contains("0.0199") && (found.share - 16.0 / 17.0).abs() < 0.01, "{found:?}");
 }
 
 #[test]
-fn friction_is_told_by_the_sign_of_the_speed() {
+fn friction_is_reported_by_the_sign_of_the_speed() {
     let found = first(&trace(|own, _, k| 0.03 * (own.dq[k] / 1e-3).tanh(), 0.01));
     assert_eq!(found.kind, FindingKind::Direction, "{found:?}");
     assert!(found.share > 0.85 && found.expected < 0.01, "{found:?}");
 }
 
 #[test]
-fn what_lies_at_reversals_is_told_there() {
+fn what_lies_at_reversals_is_reported_there() {
     let found = of_trace(&trace(|own, _, k| 0.05 * (-(own.dq[k] / 0.1).powi(2)).exp() * own.ddq[k].signum(), 0.003));
     let reversal = found
         .iter()
@@ -155,11 +155,11 @@ fn what_both_errors_say_is_said_once() {
     let torque = first(&made);
     let position = Finding { error: Signal::Position, share: 0.4, rank: 0.4, ..torque.clone() };
     let elsewhere = Finding { joint: 3, ..position.clone() };
-    let told = super::twins_together(vec![position, elsewhere.clone(), torque.clone()]);
-    assert_eq!(told.len(), 2);
-    assert_eq!((told[0].error, told[0].share), (Signal::Torque, torque.share));
-    assert!(told[0].what.ends_with("the position error says the same (40 % of its square)"), "{}", told[0].what);
-    assert_eq!(told[1], elsewhere);
+    let message = super::twins_together(vec![position, elsewhere.clone(), torque.clone()]);
+    assert_eq!(message.len(), 2);
+    assert_eq!((message[0].error, message[0].share), (Signal::Torque, torque.share));
+    assert!(message[0].what.ends_with("the position error says the same (40 % of its square)"), "{}", message[0].what);
+    assert_eq!(message[1], elsewhere);
 }
 
 #[test]
@@ -183,29 +183,30 @@ fn what_differs_between_the_errors_is_said_twice() {
 }
 
 #[test]
-fn a_repetition_in_position_is_told_with_its_period() {
+fn a_repetition_in_position_is_reported_with_its_period() {
     let found = first(&trace(|own, _, k| 0.01 * (14.0 * own.q[k] + 0.3).sin(), 0.004));
     assert_eq!(found.kind, FindingKind::PeriodicPosition, "{found:?}");
     let period = TAU / 14.0;
-    let told: f64 = found.what.split("every ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
-    assert!((told / period - 1.0).abs() < 0.06, "{told} {period}: {}", found.what);
+    let message: f64 =
+        found.what.split("every ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
+    assert!((message / period - 1.0).abs() < 0.06, "{message} {period}: {}", found.what);
 }
 
 #[test]
-fn a_spring_is_told_by_position() {
+fn a_spring_is_reported_by_position() {
     let found = first(&trace(|own, _, k| 0.05 * own.q[k].powi(3), 0.002));
     assert_eq!(found.kind, FindingKind::Position, "{found:?}");
 }
 
 #[test]
-fn another_joints_torque_is_told_with_the_joint() {
+fn another_joints_torque_is_reported_with_the_joint() {
     let found = first(&trace(|_, other, k| -0.2 * other.command[k], 0.02));
     assert_eq!((found.kind, found.other), (FindingKind::OtherTorque, Some(5)), "{found:?}");
     assert!(found.what.contains("\u{2212}0.199") || found.what.contains("\u{2212}0.200"), "{}", found.what);
 }
 
 #[test]
-fn a_drift_and_an_end_are_told() {
+fn a_drift_and_an_end_are_reported() {
     let found = first(&trace(|_, _, k| 0.02 * (k as f64 / N as f64 - 0.5), 0.002));
     assert_eq!(found.kind, FindingKind::Drift, "{found:?}");
     let mut random = Random::new(3);
@@ -215,7 +216,7 @@ fn a_drift_and_an_end_are_told() {
 }
 
 #[test]
-fn two_causes_are_told_one_after_the_other() {
+fn two_causes_are_reported_one_after_the_other() {
     let found = of_trace(&trace(|own, other, k| 0.03 * (own.dq[k] / 1e-3).tanh() - 0.03 * other.command[k], 0.003));
     let kinds: Vec<FindingKind> = found.iter().map(|finding| finding.kind).collect();
     assert_eq!(kinds[0], FindingKind::Direction, "{found:?}");
@@ -225,7 +226,7 @@ fn two_causes_are_told_one_after_the_other() {
 
 /// A fit without Coulomb friction makes the viscous friction too large: the error is the one minus too much of the other.
 #[test]
-fn a_law_that_another_one_stood_in_for_is_told_with_its_own_size() {
+fn a_law_that_another_one_stood_in_for_is_reported_with_its_own_size() {
     let mut made = trace(|own, _, k| 0.03 * (own.dq[k] / 1e-2).tanh(), 0.001);
     let (own, e) = (&made.own.dq, &made.residual);
     let stood_in: f64 =
@@ -256,7 +257,7 @@ fn near_frequencies_beat() {
 }
 
 #[test]
-fn means_that_differ_between_runs_are_told() {
+fn means_that_differ_between_runs_are_reported() {
     let mut traces: Vec<Trace> = (0..3)
         .map(|run| {
             let mut random = Random::new(90 + run);

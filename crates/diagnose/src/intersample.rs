@@ -3,10 +3,10 @@
 
 use super::{
     Refit, Screen, Work,
-    estimate::{moving, tethered},
+    estimate::{moving, observed},
 };
 use crate::DiagnoseError;
-use dynid_dynamics::simulate::Hold;
+use dynid_dynamics::simulate::Intersample;
 use dynid_identify::identify::ErrorKind;
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
@@ -16,7 +16,7 @@ const WORTH: f64 = 0.3;
 
 /// Whether every command of `work` stands still between samples and something is left that this may explain.
 pub(super) fn is_in_question(work: &Work<'_>, base: &Refit) -> bool {
-    let stands = |run: &&Run| run.settings.hold == Hold::Zero && run.settings.controller.is_none();
+    let stands = |run: &&Run| run.settings.intersample == Intersample::ZeroOrder && run.settings.controller.is_none();
     let is_near = base.worst_ratio().is_none_or(|ratio| ratio < super::verdict::NEAR_THE_FLOOR);
     work.judge.error == ErrorKind::Position && !is_near && work.judge.runs.iter().all(stands)
 }
@@ -51,11 +51,11 @@ pub(super) fn note(standing: &Refit, straight: &Refit) -> String {
 /// The run with a command that runs straight from sample to sample.
 pub(super) fn with_line(run: &Run) -> Run {
     let mut run = run.clone();
-    run.settings.hold = Hold::Linear;
+    run.settings.intersample = Intersample::FirstOrder;
     run
 }
 
-/// Squared error of simulations on a tether, the model's own parameters free.
+/// Squared error of simulations with an observer, the model's own parameters free.
 fn left(model: &Model, runs: &[&Run]) -> Option<f64> {
-    Some(Screen::new(&tethered(model, runs)?, model, &moving(model))?.squares())
+    Some(Screen::new(&observed(model, runs)?, model, &moving(model))?.squares())
 }

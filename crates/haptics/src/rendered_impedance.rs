@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use dynid_control::{Compensation, CompensationError, Estimator, Shares};
+use dynid_control::{Compensation, CompensationError, CompensationRatios, Estimator};
 use dynid_dynamics::{
     simulate::control::round_to, system::Linear, system::System, system::SystemError, system::fastest_rate,
 };
@@ -54,7 +54,7 @@ pub struct Options {
 impl Options {
     /// Usual ones for a device with `n_joints` joints: 1 kHz, counts of 1e-4, joints at 0.
     pub fn new(n_joints: usize) -> Self {
-        let Shares { inertia, friction } = Shares::default();
+        let CompensationRatios { inertia, friction } = CompensationRatios::default();
         Self {
             frequencies: vec![0.2, 0.5, 1.0, 2.0, 5.0, 10.0],
             amplitude: 0.2,
@@ -74,7 +74,7 @@ impl Options {
 
 /// What is felt at one frequency.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Felt {
+pub struct Impedance {
     /// Hz
     pub frequency_hz: f64,
     /// kg*m^2 or kg
@@ -87,26 +87,26 @@ pub struct Felt {
 
 /// One joint, moved alone. Vectors hold one entry a frequency.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct JointFelt {
+pub struct JointImpedance {
     /// The device's joint index.
     pub joint: usize,
     /// The device by itself.
-    pub bare: Vec<Felt>,
+    pub bare: Vec<Impedance>,
     /// Carried by the model.
-    pub carried: Vec<Felt>,
+    pub carried: Vec<Impedance>,
     /// Carried by models that are off by their standard errors, one after the other.
-    pub drawn: Vec<Vec<Felt>>,
+    pub drawn: Vec<Vec<Impedance>>,
 }
 
-impl JointFelt {
+impl JointImpedance {
     /// Largest `|felt| / |felt bare|` between two frequencies, of inertia and of damping, carried by the model and, where
     /// there are any, by the worst of the models drawn.
     pub fn worst(&self, from_hz: f64, to_hz: f64) -> Worst {
-        let of = |own: &[Felt], value: fn(&Felt) -> f64| {
+        let of = |own: &[Impedance], value: fn(&Impedance) -> f64| {
             let pairs = own.iter().zip(&self.bare).filter(|(_, bare)| (from_hz..=to_hz).contains(&bare.frequency_hz));
             pairs.map(|(own, bare)| (value(own) / value(bare)).abs()).fold(0.0, f64::max)
         };
-        let both = |own: &[Felt]| (of(own, |felt| felt.inertia), of(own, |felt| felt.damping));
+        let both = |own: &[Impedance]| (of(own, |impedance| impedance.inertia), of(own, |impedance| impedance.damping));
         let drawn = self.drawn.iter().map(|own| both(own));
         let worst = drawn.reduce(|worst, own| (worst.0.max(own.0), worst.1.max(own.1)));
         let (inertia, damping) = both(&self.carried);
@@ -133,29 +133,29 @@ pub struct Survey {
     /// How it was felt.
     pub options: Options,
     /// The free joints.
-    pub joints: Vec<JointFelt>,
+    pub joints: Vec<JointImpedance>,
 }
 
-/// Feels `plant` with the joints `free`, bare and carried by `believed`, and by models that are off `believed` by its standard
+/// Feels `plant` with the joints `free`, bare and carried by `prior`, and by models that are off `prior` by its standard
 /// errors, where a fit stated some.
 ///
 /// # Errors
 /// Models without equations for these joints; a share or drive path that [`Compensation::new`] refuses; options out of
 /// range.
-pub fn survey(plant: &Model, believed: &Model, free: &[usize], options: &Options) -> Result<Survey, FeltError> {
+pub fn survey(plant: &Model, prior: &Model, free: &[usize], options: &Options) -> Result<Survey, ImpedanceError> {
     options.check(plant.device.joints.len())?;
     let system = |model: &Model| model.system(free, |joint| options.pose[joint]);
-    let shares = Shares { inertia: options.inertia_share, friction: options.friction_share };
-    let carry = |model: &Model| -> Result<Compensation, FeltError> {
+    let shares = CompensationRatios { inertia: options.inertia_share, friction: options.friction_share };
+    let carry = |model: &Model| -> Result<Compensation, ImpedanceError> {
         Ok(Compensation::new(system(model)?, shares, options.sample_s)?)
     };
     let plant = system(plant)?;
-    let mut carriers = vec![None, Some(carry(believed)?)];
-    let has_errors = believed.fit.as_ref().is_some_and(|fit| !fit.std_error.is_empty());
+    let mut carriers = vec![None, Some(carry(prior)?)];
+    let has_errors = prior.fit.as_ref().is_some_and(|fit| !fit.std_error.is_empty());
     if has_errors {
         let mut random = Random::new(options.seed);
         for _ in 0..options.draws {
-            carriers.push(Some(carry(&believed.off_by_errors(&mut random))?));
+            carriers.push(Some(carry(&prior.off_by_errors(&mut random))?));
         }
     }
     let n_frequencies = options.frequencies.len();
@@ -163,19 +163,19 @@ pub fn survey(plant: &Model, believed: &Model, free: &[usize], options: &Options
         .flat_map(|slot| (0..carriers.len()).map(move |carrier| (slot, carrier)))
         .flat_map(|(slot, carrier)| (0..n_frequencies).map(move |frequency| (slot, carrier, frequency)))
         .collect();
-    let felt: Vec<Felt> = tasks
+    let impedance: Vec<Impedance> = tasks
         .par_iter()
         .map(|&(slot, carrier, frequency)| {
-            felt(&plant, carriers[carrier].as_ref(), options, slot, options.frequencies[frequency])
+            impedance(&plant, carriers[carrier].as_ref(), options, slot, options.frequencies[frequency])
         })
         .collect();
-    let mut rows = felt.chunks(n_frequencies).map(<[Felt]>::to_vec);
+    let mut rows = impedance.chunks(n_frequencies).map(<[Impedance]>::to_vec);
     let mut next = || rows.next().unwrap_or_default();
     let joints = free
         .iter()
         .map(|&joint| {
             let (bare, carried) = (next(), next());
-            JointFelt { joint, bare, carried, drawn: (2..carriers.len()).map(|_| next()).collect() }
+            JointImpedance { joint, bare, carried, drawn: (2..carriers.len()).map(|_| next()).collect() }
         })
         .collect();
     Ok(Survey { options: options.clone(), joints })
@@ -184,7 +184,7 @@ pub fn survey(plant: &Model, believed: &Model, free: &[usize], options: &Options
 /// Why nothing was felt.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum FeltError {
+pub enum ImpedanceError {
     /// A model that makes no equations.
     #[error(transparent)]
     System(#[from] SystemError),
@@ -204,8 +204,8 @@ pub enum FeltError {
 }
 
 impl Options {
-    fn check(&self, n_joints: usize) -> Result<(), FeltError> {
-        let wrong = |name, found: String, remedy| Err(FeltError::Option { name, found, remedy });
+    fn check(&self, n_joints: usize) -> Result<(), ImpedanceError> {
+        let wrong = |name, found: String, remedy| Err(ImpedanceError::Option { name, found, remedy });
         let positive = |value: f64| value > 0.0 && value.is_finite();
         if self.pose.len() != n_joints || !self.pose.iter().all(|position| position.is_finite()) {
             return wrong("the pose", format!("{:?}", self.pose), "give one position per joint of the device");
@@ -238,7 +238,13 @@ impl Options {
 }
 
 /// What is felt at one joint and frequency.
-fn felt(plant: &System, carrier: Option<&Compensation>, options: &Options, slot: usize, frequency_hz: f64) -> Felt {
+fn impedance(
+    plant: &System,
+    carrier: Option<&Compensation>,
+    options: &Options,
+    slot: usize,
+    frequency_hz: f64,
+) -> Impedance {
     /// How far off the frequency the two motions are, relative to it.
     const ASIDE: f64 = 0.1;
     let [slower, faster] =
@@ -246,7 +252,7 @@ fn felt(plant: &System, carrier: Option<&Compensation>, options: &Options, slot:
     let square = |own: &Response| own.omega * own.omega;
     let inertia = (slower.real - faster.real) / (square(&faster) - square(&slower));
     let both = |own: &dyn Fn(&Response) -> f64| 0.5 * (own(&slower) + own(&faster));
-    Felt {
+    Impedance {
         frequency_hz,
         inertia,
         damping: both(&|own| own.imaginary / own.omega),

@@ -1,5 +1,5 @@
 use super::*;
-use dynid_dynamics::{simulate::Commands, simulate::Hold, simulate::Stepper};
+use dynid_dynamics::{simulate::Commands, simulate::Intersample, simulate::Stepper};
 use dynid_dynamics::{
     system::fixtures::LUGRE, system::fixtures::PENDULUM, system::fixtures::SPRING, system::fixtures::VISCOUS,
     system::fixtures::placed,
@@ -19,10 +19,10 @@ fn body() -> System {
 #[test]
 fn a_linear_body_is_felt_as_it_is() {
     for frequency in [0.3, 1.0, 4.0] {
-        let felt = felt(&body(), None, &options(&[frequency]), 0, frequency);
-        assert!((felt.inertia - 0.02).abs() < 1e-9, "{felt:?}");
-        assert!((felt.damping - 0.05).abs() < 1e-9, "{felt:?}");
-        assert!((felt.stiffness - 0.3).abs() < 1e-9, "{felt:?}");
+        let impedance = impedance(&body(), None, &options(&[frequency]), 0, frequency);
+        assert!((impedance.inertia - 0.02).abs() < 1e-9, "{impedance:?}");
+        assert!((impedance.damping - 0.05).abs() < 1e-9, "{impedance:?}");
+        assert!((impedance.stiffness - 0.3).abs() < 1e-9, "{impedance:?}");
     }
 }
 
@@ -30,9 +30,12 @@ fn a_linear_body_is_felt_as_it_is() {
 #[test]
 fn weight_is_felt_as_a_spring() {
     let pendulum = System::new(&PENDULUM, 1, vec![0.5, 0.2, 0.01], Vec::new(), &[]).unwrap();
-    let felt = felt(&pendulum, None, &options(&[1.0]), 0, 1.0);
-    assert!((felt.inertia - 0.03).abs() < 1e-5, "{felt:?}");
-    assert!((felt.stiffness - 0.5 * 0.2 * dynid_dynamics::system::fixtures::GRAVITY).abs() < 1e-4, "{felt:?}");
+    let impedance = impedance(&pendulum, None, &options(&[1.0]), 0, 1.0);
+    assert!((impedance.inertia - 0.03).abs() < 1e-5, "{impedance:?}");
+    assert!(
+        (impedance.stiffness - 0.5 * 0.2 * dynid_dynamics::system::fixtures::GRAVITY).abs() < 1e-4,
+        "{impedance:?}"
+    );
 }
 
 /// Sliding friction is felt as `4 F / (pi A omega)`.
@@ -41,31 +44,32 @@ fn dry_friction_is_felt_as_its_describing_function() {
     let effects = [placed(&LUGRE, 0, None, &[500.0, 0.0, 0.0, 0.1, 0.02, 0.02])];
     let plant = System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.02], Vec::new(), &effects).unwrap();
     let options = Options { amplitude: 0.3, ..options(&[1.0]) };
-    let felt = felt(&plant, None, &options, 0, 1.0);
+    let impedance = impedance(&plant, None, &options, 0, 1.0);
     let expected = 4.0 * 0.02 / (std::f64::consts::PI * 0.3 * TAU);
-    assert!((felt.damping / expected - 1.0).abs() < 0.02, "{felt:?} for {expected}");
+    assert!((impedance.damping / expected - 1.0).abs() < 0.02, "{impedance:?} for {expected}");
 }
 
 /// A perfect model of a linear body at a high rate leaves what the shares leave.
 #[test]
 fn a_perfect_model_leaves_nearly_nothing() {
     let options = Options { sample_s: 1e-4, bandwidth_hz: 200.0, quantum: 0.0, substeps: 1, ..options(&[1.0]) };
-    let shares = Shares { inertia: 1.0, friction: 1.0 };
+    let shares = CompensationRatios { inertia: 1.0, friction: 1.0 };
     let carrier = Compensation::new(body(), shares, options.sample_s).unwrap();
-    let felt = felt(&body(), Some(&carrier), &options, 0, 1.0);
-    assert!(felt.inertia.abs() < 1e-3 * 0.02, "{felt:?}");
-    assert!(felt.damping.abs() < 1e-3 * 0.05, "{felt:?}");
-    assert!(felt.stiffness.abs() < 1e-3 * 0.3, "{felt:?}");
+    let impedance = impedance(&body(), Some(&carrier), &options, 0, 1.0);
+    assert!(impedance.inertia.abs() < 1e-3 * 0.02, "{impedance:?}");
+    assert!(impedance.damping.abs() < 1e-3 * 0.05, "{impedance:?}");
+    assert!(impedance.stiffness.abs() < 1e-3 * 0.3, "{impedance:?}");
 }
 
 /// With half of everything half is felt.
 #[test]
 fn a_share_leaves_the_rest() {
     let options = Options { sample_s: 1e-4, bandwidth_hz: 200.0, quantum: 0.0, substeps: 1, ..options(&[1.0]) };
-    let carrier = Compensation::new(body(), Shares { inertia: 0.5, friction: 0.25 }, options.sample_s).unwrap();
-    let felt = felt(&body(), Some(&carrier), &options, 0, 1.0);
-    assert!((felt.inertia / 0.02 - 0.5).abs() < 1e-3, "{felt:?}");
-    assert!((felt.damping / 0.05 - 0.75).abs() < 1e-3, "{felt:?}");
+    let carrier =
+        Compensation::new(body(), CompensationRatios { inertia: 0.5, friction: 0.25 }, options.sample_s).unwrap();
+    let impedance = impedance(&body(), Some(&carrier), &options, 0, 1.0);
+    assert!((impedance.inertia / 0.02 - 0.5).abs() < 1e-3, "{impedance:?}");
+    assert!((impedance.damping / 0.05 - 0.75).abs() < 1e-3, "{impedance:?}");
 }
 
 /// The six joints of the shipped device, carried and pushed off, and nobody holds them; the device is each parameter up to
@@ -73,16 +77,16 @@ fn a_share_leaves_the_rest() {
 /// 25 ms before and after, in rad/s.
 fn trembling(off: f64, seed: u64) -> f64 {
     let device = dynid_model::device("freedom6s").unwrap();
-    let believed = Model::of_device(device);
+    let prior = Model::of_device(device);
     let mut random = Random::new(seed);
-    let mut truth = believed.clone();
-    for (name, known) in believed.parameters().into_iter().filter(|(name, _)| !name.starts_with("base.")) {
+    let mut truth = prior.clone();
+    for (name, known) in prior.parameters().into_iter().filter(|(name, _)| !name.starts_with("base.")) {
         truth.set_value(&name, known.value * (1.0 + off * random.between(-1.0, 1.0))).unwrap();
     }
     let free = [0, 1, 2, 3, 4, 5];
     let system = |model: &Model| model.system(&free, |_| 0.0).unwrap();
     let (plant, options) = (system(&truth), Options::new(6));
-    let carrier = Compensation::new(system(&believed), Shares::default(), options.sample_s).unwrap();
+    let carrier = Compensation::new(system(&prior), CompensationRatios::default(), options.sample_s).unwrap();
     let mut controller = Controller::new(&carrier, &options);
     let mut x = plant.rest(&[0.05, 0.1, 0.0, 0.2, -0.2, -0.3]);
     x[6..12].copy_from_slice(&[0.5, -0.4, 0.5, 1.0, -1.0, 1.0]);
@@ -92,7 +96,7 @@ fn trembling(off: f64, seed: u64) -> f64 {
     for k in 0..3000 {
         let t = f64::from(k) * options.sample_s;
         controller.tick(&plant, t, &stepper.x, &mut next);
-        let rows = Commands { time: &[t], rows: &command, n_joints: 6, hold: Hold::Zero };
+        let rows = Commands { time: &[t], rows: &command, n_joints: 6, intersample: Intersample::ZeroOrder };
         stepper.held(&plant, t, t + options.sample_s, 8, &command, &rows);
         std::mem::swap(&mut command, &mut next);
         speeds.push(stepper.x[6..12].to_vec());

@@ -20,7 +20,7 @@ use dynid_user_model::Model;
 
 /// A change of parameters that leaves every motion as it is.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FlatDirection {
+pub struct UnidentifiableDirection {
     /// Effects' parameters and the combinations of link parameters that change, largest first: name, and the change
     /// relative to the value (absolute where the value is zero), the largest being 1.
     pub changes: Vec<(String, f64)>,
@@ -28,7 +28,7 @@ pub struct FlatDirection {
     pub fix_one_of: Vec<String>,
 }
 
-impl FlatDirection {
+impl UnidentifiableDirection {
     /// Whether it is a scale: everything that changes does so in one proportion.
     pub fn is_scale(&self) -> bool {
         self.changes.iter().all(|(_, change)| (change - 1.0).abs() < SAME)
@@ -38,15 +38,15 @@ impl FlatDirection {
 /// Changes that differ by less are the same.
 const SAME: f64 = 1e-5;
 
-/// The flat directions of a model in these configurations (numbers from 1) together; fixed parameters stay as they are.
+/// The unidentifiable directions of a model in these configurations (numbers from 1) together; fixed parameters stay as they are.
 ///
 /// # Errors
 /// A configuration without a kernel, or an effect that cannot be simulated.
-pub fn flat_directions(
+pub fn unidentifiable_directions(
     model: &Model,
     configurations: &[usize],
     base: &BaseParameters,
-) -> Result<Vec<FlatDirection>, PlanError> {
+) -> Result<Vec<UnidentifiableDirection>, PlanError> {
     let systems = configurations.iter().map(|&number| system_of(model, number)).collect::<Result<Vec<_>, _>>()?;
     let unknown: Vec<(String, f64)> = model
         .parameters()
@@ -115,7 +115,7 @@ pub fn flat_directions(
             }
             changes.iter_mut().for_each(|(_, change)| *change /= largest);
             changes.retain(|(_, change)| change.abs() > SAME);
-            Some(FlatDirection { changes, fix_one_of })
+            Some(UnidentifiableDirection { changes, fix_one_of })
         })
         .collect())
 }
@@ -270,7 +270,7 @@ impl BaseChange {
             if sum.abs() > 1e-12 * size { sum } else { 0.0 }
         });
         Self {
-            names: of_links.iter().map(|&index| base.told_of_links(&base.combinations[index])).collect(),
+            names: of_links.iter().map(|&index| base.reported_of_links(&base.combinations[index])).collect(),
             values: values.collect(),
             by_unknown,
         }
@@ -288,10 +288,10 @@ impl BaseChange {
 mod tests {
     use super::*;
     use crate::base::base_parameters;
-    use dynid_dynamics::{simulate::Hold, simulate::Input, simulate::Options, simulate::simulate};
+    use dynid_dynamics::{simulate::Input, simulate::Intersample, simulate::Options, simulate::simulate};
 
-    fn flat(model: &Model, configurations: &[usize]) -> Vec<FlatDirection> {
-        flat_directions(model, configurations, &base_parameters(model, configurations).unwrap()).unwrap()
+    fn flat(model: &Model, configurations: &[usize]) -> Vec<UnidentifiableDirection> {
+        unidentifiable_directions(model, configurations, &base_parameters(model, configurations).unwrap()).unwrap()
     }
 
     fn freedom() -> Model {
@@ -315,7 +315,7 @@ mod tests {
 
         let time: Vec<f64> = (0..300).map(|k| f64::from(k) * 0.01).collect();
         let command: Vec<f64> = time.iter().flat_map(|t| [0.0, 0.0, 0.0, 0.0, 0.01 * (3.0 * t).cos(), 0.0]).collect();
-        let input = Input { time: &time, command: &command, hold: Hold::Zero };
+        let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
         let run = |model: &Model| {
             let system = model.system(&[4], |_| 0.3).unwrap();
             simulate(&system, &input, &[0.1], &Options::default()).unwrap().q

@@ -14,9 +14,9 @@ use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::{Device, JointKind};
 use dynid_report::{self as report, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict};
 use dynid_report::{plot, plot::Panel};
+use dynid_sentences as sentences;
 use dynid_text::number;
 use dynid_user_model::Model;
-use serde_json::Value;
 
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs};
@@ -94,15 +94,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         write_new(report, &page(arguments, &experiment, &model, &runs, &comparison), overwrite)?;
         let _ = writeln!(text, "written: {}", report.display());
     }
-    let json = json(&comparison, &found)?;
+    let json = sentences::compare::json(&comparison, &found)?;
     Ok(Outcome { text, json, answer: Answer::Yes })
-}
-
-/// The comparison as programs read it.
-fn json(comparison: &Comparison, found: &[Finding]) -> anyhow::Result<Value> {
-    let mut json = serde_json::to_value(comparison)?;
-    json["where"] = serde_json::to_value(found)?;
-    Ok(json)
 }
 
 /// Joints of runs of which the text tells what their numbers mean.
@@ -128,7 +121,7 @@ fn meanings(comparison: &Comparison) -> String {
     let mut text = String::from("\nWhat that means:\n");
     for (file, joint) in joints {
         let _ = writeln!(text, "  {file}, joint {}:", joint.joint);
-        for sentence in &joint.means {
+        for sentence in sentences::compare::meanings(joint) {
             let _ = writeln!(text, "    {sentence}");
         }
     }
@@ -154,7 +147,8 @@ fn located(found: &[Finding]) -> String {
     }
     let mut text = String::from("\nWhere, the most telling first:\n");
     for finding in found.iter().take(MOST_TOLD) {
-        let _ = writeln!(text, "  {}, joint {}: {}", finding.run, finding.joint, finding.what);
+        let what = sentences::finding::sentence(finding);
+        let _ = writeln!(text, "  {}, joint {}: {what}", finding.run, finding.joint);
     }
     if found.len() > MOST_TOLD {
         let _ = writeln!(text, "  and {} more, with --json", found.len() - MOST_TOLD);
@@ -220,7 +214,7 @@ fn table(comparison: &Comparison, shown: Shown) -> String {
     }
     let mut text = table.text();
     for run in &comparison.runs {
-        for note in &run.notes {
+        for note in sentences::compare::notes(run) {
             let _ = writeln!(text, "note: {}: {note}", run.file);
         }
     }
@@ -239,7 +233,7 @@ fn page(
         || format!("the default model of {}", model.device.id),
         |path| path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned()),
     );
-    let verdict = Verdict { sentences: sentences(comparison) };
+    let verdict = Verdict { sentences: summarised(comparison) };
     let accuracy =
         Accuracy { title: "How far off".to_owned(), comparison, with_torque: arguments.error != Shown::Position };
     let figures: Vec<Figures> = runs
@@ -277,7 +271,7 @@ fn page(
 }
 
 /// What the numbers come to, for the runs fitted to and for those held out.
-fn sentences(comparison: &Comparison) -> Vec<String> {
+fn summarised(comparison: &Comparison) -> Vec<String> {
     let mut sentences = Vec::new();
     for (role, runs) in [("fit", "the runs to fit to"), ("validate", "the held-out runs")] {
         // A simulation that has lost its log says nothing by its size, and a log without noise compares with nothing.

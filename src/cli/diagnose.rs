@@ -6,11 +6,14 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
-use dynid_diagnose::{self as diagnose, Diagnosis, Discovered, Event, Finished, Options, Ranked, Verdict};
+use dynid_diagnose::{
+    self as diagnose, Diagnosis, Discovered, Event, Finished, Options, Ranked, Rejected, Speaks, Verdict,
+};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_identify::identify::ErrorKind;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::sha256_hex;
+use dynid_sentences::diagnosis as sentences;
 use dynid_text::number;
 use dynid_user_model::Model;
 use indicatif::ProgressBar;
@@ -126,7 +129,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let found = found?;
     let wall_seconds = started.elapsed().as_secs_f64();
-    let mut json = serde_json::to_value(&found)?;
+    let mut json = sentences::json(&found)?;
     if let Some(object) = json.as_object_mut() {
         object.insert("wall_seconds".to_owned(), json!(wall_seconds));
     }
@@ -184,11 +187,11 @@ fn message(event: &Event<'_>, seconds: f64) -> String {
 
 fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
     let mut text = String::new();
-    for sentence in &found.sentences {
+    for sentence in sentences::sentences(found) {
         let _ = writeln!(text, "{sentence}");
     }
     let _ = writeln!(text, "({} error, {wall_seconds:.1} s)", found.error);
-    for note in &found.notes {
+    for note in sentences::notes(found) {
         let _ = writeln!(text, "note: {note}");
     }
     if !found.ranking.is_empty() {
@@ -203,9 +206,11 @@ fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
     }
     if !found.rejected.is_empty() {
         let _ = writeln!(text, "\nNo credit:");
-        for alike in found.rejected.chunk_by(|one, next| one.reason == next.reason) {
+        // What reads alike is said once, whatever digits the numbers have beyond those that are told.
+        let reason = |rejected: &Rejected| sentences::rejection(&rejected.reason);
+        for alike in found.rejected.chunk_by(|one, next| reason(one) == reason(next)) {
             let candidates: Vec<String> = alike.iter().map(|rejected| rejected.candidate.to_string()).collect();
-            let _ = writeln!(text, "  {}: {}", candidates.join(", "), alike[0].reason);
+            let _ = writeln!(text, "  {}: {}", candidates.join(", "), reason(&alike[0]));
         }
     }
     if !found.moved.is_empty() {
@@ -218,7 +223,8 @@ fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
     if !found.places.is_empty() {
         let _ = writeln!(text, "\nWhere the model fails:");
         for place in &found.places {
-            let _ = writeln!(text, "  {}, joint {}: {}", place.run, place.joint, place.what);
+            let what = sentences::place(place);
+            let _ = writeln!(text, "  {}, joint {}: {what}", place.finding.run, place.finding.joint);
         }
     }
     text
@@ -288,14 +294,14 @@ fn evidence(ranked: &Ranked) -> String {
         let error = own.std_error.map_or(String::new(), |error| format!(" +- {}", number(error)));
         let _ = writeln!(text, "  {} = {}{error}", own.name, number(own.value));
     }
-    for line in &ranked.evidence_for {
+    for line in sentences::evidence_that(Speaks::For, ranked) {
         let _ = writeln!(text, "  for: {line}");
     }
-    for line in &ranked.evidence_against {
+    for line in sentences::evidence_that(Speaks::Against, ranked) {
         let _ = writeln!(text, "  against: {line}");
     }
     if let Some(experiment) = &ranked.experiment {
-        let _ = writeln!(text, "  to tell it from the others: {experiment}");
+        let _ = writeln!(text, "  to tell it from the others: {}", sentences::experiment(experiment));
     }
     text
 }

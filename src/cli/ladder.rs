@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_judge::{ladder::FORMULA, ladder::Ladder, ladder::Lineage, ladder::ladder};
+use dynid_judge::{ladder::Ladder, ladder::Lineage, ladder::ladder};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_report as report;
 use dynid_report::plot::steps;
+use dynid_sentences::{self as sentences, ladder::FORMULA};
 use dynid_text::number;
 use dynid_user_model::Model;
 
@@ -70,7 +71,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         write_new(path, &report::page("Error ladder", &[&section, &provenance]), overwrite)?;
         let _ = writeln!(text, "written: {}", path.display());
     }
-    Ok(Outcome { text, json: serde_json::to_value(&ladder)?, answer: Answer::Yes })
+    Ok(Outcome { text, json: sentences::ladder::json(&ladder)?, answer: Answer::Yes })
 }
 
 /// The models with what they are called: their files' names, or paths where these are alike.
@@ -150,7 +151,7 @@ pub fn reported(ladder: &Ladder) -> String {
     if n_children > 0 && n_children + 1 == ladder.rungs.len() {
         text.push_str("each model is the child of the one before it, as its [fit] says\n");
     }
-    for note in &ladder.notes {
+    for note in sentences::ladder::notes(ladder) {
         let _ = writeln!(text, "note: {note}");
     }
     text

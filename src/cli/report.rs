@@ -13,6 +13,7 @@ use dynid_report::{
     self as report, DataQuality, Figures, LadderSection, Provenance, Ranking, Section, Sheet, TorqueTerms, Verdict,
     Where,
 };
+use dynid_sentences as sentences;
 use dynid_text::number;
 use dynid_torque as torque;
 use dynid_user_model::Model;
@@ -58,15 +59,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let diagnosis = arguments.diagnosis.as_deref().map(read_diagnosis).transpose()?;
     let report = Report::new(&experiment, &models, diagnosis, commands(arguments))?;
     write_new(&arguments.out, &report.page(), overwrite)?;
-    let sentences = report.sentences();
-    let mut text = sentences.join("\n");
+    let verdict = report.sentences();
+    let mut text = verdict.join("\n");
     text.push_str(&format!("\nwritten: {}\n", arguments.out.display()));
+    let quality = report.quality.runs.iter().map(sentences::quality::json).collect::<serde_json::Result<Value>>()?;
     let json = json!({
         "page": arguments.out.display().to_string(),
-        "sentences": sentences,
+        "sentences": verdict,
         "sections": report.titles(),
-        "where": report.findings,
-        "quality": report.quality.runs,
+        "where": sentences::compare::findings_json(&report.findings)?,
+        "quality": quality,
     });
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
@@ -237,7 +239,8 @@ impl<'a> Report<'a> {
         sentences.push(match (reported, self.findings.first()) {
             (Some(reported), _) => reported,
             (None, Some(finding)) => {
-                format!("Most telling of what is left: {}, joint {}: {}.", finding.run, finding.joint, finding.what)
+                let what = sentences::finding::sentence(finding);
+                format!("Most telling of what is left: {}, joint {}: {what}.", finding.run, finding.joint)
             }
             (None, None) => "Nothing of what is left differs from chance.".to_owned(),
         });
@@ -261,9 +264,11 @@ impl<'a> Report<'a> {
             let compared = &rung.comparison.runs[index];
             panels.extend(run_panels(subject.device, self.runs[index], compared, Shown::Both));
             for joint in compared.joints.iter().filter(|joint| !joint.means.is_empty()) {
-                means.push(format!("{}, joint {}: {}", compared.file, joint.joint, joint.means.join(" ")));
+                let meanings = sentences::compare::meanings(joint).join(" ");
+                means.push(format!("{}, joint {}: {meanings}", compared.file, joint.joint));
             }
-            means.extend(compared.notes.iter().map(|note| format!("{}: {note}", compared.file)));
+            let notes = sentences::compare::notes(compared);
+            means.extend(notes.iter().map(|note| format!("{}: {note}", compared.file)));
         }
         let overlays = Figures {
             title: "Measured against the model".to_owned(),

@@ -16,6 +16,7 @@ use dynid_judge::{ladder::Ladder, ladder::ladder};
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
 use dynid_report as report;
 use dynid_report::plot::steps;
+use dynid_sentences as sentences;
 use dynid_text::number;
 use dynid_user_model::Model;
 use indicatif::ProgressBar;
@@ -91,7 +92,7 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
     let findings = locate(&fitted_model, &runs, &comparison);
 
     let diagnosis = diagnosed(&fitted_model, &experiment, &runs)?;
-    let diagnosis_json = serde_json::to_value(&diagnosis)?;
+    let diagnosis_json = sentences::diagnosis::json(&diagnosis)?;
     put(DIAGNOSIS, &format!("{}\n", serde_json::to_string_pretty(&diagnosis_json)?))?;
     let Some(best) = diagnosis.ranking.first().filter(|_| diagnosis.verdict == Verdict::MissingEffect) else {
         bail!("the tour's diagnosis did not find what is hidden in its logs; this is a mistake of the program");
@@ -257,14 +258,15 @@ impl Tour<'_> {
 
         step(&mut text, 2, compare, "where do model and logs part?");
         for finding in self.findings.iter().take(2) {
-            let _ = writeln!(text, "   {}, joint {}: {}.", finding.run, finding.joint, finding.what);
+            let what = sentences::finding::sentence(finding);
+            let _ = writeln!(text, "   {}, joint {}: {what}.", finding.run, finding.joint);
         }
         for (joint, ratio) in self.ratios(0..self.experiment.runs.len()) {
             let _ = writeln!(text, "   Joint {joint}: the position error is {ratio:.1} times the noise.");
         }
 
         step(&mut text, 3, diagnose, "which effect would explain it, and what else could?");
-        for sentence in &self.diagnosis.sentences {
+        for sentence in sentences::diagnosis::sentences(self.diagnosis) {
             let _ = writeln!(text, "   {sentence}");
         }
         text.push_str(&indented(&self.ranking()));
@@ -393,9 +395,9 @@ impl Tour<'_> {
             "folder": folder.display().to_string(),
             "report": folder.join(REPORT).display().to_string(),
             "found": found,
-            "where": self.findings.first(),
+            "where": self.findings.first().map(sentences::finding::json).transpose()?,
             "verdict": self.diagnosis.verdict,
-            "ladder": serde_json::to_value(&self.ladder)?,
+            "ladder": sentences::ladder::json(&self.ladder)?,
             "commands": steps,
             "wall_seconds": self.seconds,
         }))

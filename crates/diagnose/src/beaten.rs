@@ -1,6 +1,6 @@
 //! Where a formula that was found without the library leaves far less than its effects do, those are not what is missing.
 
-use super::{Refit, Rejected, Score, Scored, Work, discover, prescreening, verdict};
+use super::{Refit, Rejected, Rejection, Score, Scored, Work, discover, prescreening, verdict};
 use crate::DiagnoseError;
 use dynid_user_model::Model;
 
@@ -68,13 +68,7 @@ pub(super) fn without_hopeless(
 /// Those that are hopeless and were not fitted, with the reason.
 pub(super) fn rejected(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<Item = Rejected> {
     let unfitted = hopeless.into_iter().filter(|score| !super::is_fitted(&score.candidate, fitted));
-    unfitted.map(|score| Rejected {
-        candidate: score.candidate,
-        reason:
-            "far above the noise even where simulations are held to the logs, while a formula of one term leaves far less of \
-             the torque error than the screening finds that an effect would"
-                .to_owned(),
-    })
+    unfitted.map(|score| Rejected { candidate: score.candidate, reason: Rejection::BeatenByFormula })
 }
 
 #[cfg(test)]

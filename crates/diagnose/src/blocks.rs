@@ -7,6 +7,7 @@
 //! `(BLOCKS - 1) (CONFIRMED + 1)` more fits, and more only where the best lose their credit, so that the next are asked.
 //! The values that are reported are those of the first fold.
 
+use super::Note;
 use super::excitation::LEAST_SAMPLES;
 use super::refit::{CostLimits, FOR_A_CANDIDATE, Judge, Refit, left};
 use crate::DiagnoseError;
@@ -54,12 +55,8 @@ impl Split {
 }
 
 /// What to know of it.
-pub(super) fn note() -> String {
-    format!(
-        "no run has the role \"validate\": blocked cross-validation instead. Every run is cut into {BLOCKS} blocks in time, each \
-         held out once; the model itself and the best {CONFIRMED} candidates are judged by all of them together. Values are those \
-         of the fit without the last block. A run of its own would be surer"
-    )
+pub(super) fn note() -> Note {
+    Note::BlockedCrossValidation { blocks: BLOCKS, confirmed: CONFIRMED }
 }
 
 /// The runs of the fold that holds out that block, from 0: of every run up to two parts to fit to and one held out.

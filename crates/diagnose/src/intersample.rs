@@ -2,7 +2,7 @@
 //! that it does not, every effect of the drive path would be fitted to half a sample's delay.
 
 use super::{
-    Refit, Screen, Work,
+    Note, Refit, Screen, Work,
     estimate::{moving, observed},
 };
 use crate::DiagnoseError;
@@ -37,15 +37,8 @@ pub(super) fn is_worth_it(standing: &Refit, straight: &Refit) -> bool {
 }
 
 /// What a diagnosis says of it.
-pub(super) fn note(standing: &Refit, straight: &Refit) -> String {
-    let error = |refit: &Refit| refit.rmse_validate.map_or_else(|| "?".to_owned(), dynid_text::number);
-    format!(
-        "the logs show a command that runs straight from sample to sample, not one that stands still between them: with it the \
-         refitted model leaves {} of the held-out runs instead of {}, and all that follows takes it so; say hold = \"linear\" \
-         in the experiment",
-        error(straight),
-        error(standing)
-    )
+pub(super) fn note(standing: &Refit, straight: &Refit) -> Note {
+    Note::StraightCommand { rmse_straight: straight.rmse_validate, rmse_standing: standing.rmse_validate }
 }
 
 /// The run with a command that runs straight from sample to sample.

@@ -13,14 +13,17 @@ mod candidate;
 mod discover;
 mod error;
 mod estimate;
+mod evidence;
 mod excitation;
 mod intersample;
+mod note;
 mod prescreening;
 mod refit;
 mod region;
 mod screen;
 mod sessions;
 mod shortlist;
+mod statement;
 mod tell_apart;
 mod verdict;
 mod view;
@@ -33,19 +36,24 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use candidate::{Candidate, Probe, Sizes, candidates, probes};
-pub use discover::{Discovered, DiscoveredTerm, discover};
+pub use discover::{ActsOn, Discovered, DiscoveredTerm, discover};
+pub use error::{DiagnoseError, WhySoMany};
 pub use estimate::{FirstEstimates, with_first_estimates};
+pub use evidence::{Evidence, Rejection, Speaks};
+pub use note::{KeptValues, Note};
 pub use refit::{CostLimits, EffectParameter, JointResidual, Judge, Refit, SearchExtent, stays_far_above};
 pub use screen::{Score, Screen};
+pub use statement::{ErrorLeft, ModelState, Statement};
+pub use tell_apart::{DistinguishingExperiment, SinePhase};
 pub use view::{Block, ObserverView, TorqueView, View};
 
 use estimate::Screening;
 use screen::Scored;
 
 use dynid_identify::{FitError, FitStatus, identify::ErrorKind, identify::default_error, position};
+use dynid_judge::compare::Finding;
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
 use dynid_user_model::Model;
-pub use error::DiagnoseError;
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,8 +72,8 @@ pub enum Verdict {
 pub struct Diagnosis {
     /// The answer.
     pub verdict: Verdict,
-    /// The answer in words.
-    pub sentences: Vec<String>,
+    /// The answer, statement by statement.
+    pub statements: Vec<Statement>,
     /// Which error it is about: `position` or `torque`.
     pub error: String,
     /// Effects that were fitted and may be given credit, best first; with several found one after the other, those first.
@@ -81,7 +89,8 @@ pub struct Diagnosis {
     /// Parameters that differ between runs.
     pub moved: Vec<Moved>,
     /// What should be known besides.
-    pub notes: Vec<String>,
+    #[serde(rename = "typed_notes")]
+    pub notes: Vec<Note>,
     /// How far the model is from its logs, refitted where that could be done: the largest error of a joint over its noise.
     pub worst_ratio: Option<f64>,
     /// Where no effect of the library explains what is left: a formula that does, if there is one.
@@ -114,12 +123,11 @@ pub struct Ranked {
     pub confounded_with: Vec<Candidate>,
     /// Its parameters.
     pub parameters: Vec<EffectParameter>,
-    /// What speaks for it.
-    pub evidence_for: Vec<String>,
-    /// What speaks against it.
-    pub evidence_against: Vec<String>,
-    /// What would tell it from the effects that fit as well.
-    pub experiment: Option<String>,
+    /// What speaks for it and against it.
+    pub evidence: Vec<Evidence>,
+    /// What would tell it from the first of the effects that fit as well.
+    #[serde(rename = "typed_experiment")]
+    pub experiment: Option<DistinguishingExperiment>,
     /// Which step of a search for several it belongs to, from 1.
     pub depth: usize,
     /// The largest error of a joint over its noise, with it.
@@ -149,18 +157,18 @@ pub struct Rejected {
     #[serde(flatten)]
     pub candidate: Candidate,
     /// Why.
-    pub reason: String,
+    #[serde(rename = "rejection")]
+    pub reason: Rejection,
 }
 
 /// Where the model fails.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Place {
-    /// The run.
-    pub run: String,
-    /// The device's joint index.
-    pub joint: usize,
-    /// In words.
-    pub what: String,
+    /// What is found, of the run that says it most.
+    #[serde(flatten)]
+    pub finding: Finding,
+    /// Other runs that say the same.
+    pub also_in: Vec<String>,
 }
 
 /// A parameter that differs between runs.
@@ -276,11 +284,8 @@ pub fn diagnose(
         }
     }
     if base.was_given_up() {
-        let values = if base.parsed()?.digest() == model.digest() { "it was given" } else { "are the prior values" };
-        notes.push(format!(
-            "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing is \
-             looked for at the values that {values}, and what it leaves is reported of those"
-        ));
+        let is_given = base.parsed()?.digest() == model.digest();
+        notes.push(Note::FitGivenUp { values: if is_given { KeptValues::Given } else { KeptValues::Prior } });
     }
     notes.extend(excitation::left_open(model, runs, &base));
     let mut steps = Vec::new();
@@ -786,7 +791,7 @@ impl Work<'_> {
         by_one_fold: Vec<verdict::Judged>,
         failed: &mut Vec<Rejected>,
         key: &(dyn Fn(&Candidate) -> String + Sync),
-        helps_elsewhere: &dyn Fn(&Refit) -> Option<String>,
+        helps_elsewhere: &dyn Fn(&Refit) -> Option<Rejection>,
     ) -> Result<Vec<verdict::Judged>, DiagnoseError> {
         let (mut waiting, rejected): (Vec<_>, Vec<_>) =
             by_one_fold.into_iter().partition(|judged| judged.reason.is_none());

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use dynid_model::Place;
 use rayon::prelude::*;
 
-use super::{Candidate, Event, FEW_JOINTS, Refit, Rejected, Score, Work, verdict};
+use super::{Candidate, Event, FEW_JOINTS, Refit, Rejected, Rejection, Score, Work, verdict};
 use crate::DiagnoseError;
 use dynid_identify::identify::ErrorKind;
 use dynid_user_model::Model;
@@ -148,10 +148,8 @@ pub(super) fn no_rival(candidate: &Candidate, winner: &Refit, reached: &Reached)
     let cost = |candidate: &Candidate| reached.candidates.get(candidate).copied();
     let own = cost(candidate)?;
     let best = cost(winner.candidate.as_ref()?)?;
-    (own > FAR * best.max(verdict::COST_AT_THE_FLOOR)).then(|| Rejected {
-        candidate: candidate.clone(),
-        reason: "far above what another effect reaches even where simulations are held to the logs".to_owned(),
-    })
+    (own > FAR * best.max(verdict::COST_AT_THE_FLOOR))
+        .then(|| Rejected { candidate: candidate.clone(), reason: Rejection::NoRival })
 }
 
 #[cfg(test)]

@@ -233,8 +233,8 @@ impl Section for Accuracy<'_> {
             "</p>\n"
         });
         for run in &self.comparison.runs {
-            for note in &run.notes {
-                let _ = writeln!(html, "<p class=\"note\">{}: {}</p>", escaped(&run.file), escaped(note));
+            for note in dynid_sentences::compare::notes(run) {
+                let _ = writeln!(html, "<p class=\"note\">{}: {}</p>", escaped(&run.file), escaped(&note));
             }
         }
         html

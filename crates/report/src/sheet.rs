@@ -119,7 +119,7 @@ impl Section for DataQuality {
                     html,
                     "<p><span class=\"bad\">\u{26a0}</span> {}: {}</p>",
                     escaped(&run.run),
-                    escaped(warning)
+                    escaped(&dynid_sentences::quality::warning(warning))
                 );
             }
         }

@@ -13,8 +13,8 @@ use super::{
 };
 use crate::DiagnoseError;
 use dynid_identify::{
-    FitStatus, identify, identify::ErrorKind, identify::FitResult, identify::FitSettings, position,
-    position::WithObserver, position::noise_of, starts::Starts,
+    FitStatus, identify, identify::ErrorKind, identify::FitResult, identify::FitTask, position, position::WithObserver,
+    position::noise_of, starts::Starts,
 };
 use dynid_judge::{compare::Comparison, compare::compare};
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run, noise::noise_of_log};
@@ -419,7 +419,7 @@ impl Judge<'_> {
     ) -> Result<Option<(FitResult, SearchExtent)>, DiagnoseError> {
         // From where else to start is the diagnosis's own matter.
         let starts = Starts { prior: false, ..Starts::default() };
-        let how = FitSettings { starts, tell_start: false, ..FitSettings::plain(self.error, self.options) };
+        let how = FitTask { starts, tell_start: false, ..FitTask::plain(self.error, self.options) };
         let limits = limits.filter(|_| self.error == ErrorKind::Position);
         let mut watcher = Watcher::new(limits, cost_limits, self.runs.iter().any(|run| run.free.len() > FEW_JOINTS));
         let mut watch = |reported: &identify::Progress, _: Option<&identify::State>| {

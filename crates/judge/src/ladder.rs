@@ -183,10 +183,23 @@ pub fn place_name(effect: &EffectInstance) -> String {
 /// # Errors
 /// A model that makes no equations for a run.
 pub fn ladder(models: &[(String, Model)], runs: &[&Run]) -> Result<Ladder, CompareError> {
+    let comparisons =
+        models.iter().map(|(_, model)| compare(model, runs)).collect::<Result<Vec<Comparison>, CompareError>>()?;
+    of_comparisons(models, runs, comparisons)
+}
+
+/// As [`ladder`], of models that were compared with `runs` already.
+///
+/// # Errors
+/// As [`ladder`].
+pub fn of_comparisons(
+    models: &[(String, Model)],
+    runs: &[&Run],
+    comparisons: Vec<Comparison>,
+) -> Result<Ladder, CompareError> {
     let mut rungs: Vec<Rung> = Vec::new();
-    for (index, (name, model)) in models.iter().enumerate() {
+    for (index, ((name, model), comparison)) in models.iter().zip(comparisons).enumerate() {
         let before = index.checked_sub(1).map(|before| &models[before].1);
-        let comparison = compare(model, runs)?;
         rungs.push(Rung {
             model: name.clone(),
             digest: model.digest(),

@@ -163,6 +163,16 @@ pub enum ExperimentError {
         /// What to do.
         remedy: String,
     },
+    /// No run has just these joints free.
+    #[error("{path}: no run has just the joints {wanted:?} free; its runs have {known}", path = path.display())]
+    NoRunWithFree {
+        /// The experiment.
+        path: PathBuf,
+        /// Ascending.
+        wanted: Vec<usize>,
+        /// What the runs have.
+        known: String,
+    },
     /// A log of it cannot be used.
     #[error("{error} (run {run} of {experiment})", experiment = experiment.display())]
     Log {
@@ -210,6 +220,41 @@ const RUN_KEYS: [&str; 16] = [
 ];
 
 impl Experiment {
+    /// Reads an experiment of one of the shipped devices, with all its logs.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with the file or a log, with its place and a remedy.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, ExperimentError> {
+        Self::read_with(path.as_ref(), dynid_model::devices())
+    }
+
+    /// As [`Experiment::load`], with runs that are only planned: they say where they `start` instead of having measured
+    /// positions.
+    ///
+    /// # Errors
+    /// As [`Experiment::load`].
+    pub fn load_planned(path: impl AsRef<Path>) -> Result<Self, ExperimentError> {
+        Self::read_planned(path.as_ref(), dynid_model::devices())
+    }
+
+    /// The runs in which exactly these joints are free, in their order; all runs without a choice.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn runs_with_free(&self, free: Option<&[usize]>) -> Result<Vec<&Run>, ExperimentError> {
+        let Some(free) = free else { return Ok(self.runs.iter().collect()) };
+        let mut wanted = free.to_vec();
+        wanted.sort_unstable();
+        wanted.dedup();
+        let runs: Vec<&Run> = self.runs.iter().filter(|run| run.free == wanted).collect();
+        if !runs.is_empty() {
+            return Ok(runs);
+        }
+        let mut known: Vec<String> = self.runs.iter().map(|run| format!("{:?}", run.free)).collect();
+        known.dedup();
+        Err(ExperimentError::NoRunWithFree { path: self.path.clone(), wanted, known: known.join(", ") })
+    }
+
     /// Reads the experiment at `path` with all its logs; its device is one of `devices`.
     pub fn read_with(path: &Path, devices: &'static [Device]) -> Result<Self, ExperimentError> {
         Self::read_as(path, devices, Planned::Refused)

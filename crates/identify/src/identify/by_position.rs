@@ -3,9 +3,7 @@
 use dynid_model::Device;
 use rayon::prelude::*;
 
-use super::{
-    Best, Correlation, ErrorKind, FitResult, FitSettings, FittedParameter, Progress, State, StepSummary, Tried,
-};
+use super::{Best, Correlation, ErrorKind, FitResult, FitTask, FittedParameter, Progress, State, StepSummary, Tried};
 use crate::FitError;
 use crate::{
     FitStatus, position, position::FitRun, position::Options, position::PositionFit, position::PositionFitError,
@@ -24,7 +22,7 @@ use dynid_user_model::Model;
 pub(super) fn by_position(
     model: &Model,
     runs: &[&Run],
-    how: &FitSettings,
+    how: &FitTask,
     from: State,
     watch: &mut dyn FnMut(&Progress, &State) -> SearchControl,
 ) -> Result<FitResult, FitError> {

@@ -5,8 +5,10 @@ mod ci;
 mod generate;
 mod hidden_effects;
 mod licences;
+mod order;
 mod shell;
 mod snapshots;
+mod workspace;
 
 use std::fmt;
 use std::process::ExitCode;

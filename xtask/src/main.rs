@@ -2,12 +2,14 @@
 
 mod bench;
 mod ci;
+mod circles;
 mod generate;
 mod hidden_effects;
 mod licences;
 mod order;
 mod shell;
 mod snapshots;
+mod sources;
 mod workspace;
 
 use std::fmt;

@@ -10,6 +10,7 @@ mod order;
 mod shell;
 mod snapshots;
 mod sources;
+mod unused;
 mod workspace;
 
 use std::fmt;

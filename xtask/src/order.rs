@@ -134,6 +134,7 @@ mod tests {
             package: (*package).to_owned(),
             identifier: (*package).to_owned(),
             kind: *kind,
+            features: Vec::new(),
         };
         Member {
             name: name.to_owned(),

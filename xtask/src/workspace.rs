@@ -24,6 +24,7 @@ pub struct Dependency {
     /// What sources call it: its key in `Cargo.toml`, with underscores.
     pub identifier: String,
     pub kind: Kind,
+    pub features: Vec<String>,
 }
 
 /// Which table of `Cargo.toml` names a dependency.
@@ -116,7 +117,8 @@ fn dependency(table: &Value) -> anyhow::Result<Dependency> {
         Some(other) => bail!("`{package}` is a dependency of the unknown kind `{other}`"),
     };
     let key = table["rename"].as_str().unwrap_or(package);
-    Ok(Dependency { package: package.to_owned(), identifier: identifier(key), kind })
+    let features = list(table, "features")?.iter().filter_map(Value::as_str).map(str::to_owned).collect();
+    Ok(Dependency { package: package.to_owned(), identifier: identifier(key), kind, features })
 }
 
 fn target(table: &Value) -> anyhow::Result<Target> {
@@ -155,8 +157,8 @@ mod tests {
         let metadata = r#"{ "packages": [{
             "name": "a-b", "manifest_path": "/w/a/Cargo.toml",
             "dependencies": [
-                { "name": "long-name", "rename": "short-name", "kind": null },
-                { "name": "other", "rename": null, "kind": "dev" }
+                { "name": "long-name", "rename": "short-name", "kind": null, "features": ["f"] },
+                { "name": "other", "rename": null, "kind": "dev", "features": [] }
             ],
             "targets": [
                 { "kind": ["lib"], "src_path": "/w/a/src/lib.rs" },
@@ -170,7 +172,7 @@ mod tests {
         assert_eq!(member.targets[1].kind, TargetKind::Trial);
         let renamed = &member.dependencies[0];
         assert_eq!((renamed.package.as_str(), renamed.identifier.as_str()), ("long-name", "short_name"));
-        assert_eq!(renamed.kind, Kind::Normal);
+        assert_eq!((renamed.kind, renamed.features.as_slice()), (Kind::Normal, &["f".to_owned()][..]));
         assert_eq!(member.dependencies[1].kind, Kind::Development);
     }
 }

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use dynid_lower::Kir;
 
-use crate::{circles, licences, order, shell, snapshots, unused, workspace};
+use crate::{api, circles, licences, order, shell, snapshots, unused, workspace};
 
 /// Runs every check.
 #[derive(clap::Args)]
@@ -30,6 +30,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("the order of crates", order::check),
         ("no circle between folders", circles::check),
         ("unused dependencies", unused::check),
+        ("the facade's public API", api::check),
         ("no computer algebra in what users build", without_algebra),
         ("equations belong to the models", equations_match_models),
         ("lints", lints),

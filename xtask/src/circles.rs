@@ -64,21 +64,21 @@ struct Use {
     path: String,
 }
 
-/// By user and used, both children of one module.
-type Uses = BTreeMap<(ModuleId, ModuleId), Use>;
+/// By user and used, both children of one module; in the order of reading.
+type Uses = BTreeMap<(ModuleId, ModuleId), Vec<Use>>;
 
 /// Every circle, in words.
 fn circles(sources: &Sources) -> Vec<String> {
     let mut uses_below: BTreeMap<ModuleId, Uses> = BTreeMap::new();
     for (user, module) in sources.modules() {
-        for found in paths_in(&module.items) {
-            let mut meanings = resolve(sources, user, &found.path);
+        for path in paths_in(&module.items) {
+            let mut meanings = resolve(sources, user, &path.names);
             let names_module = |found: &Found| matches!(found.meaning, Meaning::Module(_));
-            if found.is_import && meanings.len() > 1 && meanings.iter().any(names_module) {
+            if path.is_import && meanings.len() > 1 && meanings.iter().any(names_module) {
                 // a module and a function of one name: which of them is meant, the uses of the import say
                 continue;
             }
-            if !found.is_import && found.path.len() == 1 {
+            if !path.is_import && path.names.len() == 1 {
                 // a lone word that is no import means no module
                 meanings.retain(|found| !names_module(found));
             }
@@ -95,10 +95,10 @@ fn circles(sources: &Sources) -> Vec<String> {
             }
             for used in used {
                 let Some((parent, ours, theirs)) = beside(sources, user, used) else { continue };
-                uses_below.entry(parent).or_default().entry((ours, theirs)).or_insert_with(|| Use {
+                uses_below.entry(parent).or_default().entry((ours, theirs)).or_default().push(Use {
                     file: module.file.clone(),
-                    line: found.at.start().line,
-                    path: found.path.join("::"),
+                    line: path.at.start().line,
+                    path: path.names.join("::"),
                 });
             }
         }
@@ -169,7 +169,8 @@ fn in_words(sources: &Sources, parent: ModuleId, circle: &[ModuleId], uses: &Use
     let names: Vec<String> = circle.iter().map(|&id| name(id)).collect();
     let mut text = format!("a circle among {} in `{}`", names.join(", "), sources.path(parent));
     for (&user, &used) in circle.iter().zip(circle.iter().cycle().skip(1)) {
-        let place = &uses[&(user, used)];
+        let places = &uses[&(user, used)];
+        let place = &places[0];
         text.push_str(&format!(
             "\n    {} uses {}: {}:{}: {}",
             name(user),
@@ -178,13 +179,16 @@ fn in_words(sources: &Sources, parent: ModuleId, circle: &[ModuleId], uses: &Use
             place.line,
             place.path
         ));
+        if places.len() > 1 {
+            text.push_str(&format!(", and {} more", places.len() - 1));
+        }
     }
     text
 }
 
 /// A path as it is written.
 struct Path {
-    path: Vec<String>,
+    names: Vec<String>,
     at: Span,
     is_import: bool,
 }
@@ -205,14 +209,14 @@ impl<'ast> Visit<'ast> for Paths {
             return;
         }
         for Import { path, .. } in imports(&import.tree) {
-            self.0.push(Path { path, at: import.use_token.span, is_import: true });
+            self.0.push(Path { names: path, at: import.use_token.span, is_import: true });
         }
     }
 
     fn visit_path(&mut self, path: &'ast syn::Path) {
         if let (None, Some(first)) = (path.leading_colon, path.segments.first()) {
             let names = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
-            self.0.push(Path { path: names, at: first.ident.span(), is_import: false });
+            self.0.push(Path { names, at: first.ident.span(), is_import: false });
         }
         visit::visit_path(self, path);
     }
@@ -234,9 +238,9 @@ impl Paths {
         for token in tokens {
             match token {
                 TokenTree::Ident(name) => match &mut path {
-                    Some(path) if n_colons == 2 => path.path.push(name.to_string()),
+                    Some(path) if n_colons == 2 => path.names.push(name.to_string()),
                     _ => {
-                        let next = Path { path: vec![name.to_string()], at: name.span(), is_import: false };
+                        let next = Path { names: vec![name.to_string()], at: name.span(), is_import: false };
                         self.0.extend(path.replace(next));
                     }
                 },
@@ -298,8 +302,8 @@ mod tests {
         ]);
         assert_eq!(told.len(), 1, "{told:?}");
         assert!(told[0].starts_with("a circle among `a`, `b`, `c` in `crate`"), "{told:?}");
-        assert!(told[0].contains("a/inner.rs:2: crate::b::f"), "{told:?}");
-        assert!(told[0].contains("b.rs:1: super::c"), "{told:?}");
+        assert!(told[0].contains("a/inner.rs:2: crate::b::f\n"), "{told:?}");
+        assert!(told[0].contains("b.rs:1: super::c, and 1 more\n"), "{told:?}");
         assert!(told[0].contains("c.rs:4: super::a::inner::f"), "{told:?}");
     }
 

@@ -103,6 +103,11 @@ impl Sources {
         )
     }
 
+    /// Root of the library of this name.
+    pub fn library(&self, name: &str) -> Option<ModuleId> {
+        self.libraries.get(name).copied()
+    }
+
     /// Every module, in the order of reading: a parent before its children.
     pub fn modules(&self) -> impl Iterator<Item = (ModuleId, &Module)> {
         self.modules.iter().enumerate()

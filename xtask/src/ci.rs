@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use dynid_lower::Kir;
 
-use crate::{licences, shell, snapshots};
+use crate::{api, circles, licences, order, shell, snapshots, unused, workspace};
 
 /// Runs every check.
 #[derive(clap::Args)]
@@ -27,6 +27,10 @@ const WITHOUT_ALGEBRA: [&str; 4] = ["dynid", "dynid-generated", "dynid-lower", "
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut checks: Vec<(&str, Check)> = vec![
         ("formatting", formatting),
+        ("the order of crates", order::check),
+        ("no circle between folders", circles::check),
+        ("unused dependencies", unused::check),
+        ("the facade's public API", api::check),
         ("no computer algebra in what users build", without_algebra),
         ("equations belong to the models", equations_match_models),
         ("lints", lints),
@@ -119,10 +123,9 @@ fn documentation() -> anyhow::Result<()> {
 /// Symbolica is compiled only by those who change a device's structure.
 fn without_algebra() -> anyhow::Result<()> {
     for package in WITHOUT_ALGEBRA {
-        let arguments = ["tree", "--edges", "normal,build", "--prefix", "none", "--locked", "--package", package];
-        let tree = shell::stdout_of(&mut shell::cargo(&arguments))?;
-        if let Some(line) = tree.lines().find(|line| line.starts_with("symbolica")) {
-            bail!("{package} depends on {line}; only `dynid-derive` may");
+        let packages = workspace::built_from(package, "normal,build")?;
+        if let Some(name) = packages.iter().find(|name| name.starts_with("symbolica")) {
+            bail!("{package} depends on {name}; only `dynid-derive` may");
         }
     }
     Ok(())

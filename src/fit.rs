@@ -82,7 +82,7 @@ pub enum Begin {
     /// From the beginning; a checkpoint that is there is an error, for it may be worth something.
     New,
     /// From the beginning; a checkpoint that is there is lost.
-    Anew,
+    Overwrite,
     /// Where the checkpoint stopped, to the same bits as a fit that was never stopped.
     Resume,
 }
@@ -263,7 +263,7 @@ impl Kept<'_> {
         match begin {
             Begin::Resume => checkpoint::read(path, &self.identity),
             Begin::New if path.exists() => Err(CheckpointError::Left { path: path.clone() }),
-            Begin::New | Begin::Anew => Ok(State::default()),
+            Begin::New | Begin::Overwrite => Ok(State::default()),
         }
     }
 }

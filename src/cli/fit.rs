@@ -211,7 +211,7 @@ fn or_clip(error: anyhow::Error, path: Option<&Path>, outside: Outside) -> anyho
 fn settings(arguments: &Arguments) -> FitSettings {
     let begin = match (arguments.resume, arguments.force) {
         (true, _) => Begin::Resume,
-        (false, true) => Begin::Anew,
+        (false, true) => Begin::Overwrite,
         (false, false) => Begin::New,
     };
     FitSettings {

@@ -2,7 +2,8 @@
 //!
 //! A module and everything below it (`torque.rs` and the folder `torque/`) is one *subtree*, in whatever file a line of
 //! it is. Two subtrees are *beside* each other where one module declares both. Forbidden is, at every level of every
-//! crate, a circle among subtrees that are beside each other: `a` uses `b`, and `b`, perhaps by way of `c`, uses `a`.
+//! crate, a circle among subtrees that are beside each other and of which one has a folder: `a` uses `b`, and `b`, perhaps by
+//! way of `c`, uses `a`. Files of one folder may use each other.
 //!
 //! A module that declares others, and they, may use each other both ways: `torque.rs` uses its child `torque/states.rs`,
 //! and that child uses `super::Memory`. So is what a parent passes on between its children by functions of its own; a
@@ -39,7 +40,7 @@ pub fn check() -> anyhow::Result<()> {
             told.join("\n")
         );
     }
-    println!("{n_files} files, no circle between modules that stand side by side");
+    println!("{n_files} files, no circle between folders");
     Ok(())
 }
 
@@ -103,9 +104,10 @@ fn circles(sources: &Sources) -> Vec<String> {
             }
         }
     }
+    let folders = with_folder(sources);
     let mut told = Vec::new();
     for (parent, uses) in &uses_below {
-        for circle in circles_among(uses) {
+        for circle in circles_among(uses, &folders) {
             told.push(in_words(sources, *parent, &circle, uses));
         }
     }
@@ -127,13 +129,19 @@ fn beside(sources: &Sources, user: ModuleId, used: ModuleId) -> Option<(ModuleId
     Some((*ours.get(n_common.checked_sub(1)?)?, *ours.get(n_common)?, *theirs.get(n_common)?))
 }
 
-/// For each module that is on a circle, the shortest one, unless another that was told goes through it.
-fn circles_among(uses: &Uses) -> Vec<Vec<ModuleId>> {
+/// Modules with files below their own.
+fn with_folder(sources: &Sources) -> BTreeSet<ModuleId> {
+    let in_own_file = sources.modules().filter(|(_, module)| !module.is_inline);
+    in_own_file.flat_map(|(id, _)| sources.lineage(id).into_iter().filter(move |&above| above != id)).collect()
+}
+
+/// For each module with a folder that is on a circle, the shortest one, unless another that was told goes through it.
+fn circles_among(uses: &Uses, folders: &BTreeSet<ModuleId>) -> Vec<Vec<ModuleId>> {
     let mut told = BTreeSet::new();
     let mut circles = Vec::new();
     let users: BTreeSet<ModuleId> = uses.keys().map(|(user, _)| *user).collect();
     for start in users {
-        if told.contains(&start) {
+        if !folders.contains(&start) || told.contains(&start) {
             continue;
         }
         if let Some(circle) = shortest_circle(start, uses) {
@@ -311,7 +319,8 @@ mod tests {
     fn a_circle_by_a_re_export_of_the_parent_is_told() {
         let told = circles_in(&[
             ("lib.rs", "mod a; mod b; pub use b::B; use a::*;"),
-            ("a.rs", "use crate::B; pub struct A;"),
+            ("a.rs", "mod inner; use crate::B; pub struct A;"),
+            ("a/inner.rs", ""),
             ("b.rs", "use super::*; pub struct B(A);"),
         ]);
         assert_eq!(told.len(), 1, "{told:?}");
@@ -327,7 +336,8 @@ mod tests {
         assert_eq!(told, [""; 0]);
         let told = circles_in(&[
             ("lib.rs", "mod library; pub mod device; pub use library::device;"),
-            ("device.rs", "use crate::device; pub struct Device; fn f() { device() }"),
+            ("device.rs", "mod inner; use crate::device; pub struct Device; fn f() { device() }"),
+            ("device/inner.rs", ""),
             ("library.rs", "use crate::device::Device; pub fn device() -> Device { Device }"),
         ]);
         assert_eq!(told.len(), 1, "{told:?}");
@@ -338,10 +348,21 @@ mod tests {
         let told = circles_in(&[
             ("lib.rs", "mod a;"),
             ("a.rs", "mod left; mod right;"),
-            ("a/left.rs", "use super::right::R; pub enum L { One }"),
+            ("a/left.rs", "mod inner; use super::right::R; pub enum L { One }"),
+            ("a/left/inner.rs", ""),
             ("a/right.rs", "pub struct R; fn f() -> super::left::L { crate::a::left::L::One }"),
         ]);
         assert_eq!(told.len(), 1, "{told:?}");
         assert!(told[0].starts_with("a circle among `left`, `right` in `crate::a`"), "{told:?}");
+    }
+
+    #[test]
+    fn files_of_one_folder_may_use_each_other() {
+        let told = circles_in(&[
+            ("lib.rs", "mod a; mod b;"),
+            ("a.rs", "use crate::b::B; pub struct A;"),
+            ("b.rs", "use crate::a::A; pub struct B;"),
+        ]);
+        assert_eq!(told, [""; 0]);
     }
 }

@@ -67,7 +67,7 @@ pub struct FitResult {
     /// The pairs that move together most, strongest first; a position fit tells them.
     pub correlations: Vec<Correlation>,
     /// What came of each start, where there were several.
-    pub tried: Vec<Tried>,
+    pub tried: Vec<StartResult>,
     /// The start that was kept, from 0.
     pub best_start: usize,
     /// What each configuration of a method found.
@@ -176,7 +176,7 @@ pub struct Progress {
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct State {
     /// The starts that are done.
-    pub tried: Vec<Tried>,
+    pub tried: Vec<StartResult>,
     /// The best of them.
     pub best: Option<Best>,
     /// Where the start under way is.
@@ -185,7 +185,7 @@ pub struct State {
 
 /// A start that is done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Tried {
+pub struct StartResult {
     /// The cost that it reached; absent where it could not be simulated.
     pub cost: Option<f64>,
     /// How it ended, or why it could not begin.

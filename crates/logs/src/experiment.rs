@@ -19,6 +19,15 @@ use crate::{log, log::Log, log::LogError, log::LogFormat};
 use dynid_dynamics::simulate::Intersample;
 
 /// A list of runs of one device.
+///
+/// ```
+/// use dynid_logs::experiment::{Experiment, Role};
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../src/tour/experiment.toml");
+/// let experiment = Experiment::load(path)?;
+/// let held_out = experiment.runs.iter().filter(|run| run.role == Role::Validate);
+/// assert_eq!(held_out.map(|run| run.log.len()).sum::<usize>(), 801);
+/// # Ok::<(), dynid_logs::experiment::ExperimentError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Experiment {
     /// The file that it was read from.

@@ -270,7 +270,7 @@ impl BaseChange {
             if sum.abs() > 1e-12 * size { sum } else { 0.0 }
         });
         Self {
-            names: of_links.iter().map(|&index| base.reported_of_links(&base.combinations[index])).collect(),
+            names: of_links.iter().map(|&index| base.links_in_words(&base.combinations[index])).collect(),
             values: values.collect(),
             by_unknown,
         }

@@ -29,8 +29,8 @@ pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use overlay::{ShownErrors, panels, run_panels};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
 pub use sheet::{DataQuality, Sheet};
-pub use space::{SpaceReport, reported_carried};
-pub use wall::{WallReport, WallReportError, reported_damping};
+pub use space::{SpaceReport, carried_in_words};
+pub use wall::{WallReport, WallReportError, damping_in_words};
 
 pub(crate) use dynid_text::{escaped, number};
 

@@ -37,6 +37,15 @@ pub use read::device_of;
 use dynid_text::UnknownName;
 
 /// A device, the effects it is believed to have, and parameter values.
+///
+/// ```
+/// use dynid_user_model::Model;
+/// let mut model = Model::of_device(dynid_model::device("planar2r").expect("a shipped device"));
+/// model.set_value("link.2.m", 0.8)?;
+/// let again = Model::parse(&model.to_toml(), "planar.toml".as_ref()).expect("what it wrote itself");
+/// assert_eq!(again.parameter("link.2.m").map(|mass| mass.value), Some(0.8));
+/// # Ok::<(), dynid_text::UnknownName>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Model {
     /// The mechanism.

@@ -16,7 +16,9 @@ mod setting;
 pub use compare::{Case, compare};
 pub use contact::{Contact, Met, contact};
 pub use measure::Coupling;
-pub use setting::{Setting, StartError};
+pub use setting::Setting;
+
+pub use super::StartError;
 
 /// The setting that the program carries.
 pub const SETTING: &str = include_str!("shipped/space.toml");

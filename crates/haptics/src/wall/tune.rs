@@ -41,7 +41,7 @@ pub struct Goal {
 pub struct Tuned {
     /// It.
     pub wall: WallFile,
-    /// What it costs; see [`Told::cost`].
+    /// What it costs; see [`TuneProgress::cost`].
     pub cost: f64,
     /// What the start cost.
     pub cost_at_start: f64,
@@ -51,7 +51,7 @@ pub struct Tuned {
 
 /// How far a tuning is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Told {
+pub struct TuneProgress {
     /// Walls tried.
     pub evaluations: usize,
     /// The last one's cost: mean and half the largest logarithm of the chatter in mrad, plus prices.
@@ -208,7 +208,7 @@ pub fn tune(
     family: &Family,
     scale: f64,
     goal: &Goal,
-    reported: &(dyn Fn(Told) -> bool + Sync),
+    reported: &(dyn Fn(TuneProgress) -> bool + Sync),
 ) -> Result<Tuned, WallError> {
     // Hands and plants are drawn from streams of their own.
     let mut random = Random::new(!goal.seed);
@@ -245,7 +245,7 @@ pub fn tune(
     let stopped = std::sync::atomic::AtomicBool::new(false);
     let heard = |cost: f64| -> f64 {
         use std::sync::atomic::Ordering::Relaxed;
-        if reported(Told { evaluations: done.fetch_add(1, Relaxed) + 1, cost }) {
+        if reported(TuneProgress { evaluations: done.fetch_add(1, Relaxed) + 1, cost }) {
             stopped.store(true, Relaxed);
         }
         cost

@@ -12,8 +12,8 @@
 //! | [`report()`] | one page with all that is known |
 //!
 //! Each takes a [`Model`], an [`Experiment`] (logs and what was free in each) and one struct of settings, whose default is what
-//! `dynid` on the command line does. Each tells how far it is to a function of yours, which may stop it. A program in a control
-//! loop needs none of this: see the crate `dynid-control`.
+//! `dynid` on the command line does. Each reports its progress to a function of yours, which may stop it. A real-time control loop
+//! needs none of this: it links the crate `dynid-control`.
 //!
 //! ```
 //! use std::ops::ControlFlow;

@@ -32,7 +32,7 @@ pub use tune::{Family, Goal, TuneProgress, Tuned, tune};
 use dynid_files::DocumentError;
 use dynid_text::UnknownName;
 
-/// Walls that the program carries, by the names that `dynid wall` gives them.
+/// Walls that the program carries, by the names that `dynid wall` gives them; each file names the command that made it.
 pub const SHIPPED: [(&str, &str); 5] = [
     ("pd", include_str!("wall/shipped/pd.toml")),
     ("pd_tuned", include_str!("wall/shipped/pd_tuned.toml")),

@@ -41,7 +41,7 @@ pub struct Quadratic {
 pub trait Cost {
     /// Its value.
     fn value(&self, x: &[f64]) -> f64;
-    /// Its value and derivatives, the second ones along the lines of [`Region::moved`].
+    /// Its value and derivatives, the second ones along the lines of `Region::moved`.
     fn expand(&self, x: &[f64]) -> Quadratic;
 }
 
@@ -68,7 +68,7 @@ pub enum Entry {
     Known(f64),
 }
 
-/// A link's ten parameters, in the order of [`dynid_model::Link::SYMBOLS`].
+/// A link's ten parameters, in the order of `Link::SYMBOLS` of `dynid-model`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
     /// Each of the ten: an unknown or a number.

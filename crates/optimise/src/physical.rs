@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Matrix4};
 const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 /// Standard parameters `(m, m x, m y, m z, Jxx, Jxy, Jxz, Jyy, Jyz, Jzz)` of a body that has the given mass, centroid
-/// and inertia about the centroid (order of [`dynid_model::Link::SYMBOLS`]).
+/// and inertia about the centroid (order of `Link::SYMBOLS` of `dynid-model`).
 pub fn standard(inertial: &[f64; 10]) -> [f64; 10] {
     let [m, x, y, z, xx, xy, xz, yy, yz, zz] = *inertial;
     [

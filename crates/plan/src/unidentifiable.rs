@@ -1,4 +1,4 @@
-//! Flat directions: changes of parameters that leave every motion as it is.
+//! Unidentifiable directions: changes of parameters that leave every motion as it is.
 //!
 //! Along a motion, `drive - load - (D ddq + h) = 0` and the states of effects follow their rates. A change of parameters
 //! leaves the motion as it is if it changes neither, a state being free to change its own scale. The rows of these first

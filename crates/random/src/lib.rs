@@ -1,4 +1,4 @@
-//! Numbers that look random and are the same every time.
+//! Reproducible random numbers: [`Random`] draws the same sequence from the same seed on every platform.
 
 /// SplitMix64 (Steele, Lea & Flood 2014): the same seed gives the same sequence on every platform.
 #[derive(Debug, Clone)]

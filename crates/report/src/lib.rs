@@ -1,5 +1,13 @@
-//! A report is a list of sections on one page that opens with no network: no font, script, style or picture comes
-//! from anywhere but the page itself.
+//! Results for people: pages in HTML and pictures in SVG.
+//!
+//! [`page`] builds every page from [`Section`]s; a section is HTML below a heading. [`plot`] draws. A page opens with no network:
+//! no font, script, style or picture comes from anywhere but the page itself. [`plot::SCRIPT`] (zoom and pan) is on a page that
+//! has pictures which need it.
+//!
+//! [`Ranking`] reads the JSON of `dynid diagnose` and leaves out what it does not find there. [`WallReport`] and [`SpaceReport`]
+//! play walls under a setting's hands and make sections of the results; the first wall is what the others are compared with.
+//! Torque surfaces are evaluated at the peaks of the fuzzy sets and on both sides of the wall's surface, where the torque bends
+//! and jumps, and only for laws without memory.
 
 mod diagnosis;
 mod findings;

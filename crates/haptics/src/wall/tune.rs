@@ -3,6 +3,10 @@
 //! The covariance matrix adaptation evolution strategy (Hansen & Ostermeier 2001) varies a wall's numbers; what it makes
 //! small is the chatter over hands, approaches and plants that differ, with a price on walls that are softer than asked, that
 //! let the joint bounce out, or that give out energy.
+//!
+//! Hands and plants are drawn from streams of their own. Plants differ by [`Model::off_by_errors`], each parameter by itself,
+//! because a `[fit]` table holds no covariances; the controller keeps the gain of the model itself. Numbers are rounded
+//! only where that costs no more than the start.
 
 use rayon::prelude::*;
 use serde::Serialize;

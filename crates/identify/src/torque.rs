@@ -20,9 +20,10 @@ use dynid_dynamics::system::System;
 use dynid_logs::{experiment::Role, motion::Motion};
 use dynid_optimise::{
     barrier::{Body, Cost, Ending, Entry, Quadratic, Region, is_inside, minimise},
-    identifiability::{Compressed, NO_EFFECT, Standing, correlation_time, standing},
+    identifiability::{Compressed, NO_EFFECT, Standing, standing},
     physical,
 };
+use dynid_signal::statistics::{correlation_time, counted};
 use dynid_torque::{JointLinear, RigidColumns, linearise, rigid_columns};
 
 /// Standard deviation of the prior about the start, in natural sizes of each parameter: a numerical choice.
@@ -720,7 +721,11 @@ fn run_equations(
             residual_squared,
             torque_squared: rows.iter().map(|&sample| torque[sample].powi(2)).sum(),
             n_samples: rows.len(),
-            correlation_time: if with_errors { correlation_time(&linear.residual, used) } else { 1.0 },
+            correlation_time: if with_errors {
+                correlation_time(&counted(&linear.residual, used), rows.len())
+            } else {
+                1.0
+            },
         };
         (free[slot], data)
     };

@@ -8,7 +8,7 @@ use super::{
     evaluate::{At, Evaluator, noise_of},
 };
 use crate::FitStatus;
-use dynid_optimise::{sqp::Ended, sqp::Quadratic, sqp::Region};
+use dynid_optimise::{quadratic::Quadratic, region::Region, sqp::Ended};
 use dynid_signal::statistics::correlation_time;
 
 /// The result of a position fit.

@@ -33,8 +33,8 @@ use super::{
     weighed::Weighed,
 };
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
-use dynid_optimise::identifiability::correlation_time;
 use dynid_random::Random;
+use dynid_signal::statistics::correlation_time;
 use dynid_torque as torque;
 use dynid_user_model::Model;
 
@@ -90,7 +90,8 @@ const PIECES: f64 = 16.0;
 const TERMS: usize = 3;
 /// The squared torque error of the held-out runs must fall by this share.
 const WORTH: f64 = 0.3;
-/// Samples of the torque error, taken four a period of the highest frequency that is left, that share one independent error.
+/// Samples of the torque error, taken four a period of the highest frequency that is left, that share one independent error:
+/// the same for every choice of terms, as their scores are compared.
 const PER_INDEPENDENT: f64 = 4.0;
 /// Candidates that are kept for the choice, per step of a first pass.
 const KEPT: usize = 40;
@@ -589,7 +590,7 @@ impl<'a> Search<'a> {
             shares.push(share);
         }
         let deviation = (left.iter().map(|value| value * value).sum::<f64>() / (left.len() as f64).max(1.0)).sqrt();
-        Explained { shares, deviation, correlation: correlation_time(&left, &vec![true; left.len()]) }
+        Explained { shares, deviation, correlation: correlation_time(&left, left.len()) }
     }
 }
 

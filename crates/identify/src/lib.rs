@@ -29,7 +29,7 @@ pub use dynid_optimise::sqp::SearchControl;
 pub use error::FitError;
 pub use nearness::{LONGEST_STEP, stays_near, strays};
 
-use dynid_model::expression::Comparison;
+use dynid_model::{Link, expression::Comparison};
 
 use serde::{Deserialize, Serialize};
 
@@ -86,4 +86,10 @@ impl FitStatus {
             Self::NumericalError => "numerical error",
         }
     }
+}
+
+/// `link.<n>.<symbol>` as number and place of the symbol.
+fn link_parameter(name: &str) -> Option<(usize, usize)> {
+    let (number, symbol) = name.strip_prefix("link.")?.split_once('.')?;
+    Some((number.parse().ok()?, Link::SYMBOLS.iter().position(|known| *known == symbol)?))
 }

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::Device;
+use dynid_model::{Device, nearest};
 use sha2::{Digest, Sha256};
 use toml::{
     Spanned,
@@ -693,35 +693,9 @@ fn index(value: &Spanned<DeValue<'_>>) -> Option<usize> {
     }
 }
 
+/// `did you mean ..? `, or nothing where no name is near.
 fn did_you_mean<S: AsRef<str>>(name: &str, known: &[S]) -> String {
     nearest(name, known.iter().map(AsRef::as_ref)).map_or(String::new(), |near| format!("did you mean `{near}`? "))
-}
-
-/// The name among `known` that takes the fewest edits to reach from `name`, if it is near enough to be meant.
-pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let limit = name.chars().count().max(3) / 2;
-    known
-        .into_iter()
-        .map(|other| (edits(name, other), other))
-        .filter(|(distance, _)| *distance <= limit)
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, other)| other)
-}
-
-/// Levenshtein distance: insertions, deletions and replacements from one text to the other.
-fn edits(from: &str, to: &str) -> usize {
-    let to: Vec<char> = to.chars().collect();
-    let mut row: Vec<usize> = (0..=to.len()).collect();
-    for (length, from_character) in from.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = length + 1;
-        for (place, to_character) in to.iter().enumerate() {
-            let replaced = diagonal + usize::from(from_character != *to_character);
-            diagonal = row[place + 1];
-            row[place + 1] = replaced.min(diagonal + 1).min(row[place] + 1);
-        }
-    }
-    row[to.len()]
 }
 
 #[cfg(test)]

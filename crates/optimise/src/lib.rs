@@ -8,8 +8,11 @@
 //! - [`matrix`]: how a matrix is written to a file.
 
 pub mod barrier;
+pub mod body;
 pub mod cma_es;
 pub mod identifiability;
 pub mod matrix;
 pub mod physical;
+pub mod quadratic;
+pub mod region;
 pub mod sqp;

@@ -15,4 +15,4 @@ mod whiteness;
 pub use filter::{Lowpass, decimate, first_derivative, second_derivative};
 pub use resample::{Gap, Grid, held, median_step, straight};
 pub use spectrum::{PowerSpectrum, motion_bandwidth, power_spectrum};
-pub use whiteness::{WHITENESS_BOUND, autocorrelation, is_white, whiteness};
+pub use whiteness::{WHITENESS_BOUND, is_white, whiteness};

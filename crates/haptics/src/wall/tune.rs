@@ -1,7 +1,7 @@
 //! A better wall, found by trying it under many hands (thesis section 6.2.2).
 //!
-//! The covariance matrix adaptation evolution strategy (Hansen & Ostermeier 2001) varies a wall's numbers; what it makes
-//! small is the chatter over hands, approaches and plants that differ, with a price on walls that are softer than asked, that
+//! The covariance matrix adaptation evolution strategy ([`dynid_optimise::cma_es`], with the full matrix, for a wall's few
+//! numbers are tied to each other) varies a wall's numbers; what it makes small is the chatter over hands, approaches and plants that differ, with a price on walls that are softer than asked, that
 //! let the joint bounce out, or that give out energy.
 //!
 //! Hands and plants are drawn from streams of their own. Plants differ by [`Model::off_by_errors`], each parameter by itself,
@@ -16,6 +16,7 @@ use super::{
     contact::{Plant, played},
 };
 use dynid_control::{Law, LinearLaw, Partition, RuleTable, VirtualTool, Wall};
+use dynid_optimise::cma_es;
 use dynid_random::Random;
 use dynid_user_model::Model;
 
@@ -253,22 +254,23 @@ pub fn tune(
     let start = vec![0.0; family.n_numbers()];
     // What is wrong with more than a wall is so with the first one.
     let at_start = heard(cost(&start)?);
-    let objective = |x: &cmaes::DVector<f64>| -> f64 {
+    let objective = |x: &[f64]| -> f64 {
         if stopped.load(std::sync::atomic::Ordering::Relaxed) {
             return f64::MAX;
         }
-        heard(cost(x.as_slice()).unwrap_or(f64::MAX))
+        heard(cost(x).unwrap_or(f64::MAX))
     };
-    let build = cmaes::CMAESOptions::new(start.clone(), 0.5)
-        .seed(goal.seed)
-        .max_function_evals(goal.evaluations.saturating_sub(1).max(1))
-        .tol_fun(1e-4)
-        .tol_x(1e-3)
-        .build(objective);
-    let best = build.ok().and_then(|mut search| search.run().overall_best).filter(|best| best.value < at_start);
+    let options = cma_es::Options {
+        covariance: cma_es::Covariance::Full,
+        spread: 0.5,
+        evaluations: goal.evaluations.saturating_sub(1),
+        seed: goal.seed,
+        tolerance: Some(cma_es::Tolerance { cost: 1e-4, step: 1e-3 }),
+    };
+    let (best, least) = cma_es::minimise(&objective, (start.clone(), at_start), &options);
     let evaluations = done.load(std::sync::atomic::Ordering::Relaxed);
     let found =
-        best.map(|best| rounded(family.law(&best.point.iter().map(|x| x.clamp(-FAR, FAR)).collect::<Vec<f64>>())));
+        (least < at_start).then(|| rounded(family.law(&best.iter().map(|x| x.clamp(-FAR, FAR)).collect::<Vec<f64>>())));
     // Rounding may cost more than little was gained.
     let (mut law, mut cost) = (family.law(&start), at_start);
     for rounded in found.into_iter().chain([rounded(law.clone())]) {

@@ -101,7 +101,7 @@ fn the_noise_of_accelerations_gives_nothing() {
 fn an_offset_is_reported_with_its_size() {
     let found = first(&trace(|_, _, _| 0.02, 0.005));
     assert_eq!(found.kind, FindingKind::Offset);
-    assert!(found.what.contains("0.0199") && (found.share - 16.0 / 17.0).abs() < 0.01, "{found:?}");
+    assert!(found.what.contains("0.0200") && (found.share - 16.0 / 17.0).abs() < 0.01, "{found:?}");
 }
 
 #[test]

@@ -1,16 +1,20 @@
 //! The errors of all parts, joined: every one says what was expected, what was found and what to do.
 
 use dynid_diagnose::DiagnoseError;
-use dynid_dynamics::{kinematics::KinematicsError, system::SystemError};
+use std::path::PathBuf;
+
+use dynid_dynamics::{kinematics::KinematicsError, simulate::SimulationError, system::SystemError};
 use dynid_files::{DocumentError, FileError};
 use dynid_identify::{FitError, checkpoint::CheckpointError};
 use dynid_judge::CompareError;
 use dynid_logs::{experiment::ExperimentError, motion::MotionError};
 use dynid_model::ModelError;
 use dynid_plan::PlanError;
-use dynid_text::UnknownName;
+use dynid_text::{UnknownName, number};
 use dynid_torque::TermsError;
 use dynid_user_model::EffectError;
+
+use crate::FitSettingsError;
 
 /// What a user can cause.
 #[derive(Debug, thiserror::Error)]
@@ -61,6 +65,58 @@ pub enum Error {
     /// A diagnosis that cannot be made, or was stopped.
     #[error(transparent)]
     Diagnose(#[from] DiagnoseError),
+    /// Settings of a fit that do not go together.
+    #[error(transparent)]
+    FitSettings(#[from] FitSettingsError),
+    /// A run that a model cannot be simulated along.
+    #[error("{run}: {error}")]
+    Simulation {
+        /// The run.
+        run: String,
+        /// Why.
+        error: SimulationError,
+    },
+    /// A model and an experiment of different devices.
+    #[error(
+        "the model is of device `{model}`, the experiment {} of `{device}`; use files of one device",
+        experiment.display()
+    )]
+    OtherDevice {
+        /// The model's device.
+        model: String,
+        /// The experiment's file.
+        experiment: PathBuf,
+        /// The experiment's device.
+        device: String,
+    },
+    /// A symbol that an effect does not have.
+    #[error("{effect} has no `{symbol}`; it has {known}")]
+    NoSuchSymbol {
+        /// The effect at its place.
+        effect: String,
+        /// The symbol.
+        symbol: String,
+        /// Those that it has.
+        known: String,
+    },
+    /// A value outside its bounds.
+    #[error("{name} = {} lies outside its bounds {} and {}", number(*value), number(*lower), number(*upper))]
+    OutsideBounds {
+        /// The parameter.
+        name: String,
+        /// The value.
+        value: f64,
+        /// Its least.
+        lower: f64,
+        /// Its largest.
+        upper: f64,
+    },
+    /// A report about no model.
+    #[error("a report is about a model; give at least one")]
+    NoModel,
+    /// Stopped by whoever listened to the progress.
+    #[error("stopped on request")]
+    Stopped,
 }
 
 impl Error {

@@ -1,7 +1,71 @@
-//! Robots' models from symbols to identified parameters: simulation, identification, diagnosis of missing physical
-//! effects, and control with the models found. ARCHITECTURE.md has the map.
+//! Identify the dynamics of a robot from logged torques and positions, see where the model fails, learn which physical
+//! effect it lacks, add it, and watch the error fall.
+//!
+//! | call | what it does |
+//! | --- | --- |
+//! | [`fit()`] | a model's parameters from logs |
+//! | [`compare()`] | how far a model is from its logs, and where |
+//! | [`diagnose()`] | which physical effect is missing, at which joint, and what else it could be |
+//! | [`add()`] | the model with one effect more, where it does nothing yet |
+//! | [`ladder()`] | the models of a lineage on the same runs |
+//! | [`simulate()`] | the positions that a model shows under the logged torques |
+//! | [`report()`] | one page with all that is known |
+//!
+//! Each takes a [`Model`], an [`Experiment`] (logs and what was free in each) and one struct of settings, whose default is what
+//! `dynid` on the command line does. Each reports its progress to a function of yours, which may stop it. A real-time control loop
+//! needs none of this: it links the crate `dynid-control`.
+//!
+//! ```
+//! use std::ops::ControlFlow;
+//! # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/tour");
+//! let experiment = dynid::Experiment::load(format!("{folder}/experiment.toml"))?;
+//! let model = dynid::Model::of_device(experiment.device);
+//! let compared = dynid::compare(&model, &experiment, &Default::default(), &|_| ControlFlow::Continue(()))?;
+//! println!("RMS error of the held-out runs: {:?} rad", compared.errors.rmse_validate);
+//! # Ok::<(), dynid::Error>(())
+//! ```
 
+#![deny(missing_docs)]
+
+mod add;
+mod compare;
+mod diagnose;
 mod error;
+mod fit;
+mod ladder;
+mod progress;
+mod report;
+mod simulate;
 pub mod tour;
 
+pub use add::{Addition, add};
+pub use compare::{CompareSettings, Compared, compare};
+pub use diagnose::{DiagnoseProgress, DiagnoseSettings, diagnose};
 pub use error::Error;
+pub use fit::{Begin, Checkpoint, FitProgress, FitSettings, FitSettingsError, fit};
+pub use ladder::{LadderSettings, ladder};
+pub use progress::Done;
+pub use report::{Report, ReportSettings, report};
+pub use simulate::{SimulateSettings, Simulated, simulate};
+
+pub use dynid_diagnose::{Candidate, Diagnosis, Ranked, Verdict};
+pub use dynid_identify::FitStatus;
+pub use dynid_identify::identify::{ErrorKind, FitResult, FittedParameter};
+pub use dynid_identify::sequence::Weighting;
+pub use dynid_judge::compare::{Comparison, Finding};
+pub use dynid_judge::ladder::{Ladder, Rung};
+pub use dynid_logs::experiment::{Experiment, Role, Run};
+pub use dynid_model::{Device, device, devices};
+pub use dynid_user_model::{Added, Model};
+
+/// That a model and an experiment are of one device.
+fn check_device(model: &Model, experiment: &Experiment) -> Result<(), Error> {
+    if model.device.id == experiment.device.id {
+        return Ok(());
+    }
+    Err(Error::OtherDevice {
+        model: model.device.id.clone(),
+        experiment: experiment.path.clone(),
+        device: experiment.device.id.clone(),
+    })
+}

@@ -9,7 +9,7 @@ use dynid_identify::SearchControl;
 use dynid_identify::position::Options;
 use dynid_identify::starts::Starts;
 use dynid_identify::{checkpoint, checkpoint::Identity};
-use dynid_identify::{identify::ErrorKind, identify::FitSettings, identify::State, identify::identify_as};
+use dynid_identify::{identify::ErrorKind, identify::FitTask, identify::State, identify::identify_as};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 use wrist::folder;
@@ -18,13 +18,13 @@ fn experiment(folder: &Path) -> Experiment {
     Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap()
 }
 
-fn position() -> FitSettings {
-    FitSettings::plain(ErrorKind::Position, Options { substeps: 20, ..Options::default() })
+fn position() -> FitTask {
+    FitTask::plain(ErrorKind::Position, Options { substeps: 20, ..Options::default() })
 }
 
 /// Fits, stops after so many iterations, writes and reads the checkpoint, goes on, and so on to the end. Returns the
 /// model's file, how often it was stopped, and how many iterations the last stretch had.
-fn fitted(folder: &Path, how: &FitSettings, every: usize) -> (String, usize, usize) {
+fn fitted(folder: &Path, how: &FitTask, every: usize) -> (String, usize, usize) {
     let experiment = experiment(folder);
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     let model = Model::load(&folder.join("believed.toml")).unwrap();
@@ -64,7 +64,7 @@ fn however_often_it_is_stopped_the_model_is_the_same() {
 #[test]
 fn so_it_is_along_a_method_and_from_several_starts() {
     let folder = folder();
-    let how = FitSettings {
+    let how = FitTask {
         method: Some("isolated".to_owned()),
         starts: Starts { count: 2, seed: 1, ..Starts::default() },
         ..position()
@@ -90,7 +90,7 @@ fn a_checkpoint_of_another_fit_is_refused() {
 
     checkpoint::write(&path, &identity, &State::default()).unwrap();
     assert!(checkpoint::read(&path, &identity).is_ok());
-    let finer = FitSettings { options: Options { substeps: 30, ..how.options }, ..how.clone() };
+    let finer = FitTask { options: Options { substeps: 30, ..how.options }, ..how.clone() };
     let other = message(&Identity::new(&model, &experiment, &runs, &finer));
     assert!(other.contains("belongs to another fit: the request was") && other.contains("--substeps 30 "), "{other}");
     let other = message(&Identity::new(&model, &experiment, &runs[..2], &how));

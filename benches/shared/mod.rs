@@ -4,6 +4,7 @@
 use anyhow::{Context, Result};
 use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample, system::System};
 use dynid_identify::{position::FitRun, position::PositionProblem};
+use dynid_random::Random;
 use dynid_user_model::Model;
 
 /// Where the simulation of all joints starts [rad].
@@ -47,19 +48,6 @@ const OFF: [f64; 2] = [0.05, 0.12];
 /// Standard deviation of the log's noise [rad].
 pub const NOISE: f64 = 2e-4;
 
-/// White noise of a fixed seed: sums of twelve uniform numbers.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut uniform = || {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    }
-}
-
 /// A log that `model` explains, with the model's own system.
 fn log(model: &Model) -> Result<FitRun> {
     let system = model.system(&[JOINT], |_| 0.0)?;
@@ -70,8 +58,8 @@ fn log(model: &Model) -> Result<FitRun> {
     }
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate::simulate(&system, &input, &[-0.28], &simulate::Options::default())?;
-    let mut noise = Noise(11);
-    let position = motion.q.iter().map(|q| q + NOISE * noise.next()).collect();
+    let mut noise = Random::new(11);
+    let position = motion.q.iter().map(|q| q + NOISE * noise.normal()).collect();
     Ok(FitRun {
         name: "chirp".to_owned(),
         system,

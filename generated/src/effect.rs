@@ -1,4 +1,4 @@
-//! The table entry of one effect.
+//! [`EffectKernel`]: the table entry of one effect, and [`Signal`]: what its formulas may read.
 
 use crate::Lanes;
 

@@ -1,4 +1,4 @@
-//! The table entry of a device's end point.
+//! [`EndPoint`]: the table entry of a device's end point (its kinematics).
 
 use crate::Operations;
 

@@ -1,4 +1,4 @@
-//! The table entry of one configuration.
+//! [`Kernel`]: the table entry of one configuration, a struct of function pointers.
 
 use crate::Lanes;
 
@@ -21,7 +21,8 @@ pub struct Kernel {
     pub parameters: &'static [&'static str],
     /// Names of what `prepare` makes, in order.
     pub prepared: &'static [&'static str],
-    /// The first so many of `prepared` are lumps of inertial parameters; tau is linear in them.
+    /// The first so many of `prepared` are lumps of inertial parameters; tau is linear in them. Lumps that only D or h reads
+    /// come after them, then what no link parameter enters.
     pub n_lumps: usize,
     /// What each function costs.
     pub operations: &'static [Operations],

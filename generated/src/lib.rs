@@ -1,10 +1,33 @@
-//! The kernels: straight-line functions of every configuration of every device, and of every effect.
+//! Kernels of the equations of motion: straight-line functions for every configuration of every device, and for every effect.
+//!
+//! | what | found by |
+//! | --- | --- |
+//! | [`Kernel`]: D, C, phi, inverse and forward dynamics, regressor, gradient of one configuration | [`kernel()`], [`kernels`] |
+//! | [`EffectKernel`]: one effect and its Jacobian | [`effect()`], [`effects`] |
+//! | [`EndPoint`]: pose and Jacobian of a device's end point | [`end_point()`] |
+//! | [`Structure`]: which parameters appear in which entry of the equations | [`structure()`] |
 //!
 //! `build.rs` lowers the checked-in equations (`<device>/c<NN>.kir`) and the effects (`model/effects/*.toml`) to
 //! Rust. This crate needs no operating system, allocates nothing and has no panic path in a release build: a slice
 //! of a wrong length makes a kernel return without writing.
 //!
 //! Matrices are row-major; vectors are in the order of [`Kernel::free`]; units are SI and radians.
+//!
+//! # Scalars
+//!
+//! The functions behind the tables are generic over [`Scalar`], e.g. `dynid_generated::freedom6s::c07::inertia::<S>` and
+//! `dynid_generated::effect_library::lugre::eval::<S>`. The tables hold the instances for `f64`, and those for [`Lanes`] (two
+//! numbers in one vector register, each with the bits that it would have alone) that a simulation or a fit calls. [`Dual`] is
+//! instantiated where it is used: `prepare_gradient` is `prepare` over `Dual`.
+//!
+//! Sines, cosines and exponentials are this crate's own (below 1 unit in the last place, two at once, without branches), other
+//! functions are those of the crate `libm`: the same bits on every platform, with or without `std`.
+//!
+//! # Stale equations
+//!
+//! `build.rs` takes a `.kir` file whose header holds the device's `structure_digest` (`dynid-model`). For a device without
+//! current ones it takes those that an earlier build derived into `OUT_DIR/derived`, or runs `dynid-derive` in a cargo of its
+//! own, with the target folder `<target>/derive`, behind the lock `<target>/derive.lock`.
 #![no_std]
 
 mod dual;

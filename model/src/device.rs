@@ -5,6 +5,12 @@ use sha2::{Digest, Sha256};
 use crate::{Expression, Parameter};
 
 /// A mechanism as its file describes it, checked.
+///
+/// ```
+/// let arm = dynid_model::device("planar2r").expect("a shipped device");
+/// assert_eq!(arm.joints.len(), 2);
+/// assert_eq!(arm.configuration_of(&[0, 1]).map(|number| arm.configurations[number - 1].free.clone()), Some(vec![0, 1]));
+/// ```
 #[derive(Debug, Clone)]
 pub struct Device {
     /// The file's stem, e.g. `freedom6s`.

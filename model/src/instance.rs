@@ -1,4 +1,4 @@
-//! `[[effect]]` tables: an effect put at its place, in device files and in users' models alike.
+//! `[[effect]]` tables: an effect at its place, in device files and in users' models alike.
 
 use crate::{
     device::DefaultEffect,

@@ -1,8 +1,31 @@
-//! Robots and physical effects as data: typed, validated, with errors that point at the line.
+//! Robots and physical effects as data: TOML files read into checked types, with errors that point at the line.
 //!
-//! A *device* (`devices/*.toml`) is a mechanism: joints, Denavit-Hartenberg frames, links, locking
-//! configurations. An *effect* (`effects/*.toml`) is one physical effect: a formula with parameters that vanishes
-//! at its null value. An *input* (`inputs/*.toml`) is what a published experiment played on a device. This crate reads and checks both; it computes nothing.
+//! A *device* (`devices/*.toml`, [`Device`]) is a mechanism: joints, Denavit-Hartenberg frames, links, configurations of locked and
+//! free joints. An *effect* (`effects/*.toml`, [`Effect`]) is one physical effect: a formula with parameters that vanishes at its
+//! null value. An *input* (`inputs/*.toml`, [`NamedInput`]) is what a published experiment played on a device. All three are
+//! embedded at build time ([`devices`], [`effects`], [`inputs`]); their formats are described in `devices/README.md` and
+//! `effects/README.md`. This crate reads and checks; it simulates nothing.
+//!
+//! Reading: [`document`] gives typed access to any TOML text with places, [`Source::error`] makes an error that points at one,
+//! [`did_you_mean`] names the nearest known name, [`instance::read_instance`] reads an `[[effect]]` table of a device or of a
+//! user's model.
+//!
+//! # Names of parameters
+//!
+//! | name | what |
+//! | --- | --- |
+//! | `link.<n>.<m, x, y, z, Ixx, Ixy, Ixz, Iyy, Iyz, Izz>` | inertial parameter of link n, from 1 |
+//! | `length.<symbol>` | length of the frames table |
+//! | `base.<gx, gy, gz>` | gravity in base axes; only components that are not zero |
+//! | `joint.<i>.<effect>.<symbol>` | parameter of an effect at joint i, from 0 |
+//! | `joint.<i>.<effect>.<from>.<symbol>` | parameter of an effect of an ordered pair of joints |
+//! | `device.<effect>.<symbol>` | parameter of an effect of the whole device |
+//!
+//! # What the equations depend on
+//!
+//! [`Device::structure_digest`] covers the structure, not the values: a changed value never needs new equations. A frame's
+//! `theta` and `alpha` are affine in revolute joint variables with integer factors and hold no lengths; in `d` and `a` prismatic
+//! variables stand affinely with constant factors. The reader rejects anything else.
 
 pub mod device;
 pub mod device_reader;

@@ -3,11 +3,11 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use anyhow::{anyhow, bail};
+use anyhow::anyhow;
+use dynid::{Addition, Model};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_model::Parameter;
 use dynid_text::number;
-use dynid_user_model::{Added, Model};
 use serde_json::json;
 
 use super::{Answer, Outcome};
@@ -56,26 +56,27 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Some(joints) => joints.iter().copied().map(Some).collect(),
         None => vec![None],
     };
+    let values = values(&arguments.set)?;
     let mut text = String::new();
     let mut reported = Vec::new();
     for joint in joints {
-        let added = model.add_effect_at_null(&arguments.effect, joint, arguments.from)?;
-        for setting in &arguments.set {
-            set(&mut model, &added, setting)?;
-        }
+        let addition =
+            Addition { effect: arguments.effect.clone(), joint, from: arguments.from, values: values.clone() };
+        let (better, added) = dynid::add(&model, &addition)?;
+        model = better;
         let _ = writeln!(text, "added: {}", added.label);
         for replaced in &added.replaced {
             let _ = writeln!(text, "  in place of {replaced}, whose values it keeps where they share them");
         }
-        let mut values = Vec::new();
+        let mut parameters = Vec::new();
         for name in &added.parameters {
             let Parameter { value, lower, upper, fixed } = model.require(name)?;
             let unit = model.unit(name).unwrap_or_default();
             let range = if fixed { "fixed".to_owned() } else { format!("from {} to {}", number(lower), number(upper)) };
             let _ = writeln!(text, "  {name} = {} {unit} ({range})", number(value));
-            values.push(json!({ "name": name, "value": value, "unit": unit, "fixed": fixed }));
+            parameters.push(json!({ "name": name, "value": value, "unit": unit, "fixed": fixed }));
         }
-        reported.push(json!({ "added": added.label, "replaced": added.replaced, "parameters": values }));
+        reported.push(json!({ "added": added.label, "replaced": added.replaced, "parameters": parameters }));
     }
     write_new(&arguments.out, &model.to_toml(), overwrite)?;
     let _ = writeln!(text, "written: {}; `dynid fit` finds its values", arguments.out.display());
@@ -83,25 +84,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
-/// Takes `SYMBOL=VALUE` over.
-fn set(model: &mut Model, added: &Added, setting: &str) -> anyhow::Result<()> {
-    let (symbol, value) = setting
-        .split_once('=')
-        .ok_or_else(|| anyhow!("--set {setting}: give a symbol and its value, e.g. --set Fc=0.02"))?;
-    let symbols: Vec<&str> = added.parameters.iter().filter_map(|name| name.rsplit('.').next()).collect();
-    let Some(name) = added.parameters.iter().find(|name| name.rsplit('.').next() == Some(symbol.trim())) else {
-        bail!("--set {setting}: {} has no `{}`; it has {}", added.label, symbol.trim(), symbols.join(", "));
+/// Symbols and values of `SYMBOL=VALUE`.
+fn values(settings: &[String]) -> anyhow::Result<Vec<(String, f64)>> {
+    let value = |setting: &String| {
+        let (symbol, value) = setting
+            .split_once('=')
+            .ok_or_else(|| anyhow!("--set {setting}: give a symbol and its value, e.g. --set Fc=0.02"))?;
+        let value = value.trim();
+        let number = value.parse().ok().filter(|value: &f64| value.is_finite());
+        let number = number.ok_or_else(|| anyhow!("--set {setting}: `{value}` is not a number"))?;
+        Ok((symbol.trim().to_owned(), number))
     };
-    let value: f64 = value
-        .trim()
-        .parse()
-        .ok()
-        .filter(|value: &f64| value.is_finite())
-        .ok_or_else(|| anyhow!("--set {setting}: `{}` is not a number", value.trim()))?;
-    let Parameter { lower, upper, .. } = model.require(name)?;
-    if !(lower..=upper).contains(&value) {
-        bail!("--set {setting}: {name} lies between {} and {}", number(lower), number(upper));
-    }
-    model.set_value(name, value)?;
-    Ok(())
+    settings.iter().map(value).collect()
 }

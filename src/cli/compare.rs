@@ -5,21 +5,16 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use clap::ValueEnum;
+use dynid::{CompareSettings, Compared, Comparison, Experiment, Finding, Model, Run};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_judge::{
-    compare::Comparison, compare::Finding, compare::JointComparison, compare::RunComparison, compare::compare,
-    compare::locate::locate,
-};
-use dynid_logs::{experiment::Experiment, experiment::Run};
-use dynid_model::{Device, JointKind};
+use dynid_judge::compare::JointComparison;
 use dynid_report::{self as report, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict};
-use dynid_report::{plot, plot::Panel};
+use dynid_report::{ShownErrors, panels, plot, run_panels};
 use dynid_sentences as sentences;
 use dynid_text::number;
-use dynid_user_model::Model;
 
 use super::table::{Align, Table};
-use super::{Answer, Outcome, inputs};
+use super::{Answer, Outcome, inputs, progress};
 
 /// Say how far a model is from the logs, per run and joint, and draw it.
 #[derive(clap::Args)]
@@ -67,6 +62,16 @@ pub enum Shown {
     Both,
 }
 
+impl From<Shown> for ShownErrors {
+    fn from(shown: Shown) -> Self {
+        match shown {
+            Shown::Torque => Self::Torque,
+            Shown::Position => Self::Position,
+            Shown::Both => Self::Both,
+        }
+    }
+}
+
 /// Compares, draws.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let overwrite = Overwrite::if_forced(arguments.force);
@@ -78,15 +83,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
-    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
-    let comparison = compare(&model, &runs)?;
-    let found = locate(&model, &runs, &comparison);
+    let runs: Vec<&Run> = experiment.runs_with_free(arguments.free.as_deref())?;
+    let settings = CompareSettings { free: arguments.free.clone() };
+    let Compared { errors: comparison, findings: found } = progress::counted("runs compared", &|| false, |reported| {
+        dynid::compare(&model, &experiment, &settings, reported)
+    })?;
     let mut text = table(&comparison, arguments.error);
     text.push_str(&summary(&comparison));
     text.push_str(&meanings(&comparison));
     text.push_str(&located(&found));
     if let Some(picture) = &arguments.picture {
-        let panels = panels(model.device, &runs, &comparison, arguments.error);
+        let panels = panels(model.device, &runs, &comparison, arguments.error.into());
         write_new(picture, &plot::standalone(&panels), overwrite)?;
         let _ = writeln!(text, "drawn: {}", picture.display());
     }
@@ -241,7 +248,7 @@ fn page(
         .zip(&comparison.runs)
         .map(|(run, compared)| Figures {
             title: format!("{}, to {}", compared.file, compared.role),
-            panels: run_panels(model.device, run, compared, arguments.error),
+            panels: run_panels(model.device, run, compared, arguments.error.into()),
             note: "Above: measured and model. Below: what is left; the band is twice the log's noise.".to_owned(),
         })
         .collect();
@@ -291,59 +298,4 @@ fn summarised(comparison: &Comparison) -> Vec<String> {
         sentences.push(format!("{notes} of {} runs have notes below the table.", comparison.runs.len()));
     }
     sentences
-}
-
-/// Pictures of a run: position and torque of each joint.
-pub fn run_panels(device: &Device, run: &Run, compared: &RunComparison, shown: Shown) -> Vec<Panel> {
-    let mut panels = Vec::new();
-    for (slot, joint) in compared.joints.iter().enumerate() {
-        let kind = device.joints[joint.joint].kind;
-        if shown != Shown::Torque {
-            panels.extend(position_panel(run, compared, slot, joint, kind));
-        }
-        if shown != Shown::Position {
-            panels.extend(torque_panel(compared, slot, &device.joints[joint.joint].command_unit));
-        }
-    }
-    panels
-}
-
-fn panels(device: &Device, runs: &[&Run], comparison: &Comparison, shown: Shown) -> Vec<Panel> {
-    runs.iter().zip(&comparison.runs).flat_map(|(run, compared)| run_panels(device, run, compared, shown)).collect()
-}
-
-fn position_panel(
-    run: &Run,
-    compared: &RunComparison,
-    slot: usize,
-    joint: &JointComparison,
-    kind: JointKind,
-) -> Option<Panel> {
-    Some(Panel {
-        title: format!("{}, joint {}, {}", compared.file, joint.joint, compared.role),
-        quantity: "position".to_owned(),
-        unit: if kind == JointKind::Prismatic { "m" } else { "rad" }.to_owned(),
-        time: run.log.t.clone(),
-        measured: run.log.q[joint.joint].clone(),
-        predicted: compared.simulated.as_ref()?.get(slot)?.clone(),
-        noise_floor: Some(joint.noise_floor),
-    })
-}
-
-fn torque_panel(compared: &RunComparison, slot: usize, unit: &str) -> Option<Panel> {
-    let error = compared.torque.get(slot)?;
-    // samples that do not count leave gaps
-    let counted = |values: &[f64]| -> Vec<f64> {
-        values.iter().zip(&error.used).map(|(&value, &used)| if used { value } else { f64::NAN }).collect()
-    };
-    let predicted: Vec<f64> = error.torque.iter().zip(&error.residual).map(|(tau, left)| tau - left).collect();
-    Some(Panel {
-        title: format!("{}, joint {}, {}", compared.file, error.joint, compared.role),
-        quantity: "torque".to_owned(),
-        unit: unit.to_owned(),
-        time: error.time.clone(),
-        measured: counted(&error.torque),
-        predicted: counted(&predicted),
-        noise_floor: None,
-    })
 }

@@ -3,20 +3,15 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::bail;
-use dynid_diagnose::{
-    self as diagnose, Diagnosis, Discovered, Event, Finished, Options, Ranked, Rejected, Speaks, Verdict,
-};
+use dynid::{DiagnoseSettings, Diagnosis, ErrorKind, Experiment, Model, Ranked, Run, Verdict};
+use dynid_diagnose::{Discovered, Event, Finished, Options, Rejected, Speaks};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_identify::identify::ErrorKind;
-use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::sha256_hex;
 use dynid_sentences::diagnosis as sentences;
 use dynid_text::number;
-use dynid_user_model::Model;
-use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -24,7 +19,7 @@ use super::fit::Kind;
 use super::inputs;
 use super::interrupt::Interrupt;
 use super::table::{Align, Table};
-use super::{Answer, Outcome};
+use super::{Answer, Outcome, progress};
 
 /// Say which physical effect a model lacks, at which joint, and how sure that is.
 #[derive(clap::Args)]
@@ -87,14 +82,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
-    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
-    let options = Options {
+    let runs: Vec<&Run> = experiment.runs_with_free(arguments.free.as_deref())?;
+    let mut settings = DiagnoseSettings {
+        free: arguments.free.clone(),
         error: arguments.error.map(ErrorKind::from),
-        depth: arguments.depth.max(1),
-        refits: arguments.refits.max(1),
-        ..Options::default()
+        depth: arguments.depth,
+        refits: arguments.refits,
+        finished: Finished::new(),
     };
-    let kept = Kept::new(arguments, &experiment, &model, &runs, &options);
+    let kept = Kept::new(arguments, &experiment, &model, &runs, &settings.options());
     if !kept.is_possible() {
         let places: Vec<String> = kept.places.iter().map(|path| path.display().to_string()).collect();
         eprintln!(
@@ -102,16 +98,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             places.join(", nor in ")
         );
     }
-    let finished = kept.read();
-    if !finished.is_empty() {
-        eprintln!("note: goes on from {} of a stopped diagnosis", fits(finished.len()));
+    settings.finished = kept.read();
+    if !settings.finished.is_empty() {
+        eprintln!("note: goes on from {} of a stopped diagnosis", fits(settings.finished.len()));
     }
-    let so_far = Mutex::new(finished.clone());
+    let so_far = Mutex::new(settings.finished.clone());
     let interrupt = Interrupt::listen()?;
-    let bar = ProgressBar::new_spinner();
-    bar.enable_steady_tick(Duration::from_millis(200));
-    let tell = |event: &Event<'_>| {
-        bar.set_message(message(event, started.elapsed().as_secs_f64()));
+    let hear = |event: &Event<'_>| {
         if let Event::Refitted(key, refit) = event
             && let Ok(mut so_far) = so_far.lock()
         {
@@ -120,9 +113,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             let _ = kept.write(&so_far);
         }
     };
-    let stop = || interrupt.is_asked();
-    let found = diagnose::diagnose(&model, &experiment, &runs, &options, &finished, &tell, &stop);
-    bar.finish_and_clear();
+    let found = progress::of_diagnosis(&hear, &|| interrupt.is_asked(), |reported| {
+        dynid::diagnose(&model, &experiment, &settings, reported)
+    });
     if found.as_ref().is_err_and(|error| error.interrupted_after().is_some()) {
         let so_far = so_far.into_inner().unwrap_or_default();
         return Ok(interrupted(kept.write(&so_far), so_far.len()));
@@ -170,19 +163,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let _ = writeln!(text, "note: {} is of no more use, but could not be removed", left.display());
     }
     Ok(Outcome { text, json, answer: Answer::Yes })
-}
-
-fn message(event: &Event<'_>, seconds: f64) -> String {
-    match event {
-        Event::FittingModel => format!("fitting the model itself, {seconds:.0} s"),
-        Event::Screened(done, of) => format!("screening: {done} of {of} candidates, {seconds:.0} s"),
-        Event::Comparing(count) => format!("comparing {count} candidates with an observer, {seconds:.0} s"),
-        Event::Refitting(candidate) => format!("fitting with {candidate}, {seconds:.0} s"),
-        Event::Refitted(_, refit) => match &refit.candidate {
-            Some(candidate) => format!("fitted with {candidate}, {seconds:.0} s"),
-            None => format!("fitted the model itself, {seconds:.0} s"),
-        },
-    }
 }
 
 fn reported(found: &Diagnosis, wall_seconds: f64) -> String {

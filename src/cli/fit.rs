@@ -4,23 +4,15 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow};
 use clap::ValueEnum;
-use dynid_diagnose::{self as diagnose, with_first_estimates};
-use dynid_files::{FileError, Overwrite, check_output, write_new};
-use dynid_identify::position::Options;
-use dynid_identify::sequence::Weighting;
-use dynid_identify::starts::Starts;
-use dynid_identify::{FitError, SearchControl};
-use dynid_identify::{checkpoint, checkpoint::CheckpointError, checkpoint::Identity};
-use dynid_identify::{
-    identify, identify::ErrorKind, identify::FitResult, identify::FitSettings, identify::FittedParameter,
-    identify::State,
+use dynid::{
+    Begin, Checkpoint, ErrorKind, FitResult, FitSettings, FitSettingsError, FittedParameter, Model, Weighting,
 };
-use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_identify::{checkpoint, position::Options};
 use dynid_text::number;
 use dynid_user_model::ErrorShare;
-use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::inputs::{self, Outside};
@@ -135,120 +127,45 @@ impl From<Kind> for ErrorKind {
     }
 }
 
-/// A position fit's cost per sample where it leaves nothing but noise, with a margin of a tenth of the error.
-const COST_OF_NOISE: f64 = 0.5 * 1.1 * 1.1;
-
 /// Fits, judges, writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let overwrite = Overwrite::if_forced(arguments.force);
     check_output(&arguments.out, overwrite)?;
-    let mut experiment = inputs::experiment(&arguments.experiment)?;
-    for run in &mut experiment.runs {
-        run.settings.from_s = arguments.from_s.or(run.settings.from_s);
-        run.settings.first_half = arguments.first_half.unwrap_or(run.settings.first_half);
-    }
+    let experiment = inputs::experiment(&arguments.experiment)?;
     let outside = if arguments.clip { Outside::Clip } else { Outside::Refuse };
     let model = inputs::start(arguments.model.as_deref(), &experiment, outside)
         .map_err(|error| or_clip(error, arguments.model.as_deref(), outside))?;
-    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
-    let how = how(arguments, &model, &runs)?;
-    let checkpoint = Checkpoint::new(arguments, &model, &experiment, &runs, &how);
-    let state = checkpoint.begin(arguments)?;
-
-    let interrupt = if how.error == ErrorKind::Torque { None } else { Some(Interrupt::listen()?) };
-    let mut unsaved = None;
-    let first = with_first_estimates(&model, &runs, how.error);
-    for label in &first.labels {
-        eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
-    }
-    let start = first.model;
-    let mut found = progress::shown(|reported| {
-        identify::identify_as(&start, &experiment, &runs, &how, state, &mut |progress, state| {
-            reported(progress);
-            let saved = state.map_or(Ok(()), |state| checkpoint.keep(state));
-            if let Err(error) = saved {
-                unsaved = Some(error);
-                return SearchControl::Stop;
+    let settings = settings(arguments);
+    let mut interrupt = None;
+    let mut deaf = None;
+    // A fit of the torque error takes seconds: Ctrl-C ends it at once, and so it is not listened for.
+    let mut stop = |begun: Option<ErrorKind>| {
+        if begun.is_some_and(|error| error != ErrorKind::Torque) && interrupt.is_none() {
+            match Interrupt::listen() {
+                Ok(listening) => interrupt = Some(listening),
+                Err(error) => deaf = Some(error),
             }
-            if interrupt.as_ref().is_some_and(Interrupt::is_asked) {
-                SearchControl::Stop
-            } else {
-                SearchControl::Continue
-            }
-        })
-    });
-    let is_stopped =
-        |found: &Result<FitResult, FitError>| found.as_ref().is_err_and(|error| error.interrupted_after().is_some());
-    let is_minimum =
-        |found: &Result<FitResult, FitError>| found.as_ref().is_ok_and(|found| found.status.may_update_model());
-    let is_interrupted = || interrupt.as_ref().is_some_and(Interrupt::is_asked);
-    // Further searches are not kept for a later call. One that stays far above the cost that another came to is left.
-    let search = |start: &Model, how: &FitSettings, least: f64| {
-        let mut free = 0;
-        progress::shown(|reported| {
-            identify::identify_as(start, &experiment, &runs, how, State::default(), &mut |progress, _| {
-                reported(progress);
-                // What further starts or configurations come to is not comparable, and stopping there would lose the first's end.
-                let is_first = progress.start == 0 && progress.configuration.is_none();
-                free += usize::from(is_first && progress.observer == 0.0);
-                let is_hopeless = is_first && diagnose::stays_far_above(free, progress.cost, least);
-                if is_interrupted() || is_hopeless { SearchControl::Stop } else { SearchControl::Continue }
-            })
-        })
+        }
+        deaf.is_some() || interrupt.as_ref().is_some_and(Interrupt::is_asked)
     };
-    let cost = |found: &Result<FitResult, FitError>| match found {
-        Ok(found) if found.status.may_update_model() => found.cost_after,
-        _ => f64::INFINITY,
-    };
-    let fitted = runs.iter().filter(|run| run.role == Role::Fit);
-    let samples: usize = fitted.map(|run| run.log.len().saturating_sub(run.n_cut()) * run.free.len()).sum();
-    let cost_per_sample = |found: &Result<FitResult, FitError>| cost(found) / samples as f64;
-    // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
-    for other in first.others {
-        let least = cost_per_sample(&found);
-        let is_done = is_minimum(&found) && (!first.is_narrow || least <= COST_OF_NOISE);
-        if is_done || is_stopped(&found) || unsaved.is_some() {
-            break;
-        }
-        let next = search(&other, &how, least);
-        if (is_interrupted() && is_stopped(&next)) || cost(&next) < cost(&found) {
-            found = next;
-        }
+    let found = progress::of_fit(&mut stop, |reported| dynid::fit(&model, &experiment, &settings, reported));
+    if let Some(error) = deaf {
+        return Err(error);
     }
-    if let Some(error) = unsaved {
-        return Err(error.into());
+    let path = checkpoint::path_beside(&arguments.out);
+    if let Err(Some(iterations)) = found.as_ref().map_err(dynid::Error::interrupted_after) {
+        return Ok(interrupted(&path, iterations, started.elapsed().as_secs_f64()));
     }
-    if let Err(Some(iterations)) = found.as_ref().map_err(FitError::interrupted_after) {
-        return Ok(checkpoint.interrupted(iterations, started.elapsed().as_secs_f64()));
-    }
-    let mut found = found?;
-    let may_fall_back = arguments.error.is_none() && how.method.is_none() && how.error != ErrorKind::Torque;
-    if !found.status.may_update_model() && may_fall_back {
-        let ended = found.status.as_str();
-        let other = search(&start, &FitSettings { error: ErrorKind::Torque, ..how.clone() }, f64::INFINITY);
-        // Where even that comes to nothing, the first fit says why.
-        if let Ok(mut other) = other
-            && other.status.may_update_model()
-        {
-            other.notes.push(format!(
-                "the fit of the position error came to no minimum ({ended}): the model's simulation does not follow the \
-                 logs. The torque error was fitted instead; `dynid diagnose` may tell what the model lacks"
-            ));
-            found = other;
-        }
-    }
-    if let Some(record) = &mut found.model.fit {
-        // The parent is what the user handed in, not the estimate that the search began with.
-        record.parent_digest = model.digest();
-    }
+    let found = found.map_err(as_options)?;
+    let runs = experiment.runs_with_free(arguments.free.as_deref())?;
     let judged = dynid_judge::compare::compare(&found.model, &runs)?;
 
     let may_write = found.status.may_update_model();
     if may_write {
         write_new(&arguments.out, &found.model.to_toml(), overwrite)?;
     }
-    checkpoint.remove()?;
+    checkpoint::remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
     let wall_seconds = started.elapsed().as_secs_f64();
     let json = json!({
         "error": found.error.to_string(),
@@ -291,95 +208,65 @@ fn or_clip(error: anyhow::Error, path: Option<&Path>, outside: Outside) -> anyho
 }
 
 /// What is asked for, as the library takes it.
-fn how(arguments: &Arguments, model: &Model, runs: &[&Run]) -> anyhow::Result<FitSettings> {
-    let is_torque = matches!(arguments.error, Some(Kind::Torque | Kind::Both));
-    if arguments.method.is_some() && is_torque {
-        bail!("a method is fitted to the position error; leave --error out, or use --free with --error torque");
-    }
-    let error = match (&arguments.method, arguments.error) {
-        (Some(_), _) => ErrorKind::Position,
-        (None, Some(kind)) => kind.into(),
-        (None, None) => identify::default_error(model, runs),
+fn settings(arguments: &Arguments) -> FitSettings {
+    let begin = match (arguments.resume, arguments.force) {
+        (true, _) => Begin::Resume,
+        (false, true) => Begin::Overwrite,
+        (false, false) => Begin::New,
     };
-    let asks_for_position = arguments.starts > 1 || arguments.from_s.is_some() || arguments.first_half.is_some();
-    if error == ErrorKind::Torque && (asks_for_position || arguments.resume) {
-        bail!(
-            "--starts, --from-s, --first-half and --resume belong to the position error, and the torque error is \
-             fitted here; leave them out, or say --error position"
-        );
-    }
-    if arguments.weights == Weights::Method && arguments.method.is_none() {
-        bail!("--weights method weighs the steps of a method; say which with --method, or leave it out");
-    }
-    if arguments.from_s.is_some_and(|span| !(span >= 0.0 && span.is_finite())) {
-        bail!("--from-s takes a time after the log's first sample [s], not below 0");
-    }
-    if arguments.first_half.is_some_and(|weight| !(weight > 0.0 && weight.is_finite())) {
-        bail!("--first-half takes a positive weight; the thesis's is 0.5");
-    }
-    Ok(FitSettings {
-        error,
+    FitSettings {
+        error: arguments.error.map(ErrorKind::from),
+        free: arguments.free.clone(),
         method: arguments.method.clone(),
         weighting: match arguments.weights {
             Weights::Noise => Weighting::ByNoise,
             Weights::Method => Weighting::OfMethod,
         },
         only: arguments.only.clone().unwrap_or_default(),
-        starts: Starts { count: arguments.starts.max(1), seed: arguments.seed, ..Starts::default() },
-        options: Options {
-            substeps: arguments.substeps.max(1),
-            iterations: arguments.iterations.max(1),
-            ..Options::default()
-        },
-        tell_start: true,
-    })
+        starts: arguments.starts,
+        seed: arguments.seed,
+        from_s: arguments.from_s,
+        first_half: arguments.first_half,
+        substeps: arguments.substeps,
+        iterations: arguments.iterations,
+        checkpoint: Some(Checkpoint { path: checkpoint::path_beside(&arguments.out), begin }),
+    }
 }
 
-/// Where the fit is kept while it lasts.
-struct Checkpoint {
-    path: PathBuf,
-    identity: Identity,
+/// An error of the settings, said of the options that gave them.
+fn as_options(error: dynid::Error) -> anyhow::Error {
+    let dynid::Error::FitSettings(wrong) = error else { return error.into() };
+    let text = match wrong {
+        FitSettingsError::MethodOfTorque => {
+            "a method is fitted to the position error; leave --error out, or use --free with --error torque"
+        }
+        FitSettingsError::PositionOnly => {
+            "--starts, --from-s, --first-half and --resume belong to the position error, and the torque error is \
+             fitted here; leave them out, or say --error position"
+        }
+        FitSettingsError::WeightsWithoutMethod => {
+            "--weights method weighs the steps of a method; say which with --method, or leave it out"
+        }
+        FitSettingsError::FromBelowZero => "--from-s takes a time after the log's first sample [s], not below 0",
+        FitSettingsError::FirstHalfNotPositive => "--first-half takes a positive weight; the thesis's is 0.5",
+        other => return other.into(),
+    };
+    anyhow!(text)
 }
 
-impl Checkpoint {
-    fn new(arguments: &Arguments, model: &Model, experiment: &Experiment, runs: &[&Run], how: &FitSettings) -> Self {
-        let path = checkpoint::path_beside(&arguments.out);
-        Self { path, identity: Identity::new(model, experiment, runs, how) }
-    }
-
-    /// Where the fit starts or goes on.
-    fn begin(&self, arguments: &Arguments) -> Result<State, CheckpointError> {
-        if arguments.resume {
-            return checkpoint::read(&self.path, &self.identity);
-        }
-        if self.path.exists() && !arguments.force {
-            return Err(CheckpointError::Left { path: self.path.clone() });
-        }
-        Ok(State::default())
-    }
-
-    fn keep(&self, state: &State) -> Result<(), FileError> {
-        checkpoint::write(&self.path, &self.identity, state)
-    }
-
-    fn remove(&self) -> anyhow::Result<()> {
-        checkpoint::remove(&self.path).with_context(|| format!("cannot remove {}", self.path.display()))
-    }
-
-    fn interrupted(&self, iterations: usize, wall_seconds: f64) -> Outcome {
-        let path = self.path.display();
-        Outcome {
-            text: format!(
-                "stopped after {iterations} iterations of the search under way, {wall_seconds:.1} s; nothing is lost: \
-                 the same command with --resume goes on from {path}\n"
-            ),
-            json: json!({
-                "status": "interrupted",
-                "checkpoint": path.to_string(),
-                "wall_seconds": wall_seconds,
-            }),
-            answer: Answer::Interrupted,
-        }
+fn interrupted(checkpoint: &Path, iterations: usize, wall_seconds: f64) -> Outcome {
+    let path = checkpoint.display();
+    Outcome {
+        text: format!(
+            "stopped after {iterations} iterations of the search under way, {wall_seconds:.1} s; nothing is lost: \
+             the same command with --resume goes on from {path}\n"
+        ),
+        json: json!({
+            "status": "interrupted",
+            "checkpoint": path.to_string(),
+            "wall_seconds": wall_seconds,
+        }),
+        answer: Answer::Interrupted,
     }
 }
 

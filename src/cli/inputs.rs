@@ -3,14 +3,13 @@
 use std::path::Path;
 
 use anyhow::bail;
+use dynid::{Experiment, Model};
 use dynid_identify::position::made_physical;
-use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Device;
-use dynid_user_model::Model;
 
 /// An experiment with all its logs.
 pub fn experiment(path: &Path) -> anyhow::Result<Experiment> {
-    Ok(Experiment::read_with(path, dynid_model::devices())?)
+    Ok(Experiment::load(path)?)
 }
 
 /// What to do with a value that lies outside the bounds stated beside it.
@@ -24,7 +23,7 @@ pub enum Outside {
 
 /// An experiment whose runs may be planned only.
 pub fn planned_experiment(path: &Path) -> anyhow::Result<Experiment> {
-    Ok(Experiment::read_planned(path, dynid_model::devices())?)
+    Ok(Experiment::load_planned(path)?)
 }
 
 /// The model of that file, or the default model of the experiment's device.
@@ -59,25 +58,4 @@ pub fn of_device(model: &Model, path: &Path, device: &Device, other: &str) -> an
         eprintln!("note: {}: {note}", path.display());
     }
     Ok(())
-}
-
-/// The runs in which exactly these joints are free; all runs without a choice.
-pub fn runs<'a>(experiment: &'a Experiment, free: Option<&[usize]>) -> anyhow::Result<Vec<&'a Run>> {
-    let Some(free) = free else {
-        return Ok(experiment.runs.iter().collect());
-    };
-    let mut wanted = free.to_vec();
-    wanted.sort_unstable();
-    wanted.dedup();
-    let runs: Vec<&Run> = experiment.runs.iter().filter(|run| run.free == wanted).collect();
-    if runs.is_empty() {
-        let mut known: Vec<String> = experiment.runs.iter().map(|run| format!("{:?}", run.free)).collect();
-        known.dedup();
-        bail!(
-            "{}: no run has just the joints {wanted:?} free; its runs have {}",
-            experiment.path.display(),
-            known.join(", ")
-        );
-    }
-    Ok(runs)
 }

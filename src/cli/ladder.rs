@@ -4,17 +4,16 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
+use dynid::{Experiment, Ladder, LadderSettings, Model};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_judge::{ladder::Ladder, ladder::Lineage, ladder::ladder};
-use dynid_logs::{experiment::Experiment, experiment::Run};
+use dynid_judge::ladder::Lineage;
 use dynid_report as report;
 use dynid_report::plot::steps;
 use dynid_sentences::{self as sentences, ladder::FORMULA};
 use dynid_text::number;
-use dynid_user_model::Model;
 
 use super::table::{Align, Table};
-use super::{Answer, Outcome, inputs};
+use super::{Answer, Outcome, inputs, progress};
 
 /// Put the models of a lineage on the same runs: error, parameters, and what each step added.
 #[derive(clap::Args)]
@@ -58,8 +57,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let experiment = inputs::experiment(&arguments.experiment)?;
     let models = models(&arguments.models, &experiment)?;
-    let runs: Vec<&Run> = inputs::runs(&experiment, arguments.free.as_deref())?;
-    let ladder = ladder(&models, &runs)?;
+    let settings = LadderSettings { free: arguments.free.clone() };
+    let ladder = progress::counted("models compared", &|| false, |reported| {
+        dynid::ladder(&models, &experiment, &settings, reported)
+    })?;
     let mut text = reported(&ladder);
     if let Some(out) = &arguments.out {
         write_new(out, &steps::standalone(&report::ladder_pictures(&ladder)), overwrite)?;

@@ -1,22 +1,84 @@
-//! How far a fit is, on stderr; silent where stderr is no terminal.
+//! How far a work is, on stderr; silent where stderr is no terminal.
 
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use dynid::{DiagnoseProgress, Done, ErrorKind, FitProgress};
+use dynid_diagnose::Event;
 use dynid_identify::identify::Progress;
 use dynid_text::number;
 use indicatif::ProgressBar;
 
-/// Runs `work` with somebody to tell its progress to.
-pub fn shown<T>(work: impl FnOnce(&mut dyn FnMut(&Progress)) -> T) -> T {
+fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
-    let started = Instant::now();
-    let result = work(&mut |reported| bar.set_message(message(reported, started.elapsed())));
+    bar
+}
+
+/// Runs `work`, which tells how many of its parts are done; `stop` is asked after each.
+pub fn counted<T>(
+    what: &str,
+    stop: &(dyn Fn() -> bool + Sync),
+    work: impl FnOnce(&(dyn Fn(Done) -> ControlFlow<()> + Sync)) -> T,
+) -> T {
+    let bar = spinner();
+    let result = work(&|Done { done, of }| {
+        bar.set_message(format!("{done} of {of} {what}"));
+        go_on_unless(stop())
+    });
     bar.finish_and_clear();
     result
 }
 
-fn message(reported: &Progress, elapsed: Duration) -> String {
+/// Runs a fit; `stop` is told which error a search makes small when it begins, and asked after each iteration.
+pub fn of_fit<T>(
+    stop: &mut dyn FnMut(Option<ErrorKind>) -> bool,
+    work: impl FnOnce(&mut dyn FnMut(FitProgress<'_>) -> ControlFlow<()>) -> T,
+) -> T {
+    let bar = spinner();
+    let mut started = Instant::now();
+    let result = work(&mut |reported| {
+        let mut begun = None;
+        match reported {
+            FitProgress::FirstEstimate(label) => bar.suspend(|| {
+                eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
+            }),
+            FitProgress::Search(error) => {
+                started = Instant::now();
+                begun = Some(error);
+            }
+            FitProgress::Iteration(reported) => bar.set_message(iteration(reported, started.elapsed())),
+        }
+        go_on_unless(stop(begun))
+    });
+    bar.finish_and_clear();
+    result
+}
+
+/// Runs a diagnosis; `hear` is told of its events besides, and `stop` is asked often.
+pub fn of_diagnosis<T>(
+    hear: &(dyn Fn(&Event<'_>) + Sync),
+    stop: &(dyn Fn() -> bool + Sync),
+    work: impl FnOnce(&(dyn Fn(DiagnoseProgress<'_>) -> ControlFlow<()> + Sync)) -> T,
+) -> T {
+    let bar = spinner();
+    let started = Instant::now();
+    let result = work(&|reported| {
+        if let DiagnoseProgress::Event(event) = reported {
+            bar.set_message(diagnosis(event, started.elapsed()));
+            hear(event);
+        }
+        go_on_unless(stop())
+    });
+    bar.finish_and_clear();
+    result
+}
+
+fn go_on_unless(stop: bool) -> ControlFlow<()> {
+    if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+}
+
+fn iteration(reported: &Progress, elapsed: Duration) -> String {
     let start = if reported.start > 0 { format!("start {}: ", reported.start + 1) } else { String::new() };
     let configuration = reported.configuration.map_or(String::new(), |number| format!("configuration {number}: "));
     let step = reported.step.map_or(String::new(), |step| format!(", step {}", number(step)));
@@ -31,4 +93,18 @@ fn message(reported: &Progress, elapsed: Duration) -> String {
         number(reported.cost),
         elapsed.as_secs_f64()
     )
+}
+
+fn diagnosis(event: &Event<'_>, elapsed: Duration) -> String {
+    let what = match event {
+        Event::FittingModel => "fitting the model itself".to_owned(),
+        Event::Screened(done, of) => format!("screening: {done} of {of} candidates"),
+        Event::Comparing(count) => format!("comparing {count} candidates with an observer"),
+        Event::Refitting(candidate) => format!("fitting with {candidate}"),
+        Event::Refitted(_, refit) => match &refit.candidate {
+            Some(candidate) => format!("fitted with {candidate}"),
+            None => "fitted the model itself".to_owned(),
+        },
+    };
+    format!("{what}, {:.0} s", elapsed.as_secs_f64())
 }

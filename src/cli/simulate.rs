@@ -4,16 +4,12 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
-use dynid_dynamics::{simulate, simulate::Input};
+use dynid::{Experiment, Run, SimulateSettings, Simulated};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_identify::{position, position::FitRun, position::Options, position::RunError};
-use dynid_judge::compare;
-use dynid_logs::{experiment::Experiment, experiment::Run};
-use dynid_user_model::Model;
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};
-use super::{Answer, Outcome, inputs};
+use super::{Answer, Outcome, inputs, progress};
 
 /// Play the commanded torques of every run on a model and write the positions that it shows.
 #[derive(clap::Args)]
@@ -40,7 +36,7 @@ pub struct Arguments {
     #[arg(long)]
     force: bool,
     /// Integration steps per sample.
-    #[arg(long, value_name = "N", default_value_t = Options::default().substeps)]
+    #[arg(long, value_name = "N", default_value_t = SimulateSettings::default().substeps)]
     substeps: usize,
 }
 
@@ -53,9 +49,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if arguments.out_dir.is_dir() {
         targets.iter().try_for_each(|target| check_output(target, overwrite))?;
     }
-    let options = Options { substeps: arguments.substeps.max(1), ..Options::default() };
-    let simulated =
-        experiment.runs.iter().map(|run| played(&model, run, &options)).collect::<anyhow::Result<Vec<Played>>>()?;
+    let settings = SimulateSettings { substeps: arguments.substeps };
+    let simulated = progress::counted("runs simulated", &|| false, |reported| {
+        dynid::simulate(&model, &experiment, &settings, reported)
+    })?;
     std::fs::create_dir_all(&arguments.out_dir)
         .map_err(|error| anyhow!("cannot make the folder {}: {error}", arguments.out_dir.display()))?;
     let mut table = Table::new(&[
@@ -77,41 +74,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         runs.push(json!({ "file": run.file, "out": target.display().to_string(), "joints": joints }));
     }
     Ok(Outcome { text: table.text(), json: json!({ "runs": runs }), answer: Answer::Yes })
-}
-
-/// What the model shows of a run.
-struct Played {
-    /// Positions of the free joints, one row a sample.
-    position: Vec<f64>,
-    /// Commanded torques of all joints, one row a sample.
-    command: Vec<f64>,
-    /// Root mean square off the log, per free joint; `None` for a run that is only planned.
-    rmse: Option<Vec<f64>>,
-}
-
-/// Plays the commands of the log or, where the run has a controller, lets it command.
-fn played(model: &Model, run: &Run, options: &Options) -> anyhow::Result<Played> {
-    let fit_run = FitRun::of_run(model, run)?;
-    let how = simulate::Options { substeps: options.substeps, ..simulate::Options::default() };
-    if let Some(played) = compare::closed_loop(&fit_run.system, run, &how)? {
-        let (trajectory, command) = played.map_err(|error| anyhow!("{}: {error}", run.file))?;
-        let n_free = run.free.len();
-        let rmse = (0..n_free).map(|slot| {
-            let errors = fit_run.position.iter().zip(&trajectory.q).skip(slot).step_by(n_free);
-            (errors.map(|(y, q)| (y - q).powi(2)).sum::<f64>() / run.log.len() as f64).sqrt()
-        });
-        let rmse = run.settings.start.is_none().then(|| rmse.collect());
-        return Ok(Played { rmse, position: trajectory.q, command });
-    }
-    if run.settings.start.is_some() {
-        let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
-        let start: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
-        let trajectory = simulate::simulate(&fit_run.system, &input, &start, &how)
-            .map_err(|error| anyhow!("{}: {error}", run.file))?;
-        return Ok(Played { rmse: None, position: trajectory.q, command: fit_run.command });
-    }
-    let RunError { simulated, rmse, .. } = position::judge(&fit_run, options)?;
-    Ok(Played { position: simulated, command: fit_run.command, rmse: Some(rmse) })
 }
 
 /// One file a run, named as its log; where that name is taken, it is numbered by its run, or further up until it is free.
@@ -138,7 +100,7 @@ fn names<'a>(files: impl Iterator<Item = &'a str>) -> Result<Vec<PathBuf>, (usiz
     Ok(names)
 }
 
-fn log(run: &Run, played: &Played) -> String {
+fn log(run: &Run, played: &Simulated) -> String {
     let n_joints = run.log.q.len();
     let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();
     let mut text = format!("t{}{}\n", names("tau"), names("q"));

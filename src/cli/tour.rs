@@ -3,26 +3,22 @@
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{anyhow, bail};
+use dynid::{
+    Addition, Candidate, CompareSettings, Compared, Comparison, DiagnoseSettings, Diagnosis, Experiment, Finding,
+    FitResult, FitSettings, Ladder, LadderSettings, Model, Ranked, ReportSettings, Role, Verdict,
+};
 use dynid::{tour::FILES, tour::truth};
-use dynid_diagnose::{self as diagnose, Diagnosis, Event, Finished, Ranked, Verdict, diagnose, with_first_estimates};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_identify::position::Options;
-use dynid_identify::{identify, identify::FitResult};
-use dynid_judge::{compare::Comparison, compare::Finding, compare::compare, compare::locate::locate};
-use dynid_judge::{ladder::Ladder, ladder::ladder};
-use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
 use dynid_report as report;
 use dynid_report::plot::steps;
 use dynid_sentences as sentences;
 use dynid_text::number;
-use dynid_user_model::Model;
-use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use super::report::Report;
+use super::interrupt::Interrupt;
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs, ladder as ladder_verb, progress};
 
@@ -61,19 +57,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut partial = folder.clone().into_os_string();
     partial.push(format!(".{}.partial", std::process::id()));
     let partial = PathBuf::from(partial);
-    let outcome = walk(&partial, &folder, taken.as_deref()).and_then(|outcome| {
+    let interrupt = Interrupt::listen()?;
+    let stop = || interrupt.is_asked();
+    let outcome = walk(&partial, &folder, taken.as_deref(), &stop).and_then(|outcome| {
         settle(&partial, &folder)?;
         Ok(outcome)
     });
     if outcome.is_err() {
         // the first error is the one to tell
         let _ = fs::remove_dir_all(&partial);
+        if interrupt.is_asked() {
+            let text = "stopped; nothing is left of it\n".to_owned();
+            return Ok(Outcome { text, json: json!({ "status": "interrupted" }), answer: Answer::Interrupted });
+        }
     }
     outcome
 }
 
 /// Does everything in `partial`; what is reported is about `folder`.
-fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<Outcome> {
+fn walk(
+    partial: &Path,
+    folder: &Path,
+    taken: Option<&Path>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     fs::create_dir_all(partial).map_err(|error| anyhow!("cannot make the folder {}: {error}", partial.display()))?;
     let put = |name: &str, text: &str| write_new(&partial.join(name), text, Overwrite::Refuse);
@@ -82,35 +89,44 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
     }
     let experiment = inputs::experiment(&partial.join("experiment.toml"))?;
     let prior = inputs::model(Some(&partial.join("believed.toml")), &experiment)?;
-    let runs: Vec<&Run> = experiment.runs.iter().collect();
 
-    let fitted = fit(&prior, &experiment, &runs)?;
+    let fitted = fit(&prior, &experiment, stop)?;
     put(FITTED, &fitted.model.to_toml())?;
     let fitted_model = Model::load(&partial.join(FITTED))?;
 
-    let comparison = compare(&fitted_model, &runs)?;
-    let findings = locate(&fitted_model, &runs, &comparison);
+    let Compared { errors: comparison, findings } = progress::counted("runs compared", stop, |reported| {
+        dynid::compare(&fitted_model, &experiment, &CompareSettings::default(), reported)
+    })?;
 
-    let diagnosis = diagnosed(&fitted_model, &experiment, &runs)?;
+    let settings = DiagnoseSettings::default();
+    let diagnosis = progress::of_diagnosis(&|_| (), stop, |reported| {
+        dynid::diagnose(&fitted_model, &experiment, &settings, reported)
+    })?;
     let diagnosis_json = sentences::diagnosis::json(&diagnosis)?;
     put(DIAGNOSIS, &format!("{}\n", serde_json::to_string_pretty(&diagnosis_json)?))?;
     let Some(best) = diagnosis.ranking.first().filter(|_| diagnosis.verdict == Verdict::MissingEffect) else {
         bail!("the tour's diagnosis did not find what is hidden in its logs; this is a mistake of the program");
     };
 
-    let mut better = fitted_model.clone();
-    better.add_effect_at_null(&best.candidate.effect, best.candidate.joint, best.candidate.from)?;
+    let Candidate { effect, joint, from } = best.candidate.clone();
+    let (better, _) = dynid::add(&fitted_model, &Addition { effect, joint, from, values: Vec::new() })?;
     put(BETTER, &better.to_toml())?;
     let better = Model::load(&partial.join(BETTER))?;
-    let better_fitted = fit(&better, &experiment, &runs)?;
+    let better_fitted = fit(&better, &experiment, stop)?;
     put(BETTER_FITTED, &better_fitted.model.to_toml())?;
 
     let paths = ["believed.toml", FITTED, BETTER_FITTED].map(|name| partial.join(name));
     let models = ladder_verb::models(&paths, &experiment)?;
-    let ladder = ladder(&models, &runs)?;
+    let ladder = progress::counted("models compared", stop, |reported| {
+        dynid::ladder(&models, &experiment, &LadderSettings::default(), reported)
+    })?;
     put(LADDER, &steps::standalone(&report::ladder_pictures(&ladder)))?;
     let commands = commands(best).map(|(_, command)| command).into();
-    put(REPORT, &Report::new(&experiment, &models, Some(diagnosis_json), commands)?.page())?;
+    let settings = ReportSettings { diagnosis: Some(diagnosis_json), commands };
+    let report = progress::counted("models compared", stop, |reported| {
+        dynid::report(&models, &experiment, &settings, reported)
+    })?;
+    put(REPORT, &report.page())?;
 
     let seconds = started.elapsed().as_secs_f64();
     let tour = Tour {
@@ -128,15 +144,10 @@ fn walk(partial: &Path, folder: &Path, taken: Option<&Path>) -> anyhow::Result<O
     Ok(Outcome { text: tour.story(folder, taken), json: tour.json(folder)?, answer: Answer::Yes })
 }
 
-/// As `dynid fit` does it; only a fit that ends at a minimum goes on.
-fn fit(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<FitResult> {
-    let error = identify::default_error(model, runs);
-    let start = with_first_estimates(model, runs, error).model;
-    let mut found =
-        progress::shown(|reported| identify::identify(&start, experiment, runs, error, &Options::default(), reported))?;
-    if let Some(record) = &mut found.model.fit {
-        record.parent_digest = model.digest();
-    }
+/// Only a fit that ends at a minimum goes on.
+fn fit(model: &Model, experiment: &Experiment, stop: &(dyn Fn() -> bool + Sync)) -> anyhow::Result<FitResult> {
+    let settings = FitSettings::default();
+    let found = progress::of_fit(&mut |_| stop(), |reported| dynid::fit(model, experiment, &settings, reported))?;
     if !found.status.may_update_model() {
         bail!(
             "a fit of the tour ended before its minimum ({}); this is a mistake of the program",
@@ -144,24 +155,6 @@ fn fit(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<
         );
     }
     Ok(found)
-}
-
-fn diagnosed(model: &Model, experiment: &Experiment, runs: &[&Run]) -> anyhow::Result<Diagnosis> {
-    let bar = ProgressBar::new_spinner();
-    bar.enable_steady_tick(Duration::from_millis(200));
-    let tell = |event: &Event<'_>| {
-        bar.set_message(match event {
-            Event::FittingModel => "diagnosis: fitting the model itself".to_owned(),
-            Event::Screened(done, of) => format!("diagnosis: {done} of {of} candidates screened"),
-            Event::Comparing(count) => format!("diagnosis: {count} candidates compared with an observer"),
-            Event::Refitting(candidate) => format!("diagnosis: fitting with {candidate}"),
-            Event::Refitted(..) => return,
-        });
-    };
-    let options = diagnose::Options::default();
-    let found = diagnose(model, experiment, runs, &options, &Finished::new(), &tell, &|| false);
-    bar.finish_and_clear();
-    Ok(found?)
 }
 
 /// The steps of the loop as commands, in the tour's folder.

@@ -12,10 +12,10 @@ use clap::{Subcommand, ValueEnum};
 use dynid_control::{Law, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_haptics::{
-    wall, wall::Case, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting, wall::Told, wall::WallFile,
+    wall, wall::Case, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting, wall::TuneProgress, wall::WallFile,
 };
 use dynid_model::Device;
-use dynid_report::{Provenance, Section, WallReport, reported_damping};
+use dynid_report::{Provenance, Section, WallReport, damping_in_words};
 use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
@@ -350,7 +350,7 @@ fn reported(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &O
         );
     }
     if !bounds.is_empty() {
-        let _ = writeln!(text, "{}", reported_damping(own, setting));
+        let _ = writeln!(text, "{}", damping_in_words(own, setting));
     }
     text
 }
@@ -440,7 +440,7 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let interrupt = super::interrupt::Interrupt::listen()?;
     let bar = indicatif::ProgressBar::new(goal.evaluations as u64);
     let stopped = AtomicBool::new(false);
-    let reported = |reported: Told| {
+    let reported = |reported: TuneProgress| {
         bar.set_position(reported.evaluations as u64);
         if interrupt.is_asked() {
             stopped.store(true, Ordering::Relaxed);

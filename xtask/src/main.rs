@@ -1,12 +1,18 @@
-//! The project's own commands: `cargo xtask gen`, `cargo xtask ci`, `cargo xtask bench`, `cargo xtask hidden-effects`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `bench`, `hidden-effects`.
 
+mod api;
 mod bench;
 mod ci;
+mod circles;
 mod generate;
 mod hidden_effects;
 mod licences;
+mod order;
 mod shell;
 mod snapshots;
+mod sources;
+mod unused;
+mod workspace;
 
 use std::fmt;
 use std::process::ExitCode;
@@ -27,6 +33,8 @@ enum Command {
     Gen(generate::Arguments),
     /// Runs every check that a change must pass, in the order of what fails fastest.
     Ci(ci::Arguments),
+    /// Writes the list of the library's public items (`docs/api.txt`) anew.
+    Api,
     /// Runs the benchmarks.
     Bench(bench::Arguments),
     /// Hides one effect after another from the program and prints what it finds.
@@ -49,6 +57,7 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Gen(arguments) => generate::run(&arguments),
         Command::Ci(arguments) => ci::run(&arguments),
+        Command::Api => api::write(),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
     };

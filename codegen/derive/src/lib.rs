@@ -1,4 +1,13 @@
-//! From a device to its named equations of motion, by computer algebra.
+//! Derivation of the equations of motion by computer algebra (Symbolica): from a device to `generated/<device>/cNN.kir` and
+//! `structure.toml`.
+//!
+//! The only crate that links Symbolica; nothing depends on it. The format of `.kir` is described in `dynid-lower` (module `kir`),
+//! that of `structure.toml` in the module `structure`.
+//!
+//! The binary `dynid-derive` writes the files, or compares them with `--check`. Files that do not change keep their time of
+//! modification; left-over `.kir` files of a device are removed. It holds a lock of the operating system while Symbolica runs
+//! ([`session`]), and depends on nothing that would change the features that Symbolica is compiled with, so that runs and tests
+//! share one build of it.
 
 pub mod algebra;
 pub mod collected;

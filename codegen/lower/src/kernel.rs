@@ -63,7 +63,7 @@ pub struct Configuration {
     pub n_lumps: usize,
     /// Operations of `prepare`.
     pub prepare_counts: OperationCounts,
-    /// `prepare` and then the kernels, in the order of the table in ARCHITECTURE.md.
+    /// `prepare` and then the kernels, in the order of `dynid_generated::Kernel`.
     pub functions: Vec<Function>,
 }
 

@@ -14,6 +14,11 @@
 //! output D_0_0 = link_1_m * s0;
 //! ```
 //!
+//! One file holds one configuration: a header (the command that wrote it, the device, the digest of its structure, and the forms
+//! of the equations with their costs), declarations, one `let name = expression;` a line, then the outputs `D_<i>_<j>` (i <= j, the
+//! inertia matrix), `h_<i>` (bias `C dq + phi`) and `tau_<i>` (inverse dynamics `D ddq + h`); i and j are the device's joint
+//! indices. Gravity, C, the regressor, derivatives and forward dynamics are not in it: [`kernel`](crate::kernel) makes them.
+//!
 //! One declaration or one named term a line, in Rust's expression syntax; a parameter's dots become underscores.
 //! [`Kir::parse`] reads back what [`Kir`]'s `Display` writes, node by node.
 

@@ -1,8 +1,8 @@
-//! From named equations to Rust kernels, without computer algebra.
+//! Code generation without computer algebra: from named equations (`.kir`) and formulas of effects to Rust kernels.
 //!
-//! [`Program`] is a shared graph of scalar operations; [`Kir`] is its text, which people review.
-//! [`kernel::Configuration`] and [`effect::EffectKernels`] turn equations and formulas into the programs of kernels,
-//! [`end_point::EndPoint`] makes those of a device's kinematics, [`emit`] writes them as Rust.
+//! [`Program`] is a shared graph of scalar operations; [`Kir`] is its text, which people review; the module [`kir`] describes the
+//! format. [`kernel::Configuration`] makes the programs of a configuration's kernels, [`effect::EffectKernels`] those of an effect,
+//! [`end_point::EndPoint`] those of a device's kinematics; [`emit`] writes them as Rust.
 
 pub mod effect;
 pub mod emit;

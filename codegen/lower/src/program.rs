@@ -5,7 +5,13 @@
 //! writes or emits looks at live nodes only.
 //!
 //! No constructor changes a result beyond the sign of a zero (and `x * 0`, `x - x`, which are 0 for every finite
-//! `x`): sums and products are never reassociated but for powers of two, negations only move outwards.
+//! `x`): sums and products are never reassociated but for powers of two, negations only move outwards. So a program computes
+//! the same bits whichever passes it went through.
+//!
+//! Inputs are parameters by name, locked angles, and position, velocity and acceleration of the free joints, numbered as in the
+//! device. Passes: `substitute`, `append`, `select_outputs`, `compact`; `derivative` (chain rule, by any node); `split` (what
+//! depends only on parameters and locked angles, and the rest); `operations` (costs; negations are free); `evaluate` (the
+//! interpreter).
 
 mod derivative;
 mod evaluate;

@@ -1,4 +1,11 @@
-//! Where a formula that was found without the library leaves far less than its effects do, those are not what is missing.
+//! A formula of one term, found without the library, that explains far more than the library's effects: then none of those is
+//! what is missing.
+//!
+//! Asked twice. `Work::is_formula_ahead`, before fits: where no search with an observer comes near the noise and the formula
+//! leaves less than a quarter of the torque error, at the worst joint, that the most significant candidates leave by the
+//! screening, candidates that are hopeless with the observer are not fitted (a formula takes seconds, a dozen fits minutes). They
+//! are fitted after all if another candidate explains the logs. `Work::is_beaten`, after fits: before an effect that does not
+//! reach the noise is named, the formula must not leave less than half of what it leaves.
 
 use super::{Refit, Rejected, Rejection, Score, Scored, Work, discover, prescreening, verdict};
 use crate::DiagnoseError;

@@ -1,11 +1,35 @@
-//! Which physical effect is missing, where, and how sure is that?
+//! Diagnosis: which physical effect a model lacks, at which joint, and how sure that is ([`diagnose`]).
 //!
-//! The model is fitted first, so that what is left is not the fault of its values (where its fit breaks down, or
-//! does not follow the logs even with an observer and each of its steps takes long, it is taken as it is). A screening then asks of every effect of
-//! the library at every place how much of what is left it would explain, the model's own parameters being free to
-//! make up for it; it needs no fit ([`Screen`]), and looks at two signals: the torque error along the measured motion, and
-//! the position error of simulations with an observer. The best candidates are fitted for good, and what they leave of the
-//! held-out runs decides ([`Refit`]).
+//! The order of a diagnosis:
+//!
+//! 1. `excitation`: runs that are too short, or in which nothing moves, are errors; joints that stand still and parameters that
+//!    the runs leave open are notes.
+//! 2. The model is fitted, so that the residual is not due to its values. Where its fit breaks down, or does not follow the logs
+//!    even with an observer and each of its steps takes long, the model is taken as it is.
+//! 3. `intersample`: is the command better described by straight lines between samples (first-order hold)? All that follows uses
+//!    the answer.
+//! 4. [`Screen`]: for every effect at every place ([`candidates`], each tried at several values, [`probes`]), how much of the
+//!    residual would it explain, the model's own parameters being free to compensate? No fit is needed. It looks at two
+//!    signals ([`View`]): the torque error along the measured motion, and the position error of simulations with an observer
+//!    of 4/s.
+//! 5. `shortlist`, `prescreening`: which candidates are fitted, and in which order.
+//! 6. [`Judge`]: fits of these candidates, and what they leave of the held-out runs ([`Refit`]); only this decides. Where no run is
+//!    held out, `blocks` holds out each of three blocks of every run in turn.
+//! 7. Further starts, for a search that has lost its way looks the same as a wrong law: `again` starts laws no larger than the
+//!    best one from the best one's values; `at_prior` screens and fits once more from the values before any fit
+//!    ([`Model::prior`]).
+//! 8. `verdict`: credit, rank (held-out log-likelihood and 3 per unknown), candidates that fit as well, the answer. `region`: does
+//!    the effect help where it acts? `sessions`: or did parameters change between runs? `tell_apart`: the experiment that would
+//!    distinguish candidates.
+//! 9. [`discover()`] and `beaten`: a formula that no effect of the library is, where none explains the residual or a formula
+//!    explains far more.
+//!
+//! `finished` holds fits by key: an interrupted diagnosis goes on from them to the same answer. Most models that a screening tries
+//! differ in one effect, so [`dynid_torque::Memory`] keeps the rest; the result does not depend on what is kept.
+//!
+//! The torque error is stated as a command: it is divided by what a change of the drive's torque leaves for the motion, and
+//! a stage that takes the command away gets no credit for that ([`dynid_torque::JointTorqueError::delivered_share`]).
+//! [`with_first_estimates`] uses the same screening to give an effect that vanishes a start for a fit.
 
 mod beaten;
 mod blocks;
@@ -36,14 +60,14 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use candidate::{Candidate, Probe, Sizes, candidates, probes};
-pub use discover::{ActsOn, Discovered, DiscoveredTerm, discover};
+pub use discover::{Discovered, DiscoveredTerm, discover};
 pub use error::{DiagnoseError, WhySoMany};
 pub use estimate::{FirstEstimates, with_first_estimates};
 pub use evidence::{Evidence, Rejection, Speaks};
 pub use note::{KeptValues, Note};
 pub use refit::{CostLimits, EffectParameter, JointResidual, Judge, Refit, SearchExtent, stays_far_above};
 pub use screen::{Score, Screen};
-pub use statement::{ErrorLeft, ModelState, Statement};
+pub use statement::{ActsOn, ErrorLeft, ModelState, Statement};
 pub use tell_apart::{DistinguishingExperiment, SinePhase};
 pub use view::{Block, ObserverView, TorqueView, View};
 

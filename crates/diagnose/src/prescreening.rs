@@ -1,9 +1,14 @@
-//! Which candidates are fitted first, where it is not plain.
+//! Which candidates are fitted first: a short search with the firmest observer, for few free joints and the position error.
 //!
 //! A law that is wrong may take many times as long to fit as the one that is right: what is missing leads its simulations
 //! astray. A search whose simulations are held to the logs as firmly as at first takes a small part of a fit's time and
-//! tells them apart already, though it proves nothing. So it decides the order, and who is no rival of what leaves only
-//! noise; fits and held-out runs decide the rest.
+//! distinguishes them already, though it proves nothing. So it decides the order, and which candidates cannot rival one that
+//! leaves only noise; fits and held-out runs decide the rest.
+//!
+//! All candidates but sensors are searched (an observer pulls away what a sensor shows wrongly); the first two alone, if one of
+//! them leaves only noise. That is so where the model's own fit strayed or where the first candidate's fit explains nothing;
+//! otherwise only candidates with fewer unknowns than the first are searched. Those that leave only noise go ahead, the one
+//! with the fewest unknowns first.
 
 use std::collections::BTreeMap;
 

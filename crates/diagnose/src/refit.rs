@@ -13,13 +13,13 @@ use super::{
 };
 use crate::DiagnoseError;
 use dynid_identify::{
-    FitStatus, identify, identify::ErrorKind, identify::FitResult, identify::FitSettings, position,
-    position::WithObserver, position::noise_of, starts::Starts,
+    FitStatus, identify, identify::ErrorKind, identify::FitResult, identify::FitTask, position, position::WithObserver,
+    position::noise_of, starts::Starts,
 };
 use dynid_judge::{compare::Comparison, compare::compare};
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run, noise::noise_of_log};
-use dynid_optimise::{identifiability::correlation_time, sqp::SearchControl};
-use dynid_signal::is_white;
+use dynid_optimise::sqp::SearchControl;
+use dynid_signal::{is_white, statistics::correlation_time, statistics::counted};
 use dynid_user_model::Model;
 
 /// A model that was fitted, or whose fit was given up, and what it leaves.
@@ -419,7 +419,7 @@ impl Judge<'_> {
     ) -> Result<Option<(FitResult, SearchExtent)>, DiagnoseError> {
         // From where else to start is the diagnosis's own matter.
         let starts = Starts { prior: false, ..Starts::default() };
-        let how = FitSettings { starts, tell_start: false, ..FitSettings::plain(self.error, self.options) };
+        let how = FitTask { starts, tell_start: false, ..FitTask::plain(self.error, self.options) };
         let limits = limits.filter(|_| self.error == ErrorKind::Position);
         let mut watcher = Watcher::new(limits, cost_limits, self.runs.iter().any(|run| run.free.len() > FEW_JOINTS));
         let mut watch = |reported: &identify::Progress, _: Option<&identify::State>| {
@@ -512,7 +512,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                 // A stage that takes the command away takes the error along; that explains nothing.
                 let share = torque.delivered_share().unwrap_or(1.0).min(1.0);
                 let squares = squares / (share * share).max(f64::MIN_POSITIVE);
-                let correlation = correlation_time(&torque.residual, &torque.used);
+                let correlation = correlation_time(&counted(&torque.residual, &torque.used), torque.n_used());
                 add(joint.joint, held_out, squares, torque.n_used() as f64, correlation, None, false);
             } else if let (Some(rmse), Some(simulated)) = (joint.rmse, &reported.simulated) {
                 let measured = &run.log.q[joint.joint];
@@ -542,7 +542,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
                     white = is_white(&residual);
                 }
                 let samples = residual.len() as f64;
-                let correlation = correlation_time(&residual, &vec![true; residual.len()]);
+                let correlation = correlation_time(&residual, residual.len());
                 add(joint.joint, held_out, squares, samples, correlation, Some(noise_floor), white);
             } else {
                 // A run that cannot be simulated to its end is not one without error.

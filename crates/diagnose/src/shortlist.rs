@@ -1,4 +1,9 @@
-//! Which candidates are worth a simulation, which a fit, and in which order.
+//! Which candidates are worth a simulation, which are worth a fit, and in which order.
+//!
+//! What is high in both screenings comes first; ahead of it, candidates at the same joint with fewer unknowns that explain nearly
+//! as much. Where one fit leaves only noise, only those candidates are still fitted that a screening finds nearly as
+//! significant (if that screening saw the first one at all) or that it finds to explain nearly everything, and those that the
+//! first one contains: of nested laws the smallest that explains is wanted.
 
 use super::{Candidate, Probe, Refit, Score, Screened, candidate::distinct, screen::Scored};
 use dynid_user_model::Model;

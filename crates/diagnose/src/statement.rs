@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 
-use super::{ActsOn, Candidate, Moved};
+use super::{Candidate, Moved};
 use dynid_identify::FitStatus;
 
 /// One thing that a diagnosis says; in their order they are the answer.
@@ -67,6 +67,16 @@ pub enum Statement {
     NoFormulaExplains,
     /// How much of what is left is noise is not known of the torque error.
     NoiseIsUnknown,
+}
+
+/// What a formula adds to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ActsOn {
+    /// The command, before the drive path.
+    Command,
+    /// The torque that resists the motion.
+    Motion,
 }
 
 /// Of which values a model is judged.

@@ -25,7 +25,8 @@ pub trait View: Sync {
     fn errors(&self, model: &Model) -> Option<Vec<Block>>;
 }
 
-/// Samples of a filtered signal that say something new: successive errors of a wrong model repeat each other.
+/// Samples of a filtered signal that say something new: successive errors of a wrong model repeat each other. Not counted
+/// from each model's own error (`dynid_signal::statistics`): scores of models are compared, so all weigh the samples alike.
 const SAMPLES_PER_INDEPENDENT: f64 = 10.0;
 
 /// The torque error along the measured motion.

@@ -1,7 +1,11 @@
-//! A robot's equations with numbers in them: its motion under commands, its end point, and what both depend on.
+//! Equations of motion with numbers in them: forward simulation, evaluation along a given motion, and kinematics.
 //!
-//! Numbers only: no file is read or written here. A [`System`](system::System) is made of a kernel and of effects at their places
-//! (`dynid-user-model` makes one of a user's model).
+//! - [`system::System`]: one configuration of a device, its kernel with parameter values, and the effects at their places;
+//!   `dynid-user-model` makes one from a model file;
+//! - [`simulate`]: integration over the commands of a log, open loop, closed loop, or with an observer ([`simulate::Observer`]);
+//! - [`kinematics::Kinematics`]: pose, Jacobian and static torques of the end point.
+//!
+//! Numbers only: no file is read or written here, and no symbol is known.
 
 pub mod kinematics;
 pub mod simulate;

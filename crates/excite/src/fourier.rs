@@ -13,6 +13,7 @@ use super::{
     times,
 };
 use dynid_dynamics::system::System;
+use dynid_optimise::cma_es;
 use dynid_random::Random;
 use dynid_user_model::Model;
 
@@ -146,8 +147,15 @@ pub fn optimised(
             best = Some((x, cost));
         }
     }
-    let start = best.map_or_else(|| vec![0.0; width], |(x, _)| x);
-    let (x, _) = dynid_optimise::cma_es::minimise(&|x| search.cost(x), &start, 0.5, options.evaluations, options.seed);
+    let start = best.unwrap_or_else(|| (vec![0.0; width], f64::INFINITY));
+    let strategy = cma_es::Options {
+        covariance: cma_es::Covariance::Diagonal,
+        spread: 0.5,
+        evaluations: options.evaluations,
+        seed: options.seed,
+        tolerance: None,
+    };
+    let (x, _) = cma_es::minimise(&|x| search.cost(x), start, &strategy);
     let motion = search.within(search.motion(&x));
     if search.information.log_det(&motion.path(&search.time), noise).is_finite() {
         Ok(motion)

@@ -129,7 +129,7 @@ impl<'a> BaseRegressor<'a> {
     /// Number of base parameters that a general pose of the locked joints reveals; a special one may reveal fewer.
     ///
     /// # Errors
-    /// As [`System::of_model`].
+    /// As [`Model::system`].
     pub fn rank_elsewhere(&self, model: &Model) -> Result<usize, SystemError> {
         let pose = Random::new(73).vector(self.system.n_joints(), -3.0, 3.0);
         let elsewhere = model.system(self.system.kernel().free, |joint| pose[joint])?;

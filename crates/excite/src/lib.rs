@@ -1,7 +1,7 @@
-//! Excitation: what to play on a robot so that its motion tells the parameters.
+//! Excitation signals: what to play on a robot so that its motion reveals the parameters ([`Excitation`]).
 //!
 //! Inputs of published experiments by name ([`Excitation::of_input`]), cosines, chirps and multisines ([`wave`]), and an
-//! optimised periodic motion ([`fourier`]). For each, [`information`] says which standard errors the model expects.
+//! optimised periodic motion ([`fourier`]). For each, [`information`] predicts the standard errors of the base parameters.
 
 pub mod fourier;
 pub mod information;

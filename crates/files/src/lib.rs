@@ -1,4 +1,7 @@
-//! Reading files with one clear error, and writing results: whole or not at all, and never over something without being told to.
+//! Reading text files ([`read`]) and writing results ([`write_new`]): a file is written whole or not at all, and an existing one
+//! is replaced only with [`Overwrite`] saying so.
+//!
+//! Errors name the file: [`FileError`]; [`DocumentError`] also says where in the text.
 
 use std::{
     fs::{self, File},

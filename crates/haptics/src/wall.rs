@@ -9,6 +9,7 @@ mod compare;
 mod contact;
 mod damping;
 mod encounter;
+mod error;
 mod hand;
 mod law_file;
 mod measure;
@@ -17,20 +18,21 @@ pub mod space;
 mod tune;
 
 pub use compare::{Case, chatter_ratios, compare, compare_with};
-pub use contact::{Contact, WallError, contact};
+pub use contact::{Contact, contact};
 pub use damping::{OwnDamping, own_damping};
+pub use error::{StartError, WallError};
 pub use hand::Hand;
 pub use law_file::WallFile;
 pub use measure::{
     FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, passive_above, stability_bound,
 };
 pub use setting::{Approach, People, Reaching, Sampling, Setting};
-pub use tune::{Family, Goal, Told, Tuned, tune};
+pub use tune::{Family, Goal, TuneProgress, Tuned, tune};
 
 use dynid_files::DocumentError;
 use dynid_text::UnknownName;
 
-/// Walls that the program carries, by the names that `dynid wall` gives them.
+/// Walls that the program carries, by the names that `dynid wall` gives them; each file names the command that made it.
 pub const SHIPPED: [(&str, &str); 5] = [
     ("pd", include_str!("wall/shipped/pd.toml")),
     ("pd_tuned", include_str!("wall/shipped/pd_tuned.toml")),

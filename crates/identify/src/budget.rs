@@ -5,7 +5,7 @@
 //! `S I_c S`, and these shares add up: `S = S P S + sum(S I_c S)`. A simulated position with the derivative `j` by the
 //! parameters varies by `j S I_c S j'`; its mean over a run's samples is what the budget states, as a root. Thus a later
 //! joint's error is told apart into what its own runs left open and what earlier ones did (thesis section 4.2.2 could
-//! only candidate it).
+//! only suspect it).
 
 use nalgebra::DMatrix;
 

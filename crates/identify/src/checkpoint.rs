@@ -11,7 +11,7 @@ use std::{
 use dynid_model::sha256_hex;
 use serde::{Deserialize, Serialize};
 
-use crate::{identify::FitSettings, identify::State, position::Options, sequence::Weighting};
+use crate::{identify::FitTask, identify::State, position::Options, sequence::Weighting};
 use dynid_files::{FileError, Overwrite, write_new};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
@@ -82,7 +82,7 @@ pub struct Identity {
 
 impl Identity {
     /// Of the fit of `model` to `runs`.
-    pub fn new(model: &Model, experiment: &Experiment, runs: &[&Run], how: &FitSettings) -> Self {
+    pub fn new(model: &Model, experiment: &Experiment, runs: &[&Run], how: &FitTask) -> Self {
         let mut data = experiment.digest.clone();
         for run in runs {
             data.push_str(&format!("\n{} {} {:?} {:?}", run.file, run.role, run.free, run.settings));
@@ -99,8 +99,8 @@ impl Identity {
 }
 
 /// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
-fn request(how: &FitSettings) -> String {
-    let FitSettings { error, method, weighting, only, starts, options, tell_start } = how;
+fn request(how: &FitTask) -> String {
+    let FitTask { error, method, weighting, only, starts, options, tell_start } = how;
     let Options { substeps, iterations, tolerance, start } = *options;
     let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
     if let Some(method) = method {

@@ -67,7 +67,7 @@ pub struct FitResult {
     /// The pairs that move together most, strongest first; a position fit tells them.
     pub correlations: Vec<Correlation>,
     /// What came of each start, where there were several.
-    pub tried: Vec<Tried>,
+    pub tried: Vec<StartResult>,
     /// The start that was kept, from 0.
     pub best_start: usize,
     /// What each configuration of a method found.
@@ -123,7 +123,7 @@ pub struct Correlation {
 
 /// What to fit, and how.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FitSettings {
+pub struct FitTask {
     /// What is made small; with a method always the position error.
     pub error: ErrorKind,
     /// One configuration of this method after another, then all together; without one, all runs at once.
@@ -140,7 +140,7 @@ pub struct FitSettings {
     pub tell_start: bool,
 }
 
-impl FitSettings {
+impl FitTask {
     /// The error `error` of all runs at once, from the model as it stands.
     pub fn plain(error: ErrorKind, options: Options) -> Self {
         Self {
@@ -176,7 +176,7 @@ pub struct Progress {
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct State {
     /// The starts that are done.
-    pub tried: Vec<Tried>,
+    pub tried: Vec<StartResult>,
     /// The best of them.
     pub best: Option<Best>,
     /// Where the start under way is.
@@ -185,7 +185,7 @@ pub struct State {
 
 /// A start that is done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Tried {
+pub struct StartResult {
     /// The cost that it reached; absent where it could not be simulated.
     pub cost: Option<f64>,
     /// How it ended, or why it could not begin.
@@ -248,7 +248,7 @@ pub fn identify(
         progress(reported);
         SearchControl::Continue
     };
-    identify_as(model, experiment, runs, &FitSettings::plain(error, *options), State::default(), &mut watch)
+    identify_as(model, experiment, runs, &FitTask::plain(error, *options), State::default(), &mut watch)
 }
 
 /// Fits `model` to those of `runs` that are for it. `watch` sees every iteration and, in a position fit, a state from
@@ -260,7 +260,7 @@ pub fn identify_as(
     model: &Model,
     experiment: &Experiment,
     runs: &[&Run],
-    how: &FitSettings,
+    how: &FitTask,
     from: State,
     watch: &mut dyn FnMut(&Progress, Option<&State>) -> SearchControl,
 ) -> Result<FitResult, FitError> {

@@ -1,4 +1,18 @@
-//! Fits: from logs to parameter values, each with its standing.
+//! Parameter identification: from a model and logs to fitted values with standard errors ([`identify::identify`]).
+//!
+//! - [`position`]: nonlinear least squares on the position error (output error), by simulation with [`sensitivity`] equations;
+//! - [`torque`]: least squares on the torque error (equation error);
+//! - [`sequence`]: a method, one configuration after another; estimates are handed on with their information;
+//! - [`starts`]: random starts within the bounds;
+//! - [`checkpoint`]: the file from which an interrupted fit goes on.
+//!
+//! # States
+//!
+//! Each layer of a position fit has a state that its `watch` function is shown after every iteration, and from which it can go
+//! on: `sqp::State` within [`position::State`] within [`sequence::State`] within [`identify::State`]. A state holds only what
+//! cannot be computed anew. Cost and derivatives depend on the point alone, so that a resumed fit takes the same steps to the
+//! last bit. Whoever changes what a search carries from one iteration to the next adds it to the state and raises `FORMAT` in
+//! `checkpoint.rs`.
 
 mod budget;
 pub mod checkpoint;
@@ -15,7 +29,7 @@ pub use dynid_optimise::sqp::SearchControl;
 pub use error::FitError;
 pub use nearness::{LONGEST_STEP, stays_near, strays};
 
-use dynid_model::expression::Comparison;
+use dynid_model::{Link, expression::Comparison};
 
 use serde::{Deserialize, Serialize};
 
@@ -72,4 +86,10 @@ impl FitStatus {
             Self::NumericalError => "numerical error",
         }
     }
+}
+
+/// `link.<n>.<symbol>` as number and place of the symbol.
+fn link_parameter(name: &str) -> Option<(usize, usize)> {
+    let (number, symbol) = name.strip_prefix("link.")?.split_once('.')?;
+    Some((number.parse().ok()?, Link::SYMBOLS.iter().position(|known| *known == symbol)?))
 }

@@ -24,14 +24,16 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 pub use evaluate::{first_state, noise_of};
-pub use inertia::{Body, made_physical};
+pub use inertia::made_physical;
 pub use motion::{RunMotion, motions};
 pub use result::{Direction, Estimate, PositionFit, RunError};
 
 use dynid_dynamics::{
     simulate, simulate::Input, simulate::Intersample, simulate::SimulationError, system::System, system::SystemError,
 };
-use dynid_optimise::{sqp, sqp::Ended, sqp::HalfSpace, sqp::Iteration, sqp::Limits, sqp::Region, sqp::SearchControl};
+use dynid_optimise::{
+    region::Entry, region::HalfSpace, region::Region, sqp, sqp::Ended, sqp::Iteration, sqp::Limits, sqp::SearchControl,
+};
 use evaluate::{At, Evaluator};
 use searches::{SEARCHES, Search};
 
@@ -524,7 +526,7 @@ fn keep_what_occurs(problem: &mut PositionProblem) {
 /// by, within the bounds. Says which links were moved.
 fn make_physical(problem: &mut PositionProblem) -> Vec<usize> {
     let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
-    let bodies = Body::all(&names, &problem.known);
+    let bodies = inertia::bodies(&names, &problem.known);
     let column = |of: fn(&Unknown) -> f64| problem.unknowns.iter().map(of).collect::<Vec<f64>>();
     let (mut x, lower, upper) =
         (column(|unknown| unknown.value), column(|unknown| unknown.lower), column(|unknown| unknown.upper));
@@ -608,23 +610,13 @@ fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
     let bounds = |of: fn(&Unknown) -> f64, free: f64| {
         problem.unknowns.iter().map(of).chain(std::iter::repeat_n(free, n_initial)).collect()
     };
-    let index = |name: &str| problem.unknowns.iter().position(|unknown| unknown.name == name);
-    let half_spaces = problem
-        .inequalities
-        .iter()
-        .filter_map(|(larger, smaller)| match (index(larger), index(smaller)) {
-            (Some(larger), Some(smaller)) => {
-                Some(HalfSpace { terms: vec![(smaller, 1.0), (larger, -1.0)], limit: 0.0 })
-            }
-            (Some(larger), None) => {
-                Some(HalfSpace { terms: vec![(larger, -1.0)], limit: -*problem.known.get(smaller)? })
-            }
-            (None, Some(smaller)) => {
-                Some(HalfSpace { terms: vec![(smaller, 1.0)], limit: *problem.known.get(larger)? })
-            }
-            (None, None) => None,
-        })
-        .collect();
+    let entry = |name: &String| {
+        let index = problem.unknowns.iter().position(|unknown| unknown.name == *name);
+        index.map(Entry::Unknown).or_else(|| problem.known.get(name).copied().map(Entry::Known))
+    };
+    let inequalities = problem.inequalities.iter();
+    let half_spaces =
+        inequalities.filter_map(|(larger, smaller)| HalfSpace::of_order(entry(larger)?, entry(smaller)?)).collect();
     Region {
         lower: bounds(|unknown| unknown.lower, f64::NEG_INFINITY),
         upper: bounds(|unknown| unknown.upper, f64::INFINITY),

@@ -15,14 +15,18 @@ use dynid_model::{Link, Parameter};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::FitStatus;
+use super::{FitStatus, link_parameter};
 use dynid_dynamics::system::System;
 use dynid_logs::{experiment::Role, motion::Motion};
 use dynid_optimise::{
-    barrier::{Body, Cost, Ending, Entry, Quadratic, Region, is_inside, minimise},
-    identifiability::{Compressed, NO_EFFECT, Standing, correlation_time, standing},
+    barrier::{Cost, Ending, Interior, is_inside, minimise},
+    body::Body,
+    identifiability::{Compressed, NO_EFFECT, Standing, standing},
     physical,
+    quadratic::Quadratic,
+    region::{Entry, HalfSpace, Region},
 };
+use dynid_signal::statistics::{correlation_time, counted};
 use dynid_torque::{JointLinear, RigidColumns, linearise, rigid_columns};
 
 /// Standard deviation of the prior about the start, in natural sizes of each parameter: a numerical choice.
@@ -195,7 +199,7 @@ pub fn fit(
     if layout.start.is_empty() {
         return Err(TorqueFitError::NothingToFit);
     }
-    let region = layout.region(orders);
+    let within = layout.within(orders);
     x.clone_from(&layout.start);
     let start_residuals = data.square_sums();
     let start_sigma = data.deviations();
@@ -205,7 +209,7 @@ pub fn fit(
     let mut idle = 0;
     while iterations < at_most {
         iterations += 1;
-        let (next, ending) = solve(&layout, &region, &data, &x, damping)?;
+        let (next, ending) = solve(&layout, &within, &data, &x, damping)?;
         let next_data = Data::new(&layout, &runs, &rigid, &next, false);
         let gain = data.merit() - next_data.merit();
         if gain >= -COST_TOLERANCE {
@@ -227,7 +231,7 @@ pub fn fit(
             idle = IDLE_ITERATIONS;
         }
         if idle >= IDLE_ITERATIONS {
-            let (best, ending) = solve(&layout, &region, &data, &x, 0.0)?;
+            let (best, ending) = solve(&layout, &within, &data, &x, 0.0)?;
             let promised = data.merit() - data.merit_at(&layout.phi(&best));
             let is_near = ending == Ending::Minimum && promised <= NEAR * data.samples();
             status = if is_near { FitStatus::Converged } else { FitStatus::NumericalError };
@@ -235,13 +239,13 @@ pub fn fit(
         }
     }
     let data = Data::new(&layout, &runs, &rigid, &x, true);
-    Ok(conclude(&layout, &region, &data, &x, &start_residuals, status, iterations))
+    Ok(conclude(&layout, &within, &data, &x, &start_residuals, status, iterations))
 }
 
 /// The minimum of the linearised problem, weights included, started from `x` and held to it by `damping`.
 fn solve(
     layout: &Layout,
-    region: &Region,
+    within: &Interior,
     data: &Data,
     x: &[f64],
     damping: f64,
@@ -251,8 +255,8 @@ fn solve(
     let mut ending = Ending::Minimum;
     for _ in 0..WEIGHT_ROUNDS {
         let cost = Weighted::new(layout, data, &sigma, x, damping);
-        let mut next = layout.interior(region, &solution)?;
-        ending = minimise(region, &cost, &mut next);
+        let mut next = layout.interior(within, &solution)?;
+        ending = minimise(within, &cost, &mut next);
         solution = next;
         let found = data.deviations_at(&layout.phi(&solution));
         let change = sigma.iter().map(|(joint, sigma)| (found[joint] / sigma - 1.0).abs()).fold(0.0, f64::max);
@@ -270,7 +274,7 @@ fn solve(
 /// equations are linear in. `x` holds the unknowns.
 #[derive(Debug, Clone)]
 struct Layout {
-    links: Vec<LinkLayout>,
+    links: Vec<Body>,
     effects: Vec<EffectLayout>,
     /// Names of the unknowns.
     names: Vec<String>,
@@ -281,23 +285,9 @@ struct Layout {
 }
 
 #[derive(Debug, Clone)]
-struct LinkLayout {
-    number: usize,
-    values: [f64; 10],
-    unknown: [Option<usize>; 10],
-}
-
-#[derive(Debug, Clone)]
 struct EffectLayout {
     name: String,
-    value: f64,
-    unknown: Option<usize>,
-}
-
-impl LinkLayout {
-    fn has_unknown_inertia(&self) -> bool {
-        self.unknown[4..].iter().any(Option::is_some)
-    }
+    value: Entry,
 }
 
 impl Layout {
@@ -318,24 +308,22 @@ impl Layout {
         };
         for (name, parameter) in parameters {
             if let Some((number, symbol)) = link_parameter(name) {
-                let link = match layout.links.iter().position(|link| link.number == number) {
+                let link = match layout.links.iter().position(|body| body.link == number) {
                     Some(index) => index,
                     None => {
-                        let link = LinkLayout { number, values: [0.0; 10], unknown: [None; 10] };
-                        layout.links.push(link);
+                        layout.links.push(Body { link: number, inertial: [Entry::Known(0.0); 10] });
                         layout.links.len() - 1
                     }
                 };
-                layout.links[link].values[symbol] = parameter.value;
                 // A moment of inertia that no equation knows may have to move for the others to be a body's.
                 let is_inertia = symbol >= 4;
-                layout.links[link].unknown[symbol] = layout.admit(name, parameter, is_inertia || occurs(name));
+                layout.links[link].inertial[symbol] = layout.admit(name, parameter, is_inertia || occurs(name));
             } else if name.starts_with("joint.") || name.starts_with("device.") {
                 if !occurs(name) {
                     continue;
                 }
-                let unknown = layout.admit(name, parameter, true);
-                layout.effects.push(EffectLayout { name: name.clone(), value: parameter.value, unknown });
+                let value = layout.admit(name, parameter, true);
+                layout.effects.push(EffectLayout { name: name.clone(), value });
             }
         }
         for run in runs {
@@ -351,34 +339,35 @@ impl Layout {
             }
         }
         // A link that no equation knows has nothing to say.
-        layout.links.retain(|link| Link::SYMBOLS.iter().any(|s| occurs(&format!("link.{}.{s}", link.number))));
+        layout.links.retain(|link| Link::SYMBOLS.iter().any(|s| occurs(&format!("link.{}.{s}", link.link))));
         layout.set_scales();
         Ok(layout)
     }
 
     /// Makes a parameter an unknown, if it may move.
-    fn admit(&mut self, name: &str, parameter: &Parameter, occurs: bool) -> Option<usize> {
+    fn admit(&mut self, name: &str, parameter: &Parameter, occurs: bool) -> Entry {
         let Parameter { value, mut lower, upper, fixed } = *parameter;
         if name.ends_with(".m") && name.starts_with("link.") {
             lower = lower.max(0.0);
         }
         if fixed || !occurs || lower >= upper {
-            return None;
+            return Entry::Known(value);
         }
         self.names.push(name.to_owned());
         self.start.push(value);
         self.lower.push(lower);
         self.upper.push(upper);
         self.scale.push(f64::NAN);
-        Some(self.start.len() - 1)
+        Entry::Unknown(self.start.len() - 1)
     }
 
     /// Natural sizes: a link's mass, how far its mass lies from its frame, its moments of inertia; an effect's start.
     fn set_scales(&mut self) {
-        let largest_mass = self.links.iter().map(|link| link.values[0]).fold(0.0, f64::max);
-        let largest_arm = self.links.iter().flat_map(|link| &link.values[1..4]).fold(0.0_f64, |a, c| a.max(c.abs()));
-        for link in &self.links {
-            let [m, x, y, z, xx, _, _, yy, _, zz] = link.values;
+        let values: Vec<[f64; 10]> = self.links.iter().map(|link| link.at(&self.start)).collect();
+        let largest_mass = values.iter().map(|values| values[0]).fold(0.0, f64::max);
+        let largest_arm = values.iter().flat_map(|values| &values[1..4]).fold(0.0_f64, |a, c| a.max(c.abs()));
+        for (link, values) in self.links.iter().zip(values) {
+            let [m, x, y, z, xx, _, _, yy, _, zz] = values;
             let mass = if m > 0.0 {
                 m
             } else if largest_mass > 0.0 {
@@ -388,21 +377,20 @@ impl Layout {
             };
             let arm = x.abs().max(y.abs()).max(z.abs()).max(0.3 * largest_arm).max(0.01);
             let inertia = (xx + yy + zz).max(mass * (0.3 * arm).powi(2));
-            for (symbol, unknown) in link.unknown.iter().enumerate() {
-                if let Some(index) = *unknown {
-                    self.scale[index] = match symbol {
-                        0 => mass,
-                        1..=3 => arm,
-                        _ => inertia,
-                    };
-                }
+            for (symbol, index) in link.unknowns() {
+                self.scale[index] = match symbol {
+                    0 => mass,
+                    1..=3 => arm,
+                    _ => inertia,
+                };
             }
         }
         for effect in &self.effects {
-            if let Some(index) = effect.unknown {
+            if let Entry::Unknown(index) = effect.value {
                 let range = self.upper[index] - self.lower[index];
                 let of_range = if range.is_finite() { 1e-2 * range } else { 1.0 };
-                self.scale[index] = if effect.value == 0.0 { of_range } else { effect.value.abs() };
+                let start = self.start[index];
+                self.scale[index] = if start == 0.0 { of_range } else { start.abs() };
             }
         }
     }
@@ -420,8 +408,9 @@ impl Layout {
         let mut keep: Vec<bool> = strengths.iter().map(|strength| *strength > NO_EFFECT * strongest).collect();
         // One moment of inertia that moves needs the others of its link to stay a body.
         for link in &self.links {
-            if link.unknown[4..].iter().flatten().any(|&index| keep[index]) {
-                link.unknown[4..].iter().flatten().for_each(|&index| keep[index] = true);
+            let moments: Vec<usize> = link.inertia().into_iter().filter_map(Entry::index).collect();
+            if moments.iter().any(|&index| keep[index]) {
+                moments.into_iter().for_each(|index| keep[index] = true);
             }
         }
         let number: Vec<Option<usize>> = keep
@@ -432,9 +421,13 @@ impl Layout {
             })
             .collect();
         let mut layout = self.clone();
-        let renumber = |unknown: &mut Option<usize>| *unknown = unknown.and_then(|index| number[index]);
-        layout.links.iter_mut().for_each(|link| link.unknown.iter_mut().for_each(renumber));
-        layout.effects.iter_mut().for_each(|effect| renumber(&mut effect.unknown));
+        let renumber = |entry: &mut Entry| {
+            if let Entry::Unknown(index) = *entry {
+                *entry = number[index].map_or(Entry::Known(self.start[index]), Entry::Unknown);
+            }
+        };
+        layout.links.iter_mut().for_each(|link| link.inertial.iter_mut().for_each(renumber));
+        layout.effects.iter_mut().for_each(|effect| renumber(&mut effect.value));
         let select = |values: &[f64]| values.iter().zip(&keep).filter(|(_, keep)| **keep).map(|(v, _)| *v).collect();
         layout.start = select(&self.start);
         layout.lower = select(&self.lower);
@@ -448,14 +441,9 @@ impl Layout {
         10 * self.links.len() + self.effects.len()
     }
 
-    /// A link's ten parameters at `x`.
-    fn inertial(link: &LinkLayout, x: &[f64]) -> [f64; 10] {
-        std::array::from_fn(|symbol| link.unknown[symbol].map_or(link.values[symbol], |index| x[index]))
-    }
-
     fn phi(&self, x: &[f64]) -> DVector<f64> {
-        let links = self.links.iter().flat_map(|link| physical::standard(&Self::inertial(link, x)));
-        let effects = self.effects.iter().map(|effect| effect.unknown.map_or(effect.value, |index| x[index]));
+        let links = self.links.iter().flat_map(|link| physical::standard(&link.at(x)));
+        let effects = self.effects.iter().map(|effect| effect.value.at(x));
         DVector::from_iterator(self.n_phi(), links.chain(effects))
     }
 
@@ -463,96 +451,78 @@ impl Layout {
     fn jacobian(&self, x: &[f64]) -> DMatrix<f64> {
         let mut jacobian = DMatrix::zeros(self.n_phi(), x.len());
         for (block, link) in self.links.iter().enumerate() {
-            let by = physical::standard_jacobian(&Self::inertial(link, x));
-            for (symbol, unknown) in link.unknown.iter().enumerate() {
-                if let Some(index) = *unknown {
-                    (0..10).for_each(|row| jacobian[(10 * block + row, index)] = by[row][symbol]);
-                }
+            let by = physical::standard_jacobian(&link.at(x));
+            for (symbol, index) in link.unknowns() {
+                (0..10).for_each(|row| jacobian[(10 * block + row, index)] = by[row][symbol]);
             }
         }
         for (row, effect) in self.effects.iter().enumerate() {
-            if let Some(index) = effect.unknown {
+            if let Entry::Unknown(index) = effect.value {
                 jacobian[(10 * self.links.len() + row, index)] = 1.0;
             }
         }
         jacobian
     }
 
-    fn region(&self, orders: &[(String, String)]) -> Region {
-        let entry = |name: &String| {
-            let effect = self.effects.iter().find(|effect| effect.name == *name)?;
-            Some(effect.unknown.map_or(Entry::Known(effect.value), Entry::Unknown))
-        };
-        let orders = orders.iter().filter_map(|(larger, smaller)| Some((entry(larger)?, entry(smaller)?)));
-        let orders = orders.filter(|ends| !matches!(ends, (Entry::Known(_), Entry::Known(_))));
-        let links = self.links.iter().map(|link| Body {
-            inertial: std::array::from_fn(|symbol| {
-                link.unknown[symbol].map_or(Entry::Known(link.values[symbol]), Entry::Unknown)
-            }),
-            is_physical: link.has_unknown_inertia(),
-        });
-        Region {
-            lower: self.lower.clone(),
-            upper: self.upper.clone(),
+    fn within(&self, orders: &[(String, String)]) -> Interior {
+        let entry = |name: &String| self.effects.iter().find(|effect| effect.name == *name).map(|effect| effect.value);
+        let half_spaces = orders
+            .iter()
+            .filter_map(|(larger, smaller)| HalfSpace::of_order(entry(larger)?, entry(smaller)?))
+            .collect();
+        Interior {
+            region: Region { lower: self.lower.clone(), upper: self.upper.clone(), half_spaces },
+            bodies: self.links.clone(),
             scale: self.scale.clone(),
-            links: links.collect(),
-            orders: orders.collect(),
         }
     }
 
     /// A point strictly inside of the region, near `x`.
-    fn interior(&self, region: &Region, x: &[f64]) -> Result<Vec<f64>, TorqueFitError> {
+    fn interior(&self, within: &Interior, x: &[f64]) -> Result<Vec<f64>, TorqueFitError> {
         for margin in [1e-2, 1e-4, 1e-6, 1e-8] {
             let mut point = x.to_vec();
             for link in &self.links {
                 if !link.has_unknown_inertia() {
                     continue;
                 }
-                let inertial = Self::inertial(link, &point);
+                let inertial = link.at(&point);
                 let inertia: [f64; 6] = std::array::from_fn(|entry| inertial[4 + entry]);
-                let size = link.unknown[4..].iter().flatten().map(|&index| self.scale[index]).fold(0.0, f64::max);
+                let moments = link.inertia().into_iter().filter_map(Entry::index);
+                let size = moments.map(|index| self.scale[index]).fold(0.0, f64::max);
                 let inside = physical::inside(&inertia, margin * size);
-                for (unknown, value) in link.unknown[4..].iter().zip(inside) {
-                    if let Some(index) = *unknown {
+                for (entry, value) in link.inertia().into_iter().zip(inside) {
+                    if let Entry::Unknown(index) = entry {
                         point[index] = value;
                     }
                 }
             }
             for (index, value) in point.iter_mut().enumerate() {
-                let (lower, upper) = (region.lower[index], region.upper[index]);
-                let room = (margin * region.scale[index]).min(0.25 * (upper - lower));
+                let (lower, upper) = (self.lower[index], self.upper[index]);
+                let room = (margin * self.scale[index]).min(0.25 * (upper - lower));
                 *value = value.clamp(lower + room, upper - room);
             }
-            for &(larger, smaller) in &region.orders {
-                let excess = smaller.at(&point) - larger.at(&point);
+            for half_space in &within.region.half_spaces {
+                let excess = half_space.excess(&point);
                 // Either end may have no room on its side, so both go the whole way.
-                let ends = [(larger, 1.0), (smaller, -1.0)];
-                for (end, sign) in ends {
-                    if let Entry::Unknown(index) = end
-                        && excess > -margin * region.scale[index]
-                    {
-                        let moved = point[index] + sign * (excess + 2.0 * margin * region.scale[index]);
-                        let (lower, upper) = (region.lower[index], region.upper[index]);
-                        let room = (0.5 * margin * region.scale[index]).min(0.1 * (upper - lower));
+                for &(index, factor) in &half_space.terms {
+                    if excess > -margin * self.scale[index] {
+                        let moved = point[index] - factor * (excess + 2.0 * margin * self.scale[index]);
+                        let (lower, upper) = (self.lower[index], self.upper[index]);
+                        let room = (0.5 * margin * self.scale[index]).min(0.1 * (upper - lower));
                         point[index] = moved.clamp(lower + room, upper - room);
                     }
                 }
             }
-            if is_inside(region, &point) {
+            if is_inside(within, &point) {
                 return Ok(point);
             }
         }
-        let link = self.links.iter().find(|link| {
-            link.has_unknown_inertia() && physical::body_barrier_value(&Self::inertial(link, x)).is_none()
-        });
-        Err(link.map_or(TorqueFitError::NoRoom, |link| TorqueFitError::NoBody { link: link.number }))
+        let link = self
+            .links
+            .iter()
+            .find(|link| link.has_unknown_inertia() && physical::body_barrier_value(&link.at(x)).is_none());
+        Err(link.map_or(TorqueFitError::NoRoom, |link| TorqueFitError::NoBody { link: link.link }))
     }
-}
-
-/// `link.<n>.<symbol>` as number and place of the symbol.
-fn link_parameter(name: &str) -> Option<(usize, usize)> {
-    let (number, symbol) = name.strip_prefix("link.")?.split_once('.')?;
-    Some((number.parse().ok()?, Link::SYMBOLS.iter().position(|known| *known == symbol)?))
 }
 
 /// The linearised equations of all runs, by joint of the device.
@@ -720,7 +690,11 @@ fn run_equations(
             residual_squared,
             torque_squared: rows.iter().map(|&sample| torque[sample].powi(2)).sum(),
             n_samples: rows.len(),
-            correlation_time: if with_errors { correlation_time(&linear.residual, used) } else { 1.0 },
+            correlation_time: if with_errors {
+                correlation_time(&counted(&linear.residual, used), rows.len())
+            } else {
+                1.0
+            },
         };
         (free[slot], data)
     };
@@ -733,14 +707,14 @@ impl Layout {
         let mut link_parameters = system.link_parameters().to_vec();
         for (value, name) in link_parameters.iter_mut().zip(system.kernel().parameters) {
             let Some((number, symbol)) = link_parameter(name) else { continue };
-            if let Some(link) = self.links.iter().find(|link| link.number == number) {
-                *value = Self::inertial(link, x)[symbol];
+            if let Some(link) = self.links.iter().find(|link| link.link == number) {
+                *value = link.at(x)[symbol];
             }
         }
         let mut effect_parameters = system.effect_parameters().to_vec();
         for (value, name) in effect_parameters.iter_mut().zip(system.effect_names()) {
             if let Some(effect) = self.effects.iter().find(|effect| effect.name == *name) {
-                *value = effect.unknown.map_or(effect.value, |index| x[index]);
+                *value = effect.value.at(x);
             }
         }
         system.set_parameters(&link_parameters, &effect_parameters);
@@ -758,7 +732,7 @@ fn lumps_by_standard(layout: &Layout, system: &System) -> DMatrix<f64> {
         .iter()
         .map(|name| {
             let (number, symbol) = link_parameter(name)?;
-            let link = layout.links.iter().position(|link| link.number == number)?;
+            let link = layout.links.iter().position(|link| link.link == number)?;
             Some(10 * link + symbol)
         })
         .collect();
@@ -841,14 +815,14 @@ impl Cost for Weighted<'_> {
             gradient[index] += self.hold * distance / self.layout.scale[index];
             hessian[(index, index)] += self.hold / self.layout.scale[index].powi(2);
         }
-        Quadratic { value: self.value(x), gradient, hessian }
+        Quadratic { cost: self.value(x), gradient, hessian }
     }
 }
 
 /// Standard errors, flags and status at the solution.
 fn conclude(
     layout: &Layout,
-    region: &Region,
+    within: &Interior,
     data: &Data,
     x: &[f64],
     start_residuals: &BTreeMap<usize, f64>,
@@ -897,8 +871,8 @@ fn conclude(
     let links_at_physical_limit: Vec<usize> = layout
         .links
         .iter()
-        .filter(|link| link.has_unknown_inertia() && at_limit(&Layout::inertial(link, x)))
-        .map(|link| link.number)
+        .filter(|link| link.has_unknown_inertia() && at_limit(&link.at(x)))
+        .map(|link| link.link)
         .collect();
     let status = match status {
         FitStatus::Converged if held.contains(&true) || !links_at_physical_limit.is_empty() => FitStatus::HeldByBound,
@@ -907,7 +881,7 @@ fn conclude(
         }
         other => other,
     };
-    debug_assert!(is_inside(region, x), "a fit ends inside of its bounds");
+    debug_assert!(is_inside(within, x), "a fit ends inside of its bounds");
     TorqueFit {
         status,
         iterations,

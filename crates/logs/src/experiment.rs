@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::Device;
+use dynid_model::{Device, nearest};
 use sha2::{Digest, Sha256};
 use toml::{
     Spanned,
@@ -19,6 +19,15 @@ use crate::{log, log::Log, log::LogError, log::LogFormat};
 use dynid_dynamics::simulate::Intersample;
 
 /// A list of runs of one device.
+///
+/// ```
+/// use dynid_logs::experiment::{Experiment, Role};
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../src/tour/experiment.toml");
+/// let experiment = Experiment::load(path)?;
+/// let held_out = experiment.runs.iter().filter(|run| run.role == Role::Validate);
+/// assert_eq!(held_out.map(|run| run.log.len()).sum::<usize>(), 801);
+/// # Ok::<(), dynid_logs::experiment::ExperimentError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Experiment {
     /// The file that it was read from.
@@ -163,6 +172,16 @@ pub enum ExperimentError {
         /// What to do.
         remedy: String,
     },
+    /// No run has just these joints free.
+    #[error("{path}: no run has just the joints {wanted:?} free; its runs have {known}", path = path.display())]
+    NoRunWithFree {
+        /// The experiment.
+        path: PathBuf,
+        /// Ascending.
+        wanted: Vec<usize>,
+        /// What the runs have.
+        known: String,
+    },
     /// A log of it cannot be used.
     #[error("{error} (run {run} of {experiment})", experiment = experiment.display())]
     Log {
@@ -210,6 +229,41 @@ const RUN_KEYS: [&str; 16] = [
 ];
 
 impl Experiment {
+    /// Reads an experiment of one of the shipped devices, with all its logs.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with the file or a log, with its place and a remedy.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, ExperimentError> {
+        Self::read_with(path.as_ref(), dynid_model::devices())
+    }
+
+    /// As [`Experiment::load`], with runs that are only planned: they say where they `start` instead of having measured
+    /// positions.
+    ///
+    /// # Errors
+    /// As [`Experiment::load`].
+    pub fn load_planned(path: impl AsRef<Path>) -> Result<Self, ExperimentError> {
+        Self::read_planned(path.as_ref(), dynid_model::devices())
+    }
+
+    /// The runs in which exactly these joints are free, in their order; all runs without a choice.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn runs_with_free(&self, free: Option<&[usize]>) -> Result<Vec<&Run>, ExperimentError> {
+        let Some(free) = free else { return Ok(self.runs.iter().collect()) };
+        let mut wanted = free.to_vec();
+        wanted.sort_unstable();
+        wanted.dedup();
+        let runs: Vec<&Run> = self.runs.iter().filter(|run| run.free == wanted).collect();
+        if !runs.is_empty() {
+            return Ok(runs);
+        }
+        let mut known: Vec<String> = self.runs.iter().map(|run| format!("{:?}", run.free)).collect();
+        known.dedup();
+        Err(ExperimentError::NoRunWithFree { path: self.path.clone(), wanted, known: known.join(", ") })
+    }
+
     /// Reads the experiment at `path` with all its logs; its device is one of `devices`.
     pub fn read_with(path: &Path, devices: &'static [Device]) -> Result<Self, ExperimentError> {
         Self::read_as(path, devices, Planned::Refused)
@@ -639,35 +693,9 @@ fn index(value: &Spanned<DeValue<'_>>) -> Option<usize> {
     }
 }
 
+/// `did you mean ..? `, or nothing where no name is near.
 fn did_you_mean<S: AsRef<str>>(name: &str, known: &[S]) -> String {
     nearest(name, known.iter().map(AsRef::as_ref)).map_or(String::new(), |near| format!("did you mean `{near}`? "))
-}
-
-/// The name among `known` that takes the fewest edits to reach from `name`, if it is near enough to be meant.
-pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let limit = name.chars().count().max(3) / 2;
-    known
-        .into_iter()
-        .map(|other| (edits(name, other), other))
-        .filter(|(distance, _)| *distance <= limit)
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, other)| other)
-}
-
-/// Levenshtein distance: insertions, deletions and replacements from one text to the other.
-fn edits(from: &str, to: &str) -> usize {
-    let to: Vec<char> = to.chars().collect();
-    let mut row: Vec<usize> = (0..=to.len()).collect();
-    for (length, from_character) in from.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = length + 1;
-        for (place, to_character) in to.iter().enumerate() {
-            let replaced = diagonal + usize::from(from_character != *to_character);
-            diagonal = row[place + 1];
-            row[place + 1] = replaced.min(diagonal + 1).min(row[place] + 1);
-        }
-    }
-    row[to.len()]
 }
 
 #[cfg(test)]

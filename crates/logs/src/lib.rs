@@ -1,4 +1,16 @@
-//! What was measured: experiments and their logs, the motion that they show, its noise, and how good they are.
+//! Experiments and measured data: reading log files, the filtered motion, the measurement noise, and the quality of a log.
+//!
+//! - [`experiment::Experiment`]: an `experiment.toml` with its [`Run`](experiment::Run)s, each to be fitted to or held out
+//!   ([`Role`](experiment::Role));
+//! - [`log::Log`]: one CSV file in SI units;
+//! - [`controller`]: the file of the controller that closed the loop;
+//! - [`motion::Motion`]: positions, velocities and accelerations after the zero-phase filter;
+//! - [`noise`]: measurement noise, estimated from a log alone;
+//! - [`quality::of_run`]: what a log is worth before any model is compared with it.
+//!
+//! A run with `start` is only planned: it has no measured positions.
+//! [`Experiment::read_planned`](experiment::Experiment::read_planned) (for simulation) accepts it,
+//! [`Experiment::read_with`](experiment::Experiment::read_with) rejects it.
 
 pub mod controller;
 pub mod experiment;

@@ -7,9 +7,14 @@
 //! `mu` times the number of constraints of the constrained minimum (Boyd & Vandenberghe, Convex Optimization,
 //! section 11.3), far less than what one standard error makes of it.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
-use super::physical::{self, BodyBarrier, body_barrier, body_barrier_value};
+use super::{
+    body::Body,
+    physical::{self, BodyBarrier, body_barrier, body_barrier_value},
+    quadratic::Quadratic,
+    region::Region,
+};
 
 /// The weight of the barrier falls by this factor from stage to stage.
 const BARRIER_FALL: f64 = 0.1;
@@ -27,91 +32,30 @@ const STAGE_STEPS: usize = 60;
 /// A step goes at most this far of the way to a bound.
 const TO_BOUND: f64 = 0.99;
 
-/// Value, gradient and a positive semi-definite approximation of the second derivative.
-pub struct Quadratic {
-    /// Value.
-    pub value: f64,
-    /// Gradient.
-    pub gradient: DVector<f64>,
-    /// Second derivative, or what stands for it.
-    pub hessian: DMatrix<f64>,
-}
-
 /// What is minimised.
 pub trait Cost {
     /// Its value.
     fn value(&self, x: &[f64]) -> f64;
-    /// Its value and derivatives, the second ones along the lines of [`Region::moved`].
+    /// Its value and derivatives, the second ones along the lines of `Interior::moved`.
     fn expand(&self, x: &[f64]) -> Quadratic;
 }
 
-/// Where a minimum is sought. Entries of all vectors belong to the unknowns, in their order.
-pub struct Region {
-    /// Smallest value; `-inf` for none.
-    pub lower: Vec<f64>,
-    /// Largest value; `inf` for none. Above `lower`.
-    pub upper: Vec<f64>,
+/// Where a minimum is sought: strictly inside.
+pub struct Interior {
+    /// Bounds, the upper ones above the lower, and linear inequalities.
+    pub region: Region,
+    /// Links, which stay bodies where their inertia is sought.
+    pub bodies: Vec<Body>,
     /// A natural size of each unknown, positive.
     pub scale: Vec<f64>,
-    /// Bodies.
-    pub links: Vec<Body>,
-    /// `(larger, smaller)`: the first is never below the second.
-    pub orders: Vec<(Entry, Entry)>,
 }
 
-/// A number that is sought or known.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Entry {
-    /// An unknown, by its index.
-    Unknown(usize),
-    /// Its value.
-    Known(f64),
-}
-
-/// A link's ten parameters, in the order of [`dynid_model::Link::SYMBOLS`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Body {
-    /// Each of the ten: an unknown or a number.
-    pub inertial: [Entry; 10],
-    /// Whether it must be one that can exist; not asked of a link whose inertia is known.
-    pub is_physical: bool,
-}
-
-impl Body {
-    /// Its parameters at `x`.
-    pub fn at(&self, x: &[f64]) -> [f64; 10] {
-        self.inertial.map(|entry| entry.at(x))
-    }
-
-    /// Which unknown is which of its parameters.
-    fn unknowns(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.inertial.iter().enumerate().filter_map(|(symbol, entry)| Some((symbol, entry.index()?)))
-    }
-}
-
-impl Entry {
-    /// The number at `x`.
-    pub fn at(self, x: &[f64]) -> f64 {
-        match self {
-            Self::Unknown(index) => x[index],
-            Self::Known(value) => value,
-        }
-    }
-
-    fn index(self) -> Option<usize> {
-        match self {
-            Self::Unknown(index) => Some(index),
-            Self::Known(_) => None,
-        }
-    }
-}
-
-impl Region {
+impl Interior {
     /// Where a step leads: straight in the links' standard parameters, `x + step` to first order. Known numbers stay
     /// what they are. Not a number where a mass would vanish.
     fn moved(&self, x: &[f64], step: &[f64]) -> Vec<f64> {
         let mut moved: Vec<f64> = x.iter().zip(step).map(|(x, step)| x + step).collect();
-        for link in &self.links {
+        for link in &self.bodies {
             let here = link.at(x);
             let jacobian = physical::standard_jacobian(&here);
             let mut standard = physical::standard(&here);
@@ -129,20 +73,14 @@ impl Region {
     /// For each unknown that is a link's centroid: the link's mass, by value and as an unknown.
     fn masses(&self, x: &[f64]) -> Vec<Option<(f64, Option<usize>)>> {
         let mut masses = vec![None; x.len()];
-        for link in &self.links {
+        for link in &self.bodies {
             for (symbol, index) in link.unknowns() {
                 if (1..=3).contains(&symbol) {
-                    masses[index] = Some((link.inertial[0].at(x), link.inertial[0].index()));
+                    masses[index] = Some((link.mass().at(x), link.mass().index()));
                 }
             }
         }
         masses
-    }
-
-    /// Distance to the limit of an order, and its natural size.
-    fn gap(&self, (larger, smaller): (Entry, Entry), x: &[f64]) -> (f64, f64) {
-        let size = [larger, smaller].into_iter().filter_map(Entry::index).map(|index| self.scale[index]);
-        (larger.at(x) - smaller.at(x), size.fold(0.0, f64::max))
     }
 }
 
@@ -157,12 +95,12 @@ pub enum Ending {
     Infeasible,
 }
 
-/// Moves `x`, which lies strictly inside `region`, to the minimum of `cost` there.
-pub fn minimise(region: &Region, cost: &dyn Cost, x: &mut Vec<f64>) -> Ending {
+/// Moves `x`, which lies strictly inside, to the minimum of `cost` there.
+pub fn minimise(interior: &Interior, cost: &dyn Cost, x: &mut Vec<f64>) -> Ending {
     let mut weight = BARRIER_FIRST;
     loop {
         // An earlier stage only has to bring the next one near.
-        let ending = stage(region, cost, weight, x);
+        let ending = stage(interior, cost, weight, x);
         if weight <= BARRIER_LAST || ending == Ending::Infeasible {
             return ending;
         }
@@ -171,12 +109,12 @@ pub fn minimise(region: &Region, cost: &dyn Cost, x: &mut Vec<f64>) -> Ending {
 }
 
 /// Newton steps at one weight of the barrier.
-fn stage(region: &Region, cost: &dyn Cost, weight: f64, x: &mut Vec<f64>) -> Ending {
+fn stage(interior: &Interior, cost: &dyn Cost, weight: f64, x: &mut Vec<f64>) -> Ending {
     let mut damping = 0.0_f64;
     let mut unseen = 0;
     for _ in 0..STAGE_STEPS {
-        let Some(here) = merit(region, cost, weight, x) else { return Ending::Infeasible };
-        let scale = DVector::from_column_slice(&region.scale);
+        let Some(here) = merit(interior, cost, weight, x) else { return Ending::Infeasible };
+        let scale = DVector::from_column_slice(&interior.scale);
         // In units of the scales, where the damping means the same for every unknown.
         let gradient = here.gradient.component_mul(&scale);
         let mut hessian = here.hessian;
@@ -197,14 +135,14 @@ fn stage(region: &Region, cost: &dyn Cost, weight: f64, x: &mut Vec<f64>) -> End
             };
             let step = -factor.solve(&gradient);
             let promised = -gradient.dot(&step);
-            let is_unseen = promised <= ROUNDING * here.value.abs();
+            let is_unseen = promised <= ROUNDING * here.cost.abs();
             if promised <= STAGE_TOLERANCE * weight || (is_unseen && unseen == UNSEEN_STEPS) {
                 return Ending::Minimum;
             }
             let step = step.component_mul(&scale);
             let promised = if is_unseen { f64::NEG_INFINITY } else { promised };
             unseen += usize::from(is_unseen);
-            if let Some(next) = line_search(region, cost, weight, x, &step, here.value, promised) {
+            if let Some(next) = line_search(interior, cost, weight, x, &step, here.cost, promised) {
                 *x = next;
                 damping *= 0.1;
                 moved = true;
@@ -222,7 +160,7 @@ fn stage(region: &Region, cost: &dyn Cost, weight: f64, x: &mut Vec<f64>) -> End
 /// The point along `step` that lowers the merit by a share of what was `promised` (Armijo's rule); the furthest one inside
 /// where nothing (`-inf`) was.
 fn line_search(
-    region: &Region,
+    interior: &Interior,
     cost: &dyn Cost,
     weight: f64,
     x: &[f64],
@@ -232,14 +170,18 @@ fn line_search(
 ) -> Option<Vec<f64>> {
     let mut length = 1.0_f64;
     for (index, change) in step.iter().enumerate() {
-        let room = if *change < 0.0 { region.lower[index] - x[index] } else { region.upper[index] - x[index] };
+        let room = if *change < 0.0 {
+            interior.region.lower[index] - x[index]
+        } else {
+            interior.region.upper[index] - x[index]
+        };
         if *change != 0.0 && room.is_finite() {
             length = length.min(TO_BOUND * room / change);
         }
     }
     for _ in 0..30 {
-        let next = region.moved(x, (step * length).as_slice());
-        if let Some(barrier) = barrier_value(region, &next)
+        let next = interior.moved(x, (step * length).as_slice());
+        if let Some(barrier) = barrier_value(interior, &next)
             && cost.value(&next) + weight * barrier <= value - 1e-4 * length * promised
         {
             return Some(next);
@@ -250,12 +192,14 @@ fn line_search(
 }
 
 /// Cost plus barrier with derivatives; `None` outside of the region.
-fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Quadratic> {
-    let barrier = barrier_value(region, x)?;
-    let Quadratic { mut value, mut gradient, mut hessian } = cost.expand(x);
+fn merit(interior: &Interior, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Quadratic> {
+    let barrier = barrier_value(interior, x)?;
+    let Quadratic { cost: mut value, mut gradient, mut hessian } = cost.expand(x);
     value += weight * barrier;
-    for (index, mass) in region.masses(x).into_iter().enumerate() {
-        for (distance, sign) in [(x[index] - region.lower[index], 1.0), (region.upper[index] - x[index], -1.0)] {
+    for (index, mass) in interior.masses(x).into_iter().enumerate() {
+        for (distance, sign) in
+            [(x[index] - interior.region.lower[index], 1.0), (interior.region.upper[index] - x[index], -1.0)]
+        {
             if distance.is_infinite() {
                 continue;
             }
@@ -270,17 +214,16 @@ fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Qua
             }
         }
     }
-    for &order in &region.orders {
-        let gap = region.gap(order, x).0;
-        let ends = [(order.0.index(), 1.0), (order.1.index(), -1.0)];
-        for (index, sign) in ends.into_iter().filter_map(|(index, sign)| Some((index?, sign))) {
-            gradient[index] -= weight * sign / gap;
-            for (other, other_sign) in ends.into_iter().filter_map(|(index, sign)| Some((index?, sign))) {
-                hessian[(index, other)] += weight * sign * other_sign / (gap * gap);
+    for half_space in &interior.region.half_spaces {
+        let gap = -half_space.excess(x);
+        for &(index, factor) in &half_space.terms {
+            gradient[index] += weight * factor / gap;
+            for &(other, other_factor) in &half_space.terms {
+                hessian[(index, other)] += weight * factor * other_factor / (gap * gap);
             }
         }
     }
-    for link in region.links.iter().filter(|link| link.is_physical) {
+    for link in interior.bodies.iter().filter(|body| body.has_unknown_inertia()) {
         let inertial = link.at(x);
         let BodyBarrier { gradient: by, hessian: by_by, .. } = body_barrier(&inertial)?;
         let jacobian = physical::standard_jacobian(&inertial);
@@ -293,43 +236,46 @@ fn merit(region: &Region, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option<Qua
             }
         }
     }
-    value.is_finite().then_some(Quadratic { value, gradient, hessian })
+    value.is_finite().then_some(Quadratic { cost: value, gradient, hessian })
 }
 
 /// The barrier; `None` outside of the region.
-fn barrier_value(region: &Region, x: &[f64]) -> Option<f64> {
+fn barrier_value(interior: &Interior, x: &[f64]) -> Option<f64> {
     let mut value = 0.0;
-    for (index, mass) in region.masses(x).into_iter().enumerate() {
-        for distance in [x[index] - region.lower[index], region.upper[index] - x[index]] {
+    for (index, mass) in interior.masses(x).into_iter().enumerate() {
+        for distance in [x[index] - interior.region.lower[index], interior.region.upper[index] - x[index]] {
             if distance.is_nan() || distance <= 0.0 {
                 return None;
             }
             if distance.is_finite() {
-                value -= (distance / region.scale[index]).ln() + mass.map_or(0.0, |(mass, _)| mass.ln());
+                value -= (distance / interior.scale[index]).ln() + mass.map_or(0.0, |(mass, _)| mass.ln());
             }
         }
     }
-    for &order in &region.orders {
-        let (gap, size) = region.gap(order, x);
+    for half_space in &interior.region.half_spaces {
+        let gap = -half_space.excess(x);
+        let size = half_space.terms.iter().map(|(index, _)| interior.scale[*index]).fold(0.0, f64::max);
         if gap.is_nan() || gap <= 0.0 {
             return None;
         }
         value -= (gap / size).ln();
     }
-    for link in region.links.iter().filter(|link| link.is_physical) {
+    for link in interior.bodies.iter().filter(|body| body.has_unknown_inertia()) {
         value += body_barrier_value(&link.at(x))?;
     }
     value.is_finite().then_some(value)
 }
 
-/// Whether `x` lies strictly inside `region`.
-pub fn is_inside(region: &Region, x: &[f64]) -> bool {
-    barrier_value(region, x).is_some()
+/// Whether `x` lies strictly inside.
+pub fn is_inside(interior: &Interior, x: &[f64]) -> bool {
+    barrier_value(interior, x).is_some()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::region::{Entry, HalfSpace};
+    use nalgebra::DMatrix;
 
     /// `(x - target)^T weights (x - target) / 2`
     struct Bowl {
@@ -339,13 +285,13 @@ mod tests {
 
     impl Cost for Bowl {
         fn value(&self, x: &[f64]) -> f64 {
-            self.expand(x).value
+            self.expand(x).cost
         }
 
         fn expand(&self, x: &[f64]) -> Quadratic {
             let offset = DVector::from_iterator(x.len(), x.iter().zip(&self.target).map(|(x, target)| x - target));
             let gradient = &self.weights * &offset;
-            Quadratic { value: 0.5 * offset.dot(&gradient), gradient, hessian: self.weights.clone() }
+            Quadratic { cost: 0.5 * offset.dot(&gradient), gradient, hessian: self.weights.clone() }
         }
     }
 
@@ -353,14 +299,9 @@ mod tests {
         Bowl { weights, target }
     }
 
-    fn free(n: usize) -> Region {
-        Region {
-            lower: vec![f64::NEG_INFINITY; n],
-            upper: vec![f64::INFINITY; n],
-            scale: vec![1.0; n],
-            links: vec![],
-            orders: vec![],
-        }
+    fn free(n: usize) -> Interior {
+        let (lower, upper) = (vec![f64::NEG_INFINITY; n], vec![f64::INFINITY; n]);
+        Interior { region: Region { lower, upper, half_spaces: vec![] }, bodies: vec![], scale: vec![1.0; n] }
     }
 
     #[test]
@@ -374,13 +315,13 @@ mod tests {
     /// minimise ((x-2)^2 + (y-2)^2 + x y)/2 with x <= 0.5: y = 2 - x/2 = 1.75.
     #[test]
     fn an_active_bound_moves_the_others_along() {
-        let mut region = free(2);
-        region.upper[0] = 0.5;
-        region.lower[1] = -10.0;
+        let mut interior = free(2);
+        interior.region.upper[0] = 0.5;
+        interior.region.lower[1] = -10.0;
         let weights = DMatrix::from_row_slice(2, 2, &[1.0, 0.5, 0.5, 1.0]);
         // The same function, as a bowl about its free minimum (4/3, 4/3).
         let mut x = vec![0.0, 0.0];
-        assert_eq!(minimise(&region, &bowl(weights, vec![4.0 / 3.0, 4.0 / 3.0]), &mut x), Ending::Minimum);
+        assert_eq!(minimise(&interior, &bowl(weights, vec![4.0 / 3.0, 4.0 / 3.0]), &mut x), Ending::Minimum);
         assert!((x[0] - 0.5).abs() < 1e-8, "{x:?}");
         assert!((x[1] - 1.75).abs() < 1e-8, "{x:?}");
         assert!(x[0] < 0.5);
@@ -390,13 +331,13 @@ mod tests {
     /// less a third of the excess each way: 1 + 2/3, 1 + 2/3, 4 - 2/3.
     #[test]
     fn an_impossible_inertia_ends_at_the_nearest_possible_one() {
-        let mut region = free(3);
+        let mut interior = free(3);
         use Entry::{Known, Unknown};
         let zero = Known(0.0);
         let inertial = [Known(2.0), zero, zero, zero, Unknown(0), zero, zero, Unknown(1), zero, Unknown(2)];
-        region.links = vec![Body { inertial, is_physical: true }];
+        interior.bodies = vec![Body { link: 1, inertial }];
         let mut x = vec![1.0, 1.0, 1.0];
-        let ending = minimise(&region, &bowl(DMatrix::identity(3, 3), vec![1.0, 1.0, 4.0]), &mut x);
+        let ending = minimise(&interior, &bowl(DMatrix::identity(3, 3), vec![1.0, 1.0, 4.0]), &mut x);
         assert_eq!(ending, Ending::Minimum);
         for (found, expected) in x.iter().zip([5.0 / 3.0, 5.0 / 3.0, 10.0 / 3.0]) {
             assert!((found - expected).abs() < 1e-8, "{x:?}");
@@ -407,21 +348,21 @@ mod tests {
     /// Pulled towards (1, 3) with x >= y: both end at 2. Pulled towards (3, 1): nothing holds.
     #[test]
     fn an_order_is_kept() {
-        let mut region = free(2);
-        region.orders = vec![(Entry::Unknown(0), Entry::Unknown(1))];
+        let mut interior = free(2);
+        interior.region.half_spaces.extend(HalfSpace::of_order(Entry::Unknown(0), Entry::Unknown(1)));
         let mut x = vec![5.0, 0.0];
-        assert_eq!(minimise(&region, &bowl(DMatrix::identity(2, 2), vec![1.0, 3.0]), &mut x), Ending::Minimum);
+        assert_eq!(minimise(&interior, &bowl(DMatrix::identity(2, 2), vec![1.0, 3.0]), &mut x), Ending::Minimum);
         assert!((x[0] - 2.0).abs() < 1e-8 && (x[1] - 2.0).abs() < 1e-8 && x[0] > x[1], "{x:?}");
         let mut x = vec![5.0, 0.0];
-        assert_eq!(minimise(&region, &bowl(DMatrix::identity(2, 2), vec![3.0, 1.0]), &mut x), Ending::Minimum);
+        assert_eq!(minimise(&interior, &bowl(DMatrix::identity(2, 2), vec![3.0, 1.0]), &mut x), Ending::Minimum);
         assert!((x[0] - 3.0).abs() < 1e-8 && (x[1] - 1.0).abs() < 1e-8, "{x:?}");
     }
 
     #[test]
     fn a_start_outside_is_said() {
-        let mut region = free(1);
-        region.lower[0] = 0.0;
+        let mut interior = free(1);
+        interior.region.lower[0] = 0.0;
         let mut x = vec![-1.0];
-        assert_eq!(minimise(&region, &bowl(DMatrix::identity(1, 1), vec![1.0]), &mut x), Ending::Infeasible);
+        assert_eq!(minimise(&interior, &bowl(DMatrix::identity(1, 1), vec![1.0]), &mut x), Ending::Infeasible);
     }
 }

@@ -240,36 +240,6 @@ fn flat(v_t: &DMatrix<f64>, seen: &[usize], lengths: &[f64], n: usize) -> Vec<Ve
         .collect()
 }
 
-/// Number of successive samples of a residual that share one independent error: `1 + 2 sum rho_k` over the lags before
-/// the autocorrelation `rho` first falls to zero in a pair of lags (Geyer 1992, initial positive sequence). `used` tells
-/// which samples count; 1 for a white residual.
-pub fn correlation_time(residual: &[f64], used: &[bool]) -> f64 {
-    let n_used = used.iter().filter(|used| **used).count();
-    if n_used < 4 {
-        return 1.0;
-    }
-    let masked: Vec<f64> = residual.iter().zip(used).map(|(value, used)| if *used { *value } else { 0.0 }).collect();
-    let power = masked.iter().map(|value| value * value).sum::<f64>() / n_used as f64;
-    if power == 0.0 {
-        return 1.0;
-    }
-    let correlation = |lag: usize| {
-        let product: f64 = masked.iter().zip(&masked[lag..]).map(|(a, b)| a * b).sum();
-        product / n_used as f64 / power
-    };
-    let mut time = 1.0;
-    let mut lag = 1;
-    while lag + 1 < residual.len() / 2 {
-        let pair = correlation(lag) + correlation(lag + 1);
-        if pair <= 0.0 {
-            break;
-        }
-        time += 2.0 * pair;
-        lag += 2;
-    }
-    time.clamp(1.0, n_used as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -350,24 +320,5 @@ mod tests {
         }
         let expected = inverse[(0, 1)] / (inverse[(0, 0)] * inverse[(1, 1)]).sqrt();
         assert!((standing.correlation[(0, 1)] - expected).abs() < 1e-12);
-    }
-
-    /// x[k] = phi x[k-1] + e[k] has rho_k = phi^k, so the time is (1 + phi) / (1 - phi).
-    #[test]
-    fn correlation_time_of_an_autoregression() {
-        let noise = random(200_000, 1, 11);
-        let white: Vec<f64> = noise.iter().copied().collect();
-        let used = vec![true; white.len()];
-        assert!((correlation_time(&white, &used) - 1.0).abs() < 0.05);
-        let mut x = 0.0;
-        let red: Vec<f64> = white
-            .iter()
-            .map(|e| {
-                x = 0.8 * x + e;
-                x
-            })
-            .collect();
-        let time = correlation_time(&red, &used);
-        assert!((time - 9.0).abs() < 0.6, "{time}");
     }
 }

@@ -11,10 +11,10 @@
 use nalgebra::{Matrix3, Matrix4};
 
 /// Row and column of each of the six entries of a symmetric 3x3 matrix.
-const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+pub(crate) const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 /// Standard parameters `(m, m x, m y, m z, Jxx, Jxy, Jxz, Jyy, Jyz, Jzz)` of a body that has the given mass, centroid
-/// and inertia about the centroid (order of [`dynid_model::Link::SYMBOLS`]).
+/// and inertia about the centroid (order of `Link::SYMBOLS` of `dynid-model`).
 pub fn standard(inertial: &[f64; 10]) -> [f64; 10] {
     let [m, x, y, z, xx, xy, xz, yy, yz, zz] = *inertial;
     [
@@ -83,11 +83,16 @@ pub fn pseudo_inertia(inertial: &[f64; 10]) -> Matrix4<f64> {
     Matrix4::new(half - xx, -xy, -xz, mx, -xy, half - yy, -yz, my, -xz, -yz, half - zz, mz, mx, my, mz, m)
 }
 
+/// The symmetric matrix of six entries.
+pub(crate) fn symmetric(entries: &[f64; 6]) -> Matrix3<f64> {
+    let [xx, xy, xz, yy, yz, zz] = *entries;
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+}
+
 /// `S = trace(I)/2 1 - I`, the second moment about the centroid.
-fn second_moment(inertia: &[f64; 6]) -> Matrix3<f64> {
-    let [xx, xy, xz, yy, yz, zz] = *inertia;
-    let half = 0.5 * (xx + yy + zz);
-    Matrix3::new(half - xx, -xy, -xz, -xy, half - yy, -yz, -xz, -yz, half - zz)
+pub(crate) fn second_moment(inertia: &[f64; 6]) -> Matrix3<f64> {
+    let inertia = symmetric(inertia);
+    Matrix3::identity() * (0.5 * inertia.trace()) - inertia
 }
 
 /// `-log det` of the pseudo-inertia with its first and second derivatives by the standard parameters.

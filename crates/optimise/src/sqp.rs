@@ -13,6 +13,11 @@ use clarabel::{
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::{
+    quadratic::Quadratic,
+    region::{HalfSpace, Region},
+};
+
 /// What is minimised.
 pub trait Objective {
     /// The cost at `x`; `None` where the model cannot be simulated.
@@ -31,48 +36,6 @@ pub trait Objective {
 
     /// Half-spaces that contain every allowed point and that `x` lies outside of; none where `x` is allowed.
     fn cuts(&self, x: &[f64]) -> Vec<HalfSpace>;
-}
-
-/// A cost near a point: `cost + gradient . d + d . hessian d / 2`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Quadratic {
-    /// At the point.
-    pub cost: f64,
-    /// There.
-    pub gradient: DVector<f64>,
-    /// Symmetric, positive semi-definite.
-    pub hessian: DMatrix<f64>,
-}
-
-/// `sum(factor * x[index]) <= limit`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct HalfSpace {
-    /// Index and factor.
-    pub terms: Vec<(usize, f64)>,
-    /// What the sum must not exceed.
-    pub limit: f64,
-}
-
-impl HalfSpace {
-    fn excess(&self, x: &[f64]) -> f64 {
-        self.terms.iter().map(|(index, factor)| factor * x[*index]).sum::<f64>() - self.limit
-    }
-
-    /// Size of the sum's terms, which its rounding is measured by.
-    fn size(&self, x: &[f64]) -> f64 {
-        self.terms.iter().map(|(index, factor)| (factor * x[*index]).abs()).sum::<f64>() + self.limit.abs()
-    }
-}
-
-/// Where the search may go.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Region {
-    /// Lower bounds; `-inf` where there is none.
-    pub lower: Vec<f64>,
-    /// Upper bounds; `inf` where there is none.
-    pub upper: Vec<f64>,
-    /// Linear inequalities, and the cuts met so far.
-    pub half_spaces: Vec<HalfSpace>,
 }
 
 /// When to stop.

@@ -262,7 +262,7 @@ impl BaseParameters {
     }
 
     /// As [`Self::reported`], the effects left out.
-    pub fn reported_of_links(&self, combination: &Combination) -> String {
+    pub fn links_in_words(&self, combination: &Combination) -> String {
         let others = combination.others.iter().filter(|(other, _)| *other < self.n_link);
         let reported = others.map(|(other, factor)| factor.times(&self.names[*other]));
         self.names[combination.leading].clone() + &reported.collect::<String>()

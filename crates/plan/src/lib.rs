@@ -1,6 +1,15 @@
-//! Which parameters each configuration reveals: a method's steps, and what is new in each (the thesis's Figure 4.2).
+//! Planning of an identification: which joints to lock and free, in which order, and which parameters each configuration reveals
+//! ([`plan`], [`sequence`]; the thesis's Figure 4.2).
 //!
-//! A link parameter *appears* in a configuration when it stands in the equations of motion of its free joints, angles of
+//! - [`linear`]: the parameters in which the torques are linear, and the regressor;
+//! - [`base`]: base parameters, the identifiable combinations, with exact factors ([`base::base_parameters`]);
+//! - [`symbolic`]: recognises these factors as polynomials in the lengths;
+//! - [`unidentifiable`]: directions in the space of parameters that change no motion.
+//!
+//! A method is one of the device's, or [`FOUND`]: then the next configuration is the one with the fewest new unknowns that still
+//! reveals something.
+//!
+//! A link parameter *appears* in a configuration when it stands in the equations of motion of its free joints, the angles of
 //! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not
 //! being identifiable: parameters may act only together.
 

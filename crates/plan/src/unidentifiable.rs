@@ -1,4 +1,4 @@
-//! Flat directions: changes of parameters that leave every motion as it is.
+//! Unidentifiable directions: changes of parameters that leave every motion as it is.
 //!
 //! Along a motion, `drive - load - (D ddq + h) = 0` and the states of effects follow their rates. A change of parameters
 //! leaves the motion as it is if it changes neither, a state being free to change its own scale. The rows of these first
@@ -270,7 +270,7 @@ impl BaseChange {
             if sum.abs() > 1e-12 * size { sum } else { 0.0 }
         });
         Self {
-            names: of_links.iter().map(|&index| base.reported_of_links(&base.combinations[index])).collect(),
+            names: of_links.iter().map(|&index| base.links_in_words(&base.combinations[index])).collect(),
             values: values.collect(),
             by_unknown,
         }

@@ -46,7 +46,7 @@ impl Section for Where<'_> {
         }
         html.push_str(
             "<p class=\"note\">Share of the squared error of that joint in that run; the line in a bar is what chance would give. \
-             Told is only what chance gives in less than about one case of 100 000.</p>\n",
+             Reported is only what chance gives in less than about one case of 100 000.</p>\n",
         );
         html
     }

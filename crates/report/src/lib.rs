@@ -1,10 +1,19 @@
-//! A report is a list of sections on one page that opens with no network: no font, script, style or picture comes
-//! from anywhere but the page itself.
+//! Results for people: pages in HTML and pictures in SVG.
+//!
+//! [`page`] builds every page from [`Section`]s; a section is HTML below a heading. [`plot`] draws. A page opens with no network:
+//! no font, script, style or picture comes from anywhere but the page itself. [`plot::SCRIPT`] (zoom and pan) is on a page that
+//! has pictures which need it.
+//!
+//! [`Ranking`] reads the JSON of `dynid diagnose` and leaves out what it does not find there. [`WallReport`] and [`SpaceReport`]
+//! play walls under a setting's hands and make sections of the results; the first wall is what the others are compared with.
+//! Torque surfaces are evaluated at the peaks of the fuzzy sets and on both sides of the wall's surface, where the torque bends
+//! and jumps, and only for laws without memory.
 
 mod diagnosis;
 mod findings;
 mod ladder;
 mod models;
+mod overlay;
 pub mod plot;
 mod sections;
 mod sheet;
@@ -17,10 +26,11 @@ pub use diagnosis::{Ranking, placed, sentences};
 pub use findings::{TorqueTerms, Where};
 pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
+pub use overlay::{ShownErrors, panels, run_panels};
 pub use sections::{Errors, Figures, ParameterRow, Parameters, Provenance, Sentences, Verdict};
 pub use sheet::{DataQuality, Sheet};
-pub use space::{SpaceReport, reported_carried};
-pub use wall::{WallReport, WallReportError, reported_damping};
+pub use space::{SpaceReport, carried_in_words};
+pub use wall::{WallReport, WallReportError, damping_in_words};
 
 pub(crate) use dynid_text::{escaped, number};
 

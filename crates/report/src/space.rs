@@ -79,7 +79,7 @@ impl<'a> SpaceReport<'a> {
             plane.normal.map(number).join(", "),
             people.count,
             number(1.0 / sampling.sample_s),
-            reported_carried(self.carried),
+            carried_in_words(self.carried),
         );
         for (name, _) in &self.shown {
             if self.cases.iter().all(|case| case.controller != *name) {
@@ -240,7 +240,7 @@ impl<'a> SpaceReport<'a> {
 }
 
 /// What the controller carries, in words.
-pub fn reported_carried(carried: Option<CompensationRatios>) -> String {
+pub fn carried_in_words(carried: Option<CompensationRatios>) -> String {
     match carried {
         None => "the device's weight is in the hand".to_owned(),
         Some(CompensationRatios::WEIGHT) => "the device's weight is carried by the model".to_owned(),

@@ -80,7 +80,7 @@ impl Unit {
 }
 
 /// A sentence on the damping that a device has of its own, to stand beside what Colgate & Schenkel's bound asks for.
-pub fn reported_damping(own: &OwnDamping, setting: &Setting) -> String {
+pub fn damping_in_words(own: &OwnDamping, setting: &Setting) -> String {
     if own.from.is_empty() {
         return "By the model friction at this joint does not grow with speed, and dry friction does not count: the bound asks for \
                 more than there is."

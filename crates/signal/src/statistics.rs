@@ -1,4 +1,12 @@
-//! What chance would give: effective numbers of samples and critical values.
+//! What chance would give: how many samples of a signal with memory are independent, and critical values.
+//!
+//! A signal that repeats itself tells less than it has samples. How much less depends on what is asked of it, and both
+//! answers are sums of one [`autocorrelation`] `rho` (Bartlett 1946, Journal of the Royal Statistical Society, Supplement 8,
+//! 27-41):
+//! - a mean, a sum, or an estimate whose regressors are slower than the error, has the variance of white noise times
+//!   `1 + 2 sum rho(k)`: [`correlation_time`];
+//! - the correlation with another signal of like bandwidth, and what a regressor of that bandwidth takes away of a sum of
+//!   squares by chance, has it times `1 + 2 sum rho(k)^2`: [`effective_samples`].
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
@@ -6,7 +14,7 @@ use rustfft::{FftPlanner, num_complex::Complex};
 const NORMAL_QUANTILE: f64 = 4.26;
 
 /// Autocorrelation of `x` at lags `0..lags` (1 at lag 0), by the fast Fourier transform. Samples that do not count are
-/// zero in `x`; zeros for a signal without power.
+/// zero in `x` (see [`counted`]), and a mean that does not count is taken off before; zeros for a signal without power.
 pub fn autocorrelation(x: &[f64], lags: usize) -> Vec<f64> {
     let length = (2 * x.len()).next_power_of_two();
     let mut buffer: Vec<Complex<f64>> = x.iter().map(|&value| Complex::new(value, 0.0)).collect();
@@ -20,8 +28,26 @@ pub fn autocorrelation(x: &[f64], lags: usize) -> Vec<f64> {
     buffer[..lags].iter().map(|value| if power > 0.0 { value.re / power } else { 0.0 }).collect()
 }
 
+/// `x` with zeros where a sample is not `used`.
+pub fn counted(x: &[f64], used: &[bool]) -> Vec<f64> {
+    x.iter().zip(used).map(|(value, used)| if *used { *value } else { 0.0 }).collect()
+}
+
+/// Number of successive samples of `x` that share one independent error: `1 + 2 sum rho(k)` over the lags before `rho`
+/// first falls to zero in a pair of lags (Geyer 1992, Statistical Science 7, 473-483: initial positive sequence), of
+/// `n_used` samples; 1 for white noise.
+pub fn correlation_time(x: &[f64], n_used: usize) -> f64 {
+    if n_used < 4 {
+        return 1.0;
+    }
+    let rho = autocorrelation(x, x.len() / 2);
+    let pairs = rho.get(1..).unwrap_or_default().chunks_exact(2).map(|pair| pair[0] + pair[1]);
+    let sum: f64 = pairs.take_while(|pair| *pair > 0.0).sum();
+    (1.0 + 2.0 * sum).clamp(1.0, n_used as f64)
+}
+
 /// Number of independent samples among `n_used` samples of `x`, for its correlation with another signal of like
-/// bandwidth: `n / (1 + 2 sum rho(k)^2)` (Bartlett 1946), with what chance adds to each `rho^2` taken off.
+/// bandwidth: `n / (1 + 2 sum rho(k)^2)`, with what chance adds to each `rho^2` taken off.
 pub fn effective_samples(x: &[f64], n_used: usize) -> f64 {
     let n = n_used as f64;
     let sum: f64 = autocorrelation(x, n_used / 8).iter().skip(1).map(|rho| (rho * rho - 1.0 / n).max(0.0)).sum();
@@ -38,19 +64,11 @@ pub fn critical(degrees: usize, looked: usize) -> f64 {
     m * (1.0 - cube + NORMAL_QUANTILE * cube.sqrt()).powi(3) + 2.0 * (looked.max(1) as f64).ln()
 }
 
-/// How many standard errors a `sum` is from zero, when `noise` holds what each sample adds to it beside its mean. Neighbours
-/// that are alike are counted (Newey & West 1987, with a bandwidth of `lags`). Zero without noise.
-pub fn standard_errors(sum: f64, noise: &[f64], lags: usize) -> f64 {
+/// How many standard errors a `sum` is from zero, when `noise` holds what each sample adds to it beside its mean (see
+/// [`correlation_time`]). Zero without noise.
+pub fn standard_errors(sum: f64, noise: &[f64]) -> f64 {
     let power: f64 = noise.iter().map(|value| value * value).sum();
-    let lags = lags.min(noise.len() / 4);
-    let weighted: f64 = autocorrelation(noise, lags + 1)
-        .iter()
-        .enumerate()
-        .skip(1)
-        .map(|(lag, rho)| rho * (1.0 - lag as f64 / (lags + 1) as f64))
-        .sum();
-    // Negative correlation does not count as knowledge: a floor of half.
-    let variance = power * (1.0 + 2.0 * weighted).max(0.5);
+    let variance = power * correlation_time(noise, noise.len());
     if variance > 0.0 { sum / variance.sqrt() } else { 0.0 }
 }
 
@@ -71,24 +89,69 @@ mod tests {
         assert!((3200.0..=4000.0).contains(&effective), "{effective}");
     }
 
-    /// x(k) = a x(k-1) + w has rho(k) = a^k, so sum rho^2 = a^2 / (1 - a^2).
-    #[test]
-    fn memory_costs_samples_as_bartlett_says() {
-        let a: f64 = 0.9;
+    /// x(k) = a x(k-1) + w, which has rho(k) = a^k.
+    fn red(a: f64, n_samples: usize, seed: u64) -> Vec<f64> {
         let mut x = 0.0;
-        let red: Vec<f64> = Random::new(5)
-            .vector(20_000, -1.0, 1.0)
-            .into_iter()
+        let white = Random::new(seed).vector(n_samples, -1.0, 1.0).into_iter();
+        white
             .map(|w| {
                 x = a * x + w;
                 x
             })
-            .collect();
+            .collect()
+    }
+
+    /// sum rho^2 = a^2 / (1 - a^2)
+    #[test]
+    fn memory_costs_samples_as_bartlett_says() {
+        let a: f64 = 0.9;
+        let red = red(a, 20_000, 5);
         let expected = 20_000.0 / (1.0 + 2.0 * a * a / (1.0 - a * a));
         let effective = effective_samples(&red, red.len());
         // Too few rather than too many: chance correlations at long lags of a signal with memory are counted too.
         assert!((0.7..1.1).contains(&(effective / expected)), "{effective} {expected}");
         assert!((autocorrelation(&red, 2)[1] - a).abs() < 0.02);
+    }
+
+    /// 1 + 2 sum rho = (1 + a) / (1 - a)
+    #[test]
+    fn correlation_time_of_an_autoregression() {
+        let white = red(0.0, 200_000, 11);
+        assert!((correlation_time(&white, white.len()) - 1.0).abs() < 0.05);
+        let red = red(0.8, 200_000, 11);
+        let time = correlation_time(&red, red.len());
+        assert!((time - 9.0).abs() < 0.6, "{time}");
+        // Of every other sample the rest counts for nothing, and what is left has rho(k) = a^2 at twice the lags.
+        let used: Vec<bool> = (0..red.len()).map(|k| k % 2 == 0).collect();
+        let thinned: Vec<f64> = red.iter().copied().step_by(2).collect();
+        assert!((correlation_time(&thinned, thinned.len()) - 1.64 / 0.36).abs() < 0.4);
+        assert_eq!(counted(&red[..3], &used), [red[0], 0.0, red[2]]);
+        assert_eq!(correlation_time(&[0.0; 100], 100), 1.0);
+    }
+
+    /// Means of stretches of a red signal scatter as its correlation time says, and not as its number of samples does.
+    #[test]
+    fn a_mean_is_as_uncertain_as_its_correlation_time_says() {
+        const STRETCH: usize = 1000;
+        let red = red(0.8, 500 * STRETCH, 17);
+        let power = red.iter().map(|x| x * x).sum::<f64>() / red.len() as f64;
+        let variance =
+            red.chunks(STRETCH).map(|own| (own.iter().sum::<f64>() / STRETCH as f64).powi(2)).sum::<f64>() / 500.0;
+        let expected = power * correlation_time(&red, red.len()) / STRETCH as f64;
+        // Of 500 means: a variance known to six percent.
+        assert!((variance / expected - 1.0).abs() < 0.25, "{variance} {expected}");
+    }
+
+    /// As the definition, which is a sum over products.
+    #[test]
+    fn the_fast_autocorrelation_is_the_plain_one() {
+        let x = red(0.5, 777, 3);
+        let power: f64 = x.iter().map(|x| x * x).sum();
+        for (lag, rho) in autocorrelation(&x, 300).into_iter().enumerate() {
+            let plain = x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
+            assert!((rho - plain).abs() < 1e-13, "{lag}: {rho} {plain}");
+        }
+        assert_eq!(autocorrelation(&[0.0; 10], 2), [0.0, 0.0]);
     }
 
     /// Tables: in one case of 100 000, chi-squared of 1 degree exceeds 19.5, of 10 degrees 41.3; the
@@ -104,10 +167,10 @@ mod tests {
     fn a_constant_surplus_is_many_standard_errors() {
         let noise = Random::new(6).vector(10_000, -1.0, 1.0);
         let sum: f64 = noise.iter().sum();
-        assert!(standard_errors(sum, &noise, 10).abs() < 4.0);
+        assert!(standard_errors(sum, &noise).abs() < 4.0);
         // 0.1 over 1 / sqrt(3 * 10 000)
-        let reported = standard_errors(sum + 1000.0, &noise, 10);
+        let reported = standard_errors(sum + 1000.0, &noise);
         assert!((reported - 17.3).abs() < 4.0, "{reported}");
-        assert_eq!(standard_errors(0.0, &[], 3), 0.0);
+        assert_eq!(standard_errors(0.0, &[]), 0.0);
     }
 }

@@ -1,23 +1,12 @@
 //! Is a residual nothing but noise?
 
+use crate::statistics::autocorrelation;
+
 /// Lags that are looked at.
 const LAGS: usize = 20;
 
 /// What a chi-squared variable of [`LAGS`] degrees of freedom exceeds in one case of a hundred.
 const CHI_SQUARED: f64 = 37.566;
-
-/// Autocorrelation of `residual`, freed of its mean, at lags `1..=lags`; zeros for a constant.
-pub fn autocorrelation(residual: &[f64], lags: usize) -> Vec<f64> {
-    let mean = residual.iter().sum::<f64>() / residual.len().max(1) as f64;
-    let centred: Vec<f64> = residual.iter().map(|value| value - mean).collect();
-    let power: f64 = centred.iter().map(|value| value * value).sum();
-    (1..=lags)
-        .map(|lag| {
-            let product: f64 = centred.iter().zip(centred.iter().skip(lag)).map(|(a, b)| a * b).sum();
-            if power > 0.0 { product / power } else { 0.0 }
-        })
-        .collect()
-}
 
 /// What [`whiteness`] stays below for white noise in 99 of 100 cases.
 pub const WHITENESS_BOUND: f64 = CHI_SQUARED;
@@ -29,8 +18,10 @@ pub fn whiteness(residual: &[f64]) -> Option<f64> {
     if residual.len() < 2 * LAGS {
         return None;
     }
-    let sum: f64 =
-        autocorrelation(residual, LAGS).iter().zip(1..).map(|(rho, lag)| rho * rho / (n - f64::from(lag))).sum();
+    let mean = residual.iter().sum::<f64>() / n;
+    let centred: Vec<f64> = residual.iter().map(|value| value - mean).collect();
+    let rho = autocorrelation(&centred, LAGS + 1);
+    let sum: f64 = rho.iter().zip(0..).skip(1).map(|(rho, lag)| rho * rho / (n - f64::from(lag))).sum();
     Some(n * (n + 2.0) * sum)
 }
 
@@ -61,8 +52,8 @@ mod tests {
         let red: Vec<f64> = raw.windows(2).map(|pair| pair[1] + 0.2 * pair[0]).collect();
         assert!(!is_white(&red));
         // x[k] + a x[k-1] has rho_1 = a / (1 + a^2).
-        assert!((autocorrelation(&red, 1)[0] - 0.2 / 1.04).abs() < 0.04);
+        assert!((autocorrelation(&red, 2)[1] - 0.2 / 1.04).abs() < 0.04);
         assert!(!is_white(&raw[..30]), "too short to tell");
-        assert_eq!(autocorrelation(&[2.0; 10], 2), [0.0, 0.0]);
+        assert_eq!(whiteness(&[2.0; 100]), Some(0.0), "a constant is its mean");
     }
 }

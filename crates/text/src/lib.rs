@@ -1,4 +1,5 @@
-//! How numbers and names are written for people, and the one error of a name that nothing has.
+//! Text for people: numbers in four digits ([`number`]), characters that HTML and SVG need escaped ([`escaped`]), and the error
+//! of an unknown name with the nearest known one ([`UnknownName`]).
 
 /// Text as it may stand in SVG and HTML.
 pub fn escaped(text: &str) -> String {

@@ -9,8 +9,8 @@ use dynid_files::DocumentError;
 
 impl Model {
     /// As [`Model::load`], but a value outside the bounds that the file states beside it is put on the nearest one; the
-    /// model's notes say which were. Links may be what no body can be: see
-    /// [`made_physical`](dynid_identify::position::made_physical).
+    /// model's notes say which were. Links may be what no body can be: a fit makes them physical (`made_physical` of
+    /// `dynid-identify`).
     ///
     /// # Errors
     /// As [`Model::load`].

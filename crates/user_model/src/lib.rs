@@ -1,7 +1,20 @@
-//! The user's model: a device, the effects it is believed to have, and parameter values.
+//! The user's model: a device, the effects that it is assumed to have, and parameter values, read from a TOML file and written
+//! back ([`Model`], [`EffectInstance`]).
 //!
-//! A model file states all of its effects; a link's or an effect's parameter that it does not state has the device's
-//! value. Parameters have one order everywhere: links, lengths, gravity, then effects in the order of the file.
+//! - A model file lists all of its effects. A parameter that it does not state has the device's value, or the effect's first
+//!   guess where the device has no such effect.
+//! - Parameters have one order everywhere: links, lengths, gravity, then effects in the order of the file. Their names are those
+//!   of `dynid-model` ("Names of parameters" there).
+//! - A value outside bounds that the file states beside it is an error. A plain number outside the device's bounds widens them
+//!   and leaves a line in [`Model::notes`].
+//! - [`Model::to_toml`] keeps the comments, the order and the digits of the file that was read. [`Model::digest`] covers every
+//!   parameter, but neither `[fit]` nor `[believed]`.
+//! - [`Model::add_effect`] removes the effects that the new one's file lists under `[replaces]` and carries shared values over.
+//! - [`FitRecord`] is the table `[fit]`: digests, costs, standard errors, flags, the method and its error budget. It holds no
+//!   covariances.
+//! - [`Model::prior`] is the table `[believed]`: the value that each fitted parameter had before the first fit of a series. It is
+//!   kept by `add`, and a fit that does not converge from the model's values starts again from there.
+//! - [`Model::system`] and [`Model::kinematics`] make what is computed with.
 
 mod assemble;
 mod clip;
@@ -24,6 +37,15 @@ pub use read::device_of;
 use dynid_text::UnknownName;
 
 /// A device, the effects it is believed to have, and parameter values.
+///
+/// ```
+/// use dynid_user_model::Model;
+/// let mut model = Model::of_device(dynid_model::device("planar2r").expect("a shipped device"));
+/// model.set_value("link.2.m", 0.8)?;
+/// let again = Model::parse(&model.to_toml(), "planar.toml".as_ref()).expect("what it wrote itself");
+/// assert_eq!(again.parameter("link.2.m").map(|mass| mass.value), Some(0.8));
+/// # Ok::<(), dynid_text::UnknownName>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Model {
     /// The mechanism.

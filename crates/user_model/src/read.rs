@@ -37,7 +37,8 @@ impl Model {
     ///
     /// # Errors
     /// A file that cannot be read, or the first thing that is wrong in it, with its place.
-    pub fn load(path: &Path) -> Result<Self, DocumentError> {
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, DocumentError> {
+        let path = path.as_ref();
         let text = dynid_files::read(path)?;
         Ok(Self::parse(&text, path)?)
     }

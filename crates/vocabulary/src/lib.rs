@@ -1,5 +1,7 @@
-//! Words that the reader of models and the runtime share: where an effect sits, the stages of a drive path, and the symbols
-//! of a link's inertial parameters.
+//! Names that data files and the runtime share: where an effect acts ([`Place`]), the stages of a drive path ([`Stage`]) and the
+//! symbols of a link's ten inertial parameters ([`LINK_SYMBOLS`]).
+//!
+//! A crate of its own, so that the equations of motion need not link the reader of TOML files.
 
 /// Where an effect sits: `command -> actuator -> transmission -> joint -> link -> sensor -> log`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -9,7 +9,7 @@ use dynid_files::{Overwrite, check_output, write_new};
 use dynid_haptics::{wall::WallFile, wall::median};
 use dynid_haptics::{wall::space, wall::space::Case, wall::space::Setting};
 use dynid_model::JointKind;
-use dynid_report::{Section, SpaceReport, reported_carried};
+use dynid_report::{Section, SpaceReport, carried_in_words};
 use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
@@ -116,7 +116,7 @@ fn reported(
         setting.device.id,
         setting.people.count,
         number(1.0 / setting.sampling.sample_s),
-        reported_carried(carried)
+        carried_in_words(carried)
     );
     let right = |heading: &'static str| (heading, Align::Right);
     let mut table = Table::new(&[

@@ -3,6 +3,9 @@
 //! A case is made from its number and a draw: the machine, whose parameters are a few per cent off the device file's; three runs of
 //! it, noisy and quantised; the believed model, which lacks the hidden effect and is a few per cent off again; and what
 //! counts as the right answer. [`table`] lists them, [`trial`] puts the program through them.
+//!
+//! The files of a case: the logs, `experiment.toml`, `believed.toml`, `true.toml` (the machine as a model; none for an effect
+//! outside of the library) and `truth.json` (the answer, and by how many noises the effect moves each joint).
 
 pub mod table;
 pub mod trial;

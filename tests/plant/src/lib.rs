@@ -1,8 +1,9 @@
-//! An independent numeric plant that makes test data; shares no code with codegen.
+//! An independent numeric simulator (the "plant") that makes test data; it shares no code with `codegen` or the runtime.
 //!
 //! It reads a [`Device`] as data and computes its dynamics from the rows of its frames table with numbers only
 //! ([`Mechanism`]), so that agreement with the generated kernels means that two derivations agree. Slices hold one
-//! entry per joint of the device, matrices are row-major, units are SI.
+//! entry per joint of the device, matrices are row-major, units are SI. [`effects`] is a second derivation of every effect;
+//! [`hidden`] makes cases with a known missing effect.
 
 pub mod effects;
 pub mod hidden;

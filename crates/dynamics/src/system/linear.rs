@@ -52,7 +52,7 @@ impl Number for Lanes {
 /// The equations linearised at one state, or at several side by side, and the room to do it.
 #[derive(Debug, Clone)]
 pub struct Linear<S = f64> {
-    /// D as [`solve::factorise_lanes`] leaves it; after [`Linear::at`].
+    /// D as `solve::factorise_lanes` leaves it; after [`Linear::at`].
     pub factor: Vec<S>,
     /// `Q_x`, n_free x n_states.
     pub torque_by_state: Vec<S>,

@@ -1,12 +1,12 @@
 //! One approach: the device and the hand between the controller's ticks, the wall at them.
 
 use super::{
-    Approach, Hand, Setting,
+    Approach, Hand, Setting, WallError,
     encounter::{Encounter, Held, refuse_delays},
     hand::{Plan, Wanted},
 };
 use dynid_control::{FilteredVelocity, Wall};
-use dynid_dynamics::{system::System, system::SystemError};
+use dynid_dynamics::system::System;
 use dynid_user_model::Model;
 
 /// What happened, tick by tick.
@@ -22,78 +22,6 @@ pub struct Contact {
     pub torque: Vec<f64>,
     /// The tick of the first contact; `None` where the hand never came so far.
     pub touched: Option<usize>,
-}
-
-/// Why no contact could be simulated.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum WallError {
-    /// The model makes no equations.
-    #[error(transparent)]
-    System(#[from] SystemError),
-    /// The closed loop leaves all bounds.
-    #[error(
-        "the closed loop diverges at {time_s:.3} s at joint {joint}: the wall's gains, or what is carried of the device, are too \
-         high for this sample time (lower them, or sample faster), or the simulation's steps too long (`step_s` of the setting)"
-    )]
-    Diverged {
-        /// When (s).
-        time_s: f64,
-        /// The device's joint index.
-        joint: usize,
-    },
-    /// The same, of one case among several.
-    #[error("wall `{wall}`, {approach} approach, {hand}: {source}")]
-    Case {
-        /// The wall's name.
-        wall: String,
-        /// The approach's.
-        approach: String,
-        /// Which hand, in words.
-        hand: String,
-        /// What happened.
-        source: Box<Self>,
-    },
-    /// Nobody can hold the device.
-    #[error(transparent)]
-    Kinematics(#[from] dynid_dynamics::kinematics::KinematicsError),
-    /// No contact can start there.
-    #[error(transparent)]
-    Start(#[from] super::space::StartError),
-    /// A plane that cannot be felt.
-    #[error(transparent)]
-    Plane(#[from] dynid_control::PlaneError),
-    /// A model that cannot be carried.
-    #[error(transparent)]
-    Compensation(#[from] dynid_control::CompensationError),
-    /// The device's own input is late, beside the controller's delay.
-    #[error(
-        "joint {joint}: the model's command arrives {span_s} s late (input_delay), which a wall is not simulated with; take the \
-         effect out, and add as many samples to `delay_samples` of the setting"
-    )]
-    Late {
-        /// The device's joint index.
-        joint: usize,
-        /// By how much (s).
-        span_s: f64,
-    },
-    /// Nothing that is commanded reaches the joint.
-    #[error("the model's drive lets no torque pass to joint {joint}: give its gain a value other than 0")]
-    NoDrive {
-        /// The device's joint index.
-        joint: usize,
-    },
-}
-
-impl WallError {
-    /// Says in which case the loop diverged; `hand` is its number, or none for the typical one. What else is wrong is so in all
-    /// cases.
-    #[must_use]
-    pub fn in_case(self, wall: &str, approach: &Approach, hand: Option<usize>) -> Self {
-        let Self::Diverged { .. } = self else { return self };
-        let hand = hand.map_or_else(|| "the typical hand".to_owned(), |hand| format!("hand {hand}"));
-        Self::Case { wall: wall.to_owned(), approach: approach.name.clone(), hand, source: Box::new(self) }
-    }
 }
 
 /// The device of a setting, ready to meet walls.

@@ -1,4 +1,7 @@
-//! A device and a hand between the ticks of a controller: what every contact is played with.
+//! A device and a hand between the ticks of a controller: what every contact, at a joint or in space, is simulated with.
+//!
+//! Device and hand are integrated by Runge-Kutta between the ticks, torques are held over each tick and reach the joints through
+//! the model's own drive path. The energy that a held torque gives out is exact, if the drive delivers what is commanded.
 
 use std::collections::VecDeque;
 

@@ -1,8 +1,12 @@
 //! A better wall, found by trying it under many hands (thesis section 6.2.2).
 //!
-//! The covariance matrix adaptation evolution strategy (Hansen & Ostermeier 2001) varies a wall's numbers; what it makes
-//! small is the chatter over hands, approaches and plants that differ, with a price on walls that are softer than asked, that
+//! The covariance matrix adaptation evolution strategy ([`dynid_optimise::cma_es`], with the full matrix, for a wall's few
+//! numbers are tied to each other) varies a wall's numbers; what it makes small is the chatter over hands, approaches and plants that differ, with a price on walls that are softer than asked, that
 //! let the joint bounce out, or that give out energy.
+//!
+//! Hands and plants are drawn from streams of their own. Plants differ by [`Model::off_by_errors`], each parameter by itself,
+//! because a `[fit]` table holds no covariances; the controller keeps the gain of the model itself. Numbers are rounded
+//! only where that costs no more than the start.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -12,6 +16,7 @@ use super::{
     contact::{Plant, played},
 };
 use dynid_control::{Law, LinearLaw, Partition, RuleTable, VirtualTool, Wall};
+use dynid_optimise::cma_es;
 use dynid_random::Random;
 use dynid_user_model::Model;
 
@@ -37,7 +42,7 @@ pub struct Goal {
 pub struct Tuned {
     /// It.
     pub wall: WallFile,
-    /// What it costs; see [`Told::cost`].
+    /// What it costs; see [`TuneProgress::cost`].
     pub cost: f64,
     /// What the start cost.
     pub cost_at_start: f64,
@@ -47,7 +52,7 @@ pub struct Tuned {
 
 /// How far a tuning is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Told {
+pub struct TuneProgress {
     /// Walls tried.
     pub evaluations: usize,
     /// The last one's cost: mean and half the largest logarithm of the chatter in mrad, plus prices.
@@ -204,7 +209,7 @@ pub fn tune(
     family: &Family,
     scale: f64,
     goal: &Goal,
-    reported: &(dyn Fn(Told) -> bool + Sync),
+    reported: &(dyn Fn(TuneProgress) -> bool + Sync),
 ) -> Result<Tuned, WallError> {
     // Hands and plants are drawn from streams of their own.
     let mut random = Random::new(!goal.seed);
@@ -241,7 +246,7 @@ pub fn tune(
     let stopped = std::sync::atomic::AtomicBool::new(false);
     let heard = |cost: f64| -> f64 {
         use std::sync::atomic::Ordering::Relaxed;
-        if reported(Told { evaluations: done.fetch_add(1, Relaxed) + 1, cost }) {
+        if reported(TuneProgress { evaluations: done.fetch_add(1, Relaxed) + 1, cost }) {
             stopped.store(true, Relaxed);
         }
         cost
@@ -249,22 +254,23 @@ pub fn tune(
     let start = vec![0.0; family.n_numbers()];
     // What is wrong with more than a wall is so with the first one.
     let at_start = heard(cost(&start)?);
-    let objective = |x: &cmaes::DVector<f64>| -> f64 {
+    let objective = |x: &[f64]| -> f64 {
         if stopped.load(std::sync::atomic::Ordering::Relaxed) {
             return f64::MAX;
         }
-        heard(cost(x.as_slice()).unwrap_or(f64::MAX))
+        heard(cost(x).unwrap_or(f64::MAX))
     };
-    let build = cmaes::CMAESOptions::new(start.clone(), 0.5)
-        .seed(goal.seed)
-        .max_function_evals(goal.evaluations.saturating_sub(1).max(1))
-        .tol_fun(1e-4)
-        .tol_x(1e-3)
-        .build(objective);
-    let best = build.ok().and_then(|mut search| search.run().overall_best).filter(|best| best.value < at_start);
+    let options = cma_es::Options {
+        covariance: cma_es::Covariance::Full,
+        spread: 0.5,
+        evaluations: goal.evaluations.saturating_sub(1),
+        seed: goal.seed,
+        tolerance: Some(cma_es::Tolerance { cost: 1e-4, step: 1e-3 }),
+    };
+    let (best, least) = cma_es::minimise(&objective, (start.clone(), at_start), &options);
     let evaluations = done.load(std::sync::atomic::Ordering::Relaxed);
     let found =
-        best.map(|best| rounded(family.law(&best.point.iter().map(|x| x.clamp(-FAR, FAR)).collect::<Vec<f64>>())));
+        (least < at_start).then(|| rounded(family.law(&best.iter().map(|x| x.clamp(-FAR, FAR)).collect::<Vec<f64>>())));
     // Rounding may cost more than little was gained.
     let (mut law, mut cost) = (family.law(&start), at_start);
     for rounded in found.into_iter().chain([rounded(law.clone())]) {

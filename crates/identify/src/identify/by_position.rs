@@ -4,7 +4,7 @@ use dynid_model::Device;
 use rayon::prelude::*;
 
 use super::{
-    Best, Correlation, ErrorKind, FitResult, FitSettings, FittedParameter, Progress, State, StepSummary, Tried,
+    Best, Correlation, ErrorKind, FitResult, FitTask, FittedParameter, Progress, StartResult, State, StepSummary,
 };
 use crate::FitError;
 use crate::{
@@ -24,7 +24,7 @@ use dynid_user_model::Model;
 pub(super) fn by_position(
     model: &Model,
     runs: &[&Run],
-    how: &FitSettings,
+    how: &FitTask,
     from: State,
     watch: &mut dyn FnMut(&Progress, &State) -> SearchControl,
 ) -> Result<FitResult, FitError> {
@@ -87,7 +87,7 @@ pub(super) fn by_position(
             Ok(fit) => keep(&mut state, number, fit),
             Err(error @ PositionFitError::Interrupted { .. }) => return Err(error.into()),
             Err(error) => {
-                state.tried.push(Tried { cost: None, ended: error.to_string(), iterations: 0 });
+                state.tried.push(StartResult { cost: None, ended: error.to_string(), iterations: 0 });
                 failure.get_or_insert(error);
             }
         }
@@ -182,7 +182,7 @@ fn is_poor(best: Option<&Best>) -> bool {
 fn keep(state: &mut State, start: usize, fit: SequenceFit) {
     let SequenceFit { steps, mut joint, .. } = fit;
     let iterations = joint.iterations + steps.iter().map(|step| step.fit.iterations).sum::<usize>();
-    state.tried.push(Tried { cost: Some(joint.cost), ended: joint.status.as_str().to_owned(), iterations });
+    state.tried.push(StartResult { cost: Some(joint.cost), ended: joint.status.as_str().to_owned(), iterations });
     // A minimum is better than what is none, however low; then the lower cost; then the earlier start.
     let rank = |status: FitStatus, cost: f64| (!status.may_update_model(), cost);
     let is_better = state.best.as_ref().is_none_or(|best| {

@@ -8,7 +8,8 @@ use super::{
     evaluate::{At, Evaluator, noise_of},
 };
 use crate::FitStatus;
-use dynid_optimise::{sqp::Ended, sqp::Quadratic, sqp::Region};
+use dynid_optimise::{quadratic::Quadratic, region::Region, sqp::Ended};
+use dynid_signal::statistics::correlation_time;
 
 /// The result of a position fit.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -335,7 +336,7 @@ fn undetermined(problem: &PositionProblem, information: &DMatrix<f64>, spread: &
     directions
 }
 
-/// `1 + 2 sum(rho_k)` over the leading positive autocorrelations of the residuals, the mean over runs and joints.
+/// [`correlation_time`] of the residuals, the mean over runs and joints.
 fn correlation(problem: &PositionProblem, runs: &[RunError]) -> f64 {
     let mut sum = 0.0;
     let mut count = 0.0;
@@ -351,28 +352,9 @@ fn correlation(problem: &PositionProblem, runs: &[RunError]) -> f64 {
                 .step_by(n_free)
                 .map(|(y, q)| y - q)
                 .collect();
-            sum += repetition(&residual);
+            sum += correlation_time(&residual, residual.len());
             count += 1.0;
         }
     }
     if count == 0.0 { 1.0 } else { (sum / count).max(1.0) }
-}
-
-fn repetition(residual: &[f64]) -> f64 {
-    let n = residual.len();
-    let power: f64 = residual.iter().map(|r| r * r).sum();
-    if power == 0.0 {
-        return 1.0;
-    }
-    // Autocorrelations of white noise stay within this band.
-    let band = 2.0 / (n as f64).sqrt();
-    let mut total = 1.0;
-    for lag in 1..n / 4 {
-        let rho = residual[lag..].iter().zip(residual).map(|(a, b)| a * b).sum::<f64>() / power;
-        if rho < band {
-            break;
-        }
-        total += 2.0 * rho;
-    }
-    total
 }

@@ -424,7 +424,7 @@ fn a_search_on_the_first_observer_tells_where_long_steps_stop_it() {
 #[test]
 fn a_start_that_is_near_its_logs_needs_no_observer() {
     let is_led = |off: f64| {
-        let problem = problem(4, 8.0, off);
+        let problem = problem(5, 8.0, off);
         let mut observers = Vec::new();
         let mut watch = |progress: &Progress| {
             observers.push(progress.observer);

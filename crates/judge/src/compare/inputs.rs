@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use super::locate::{Signal, effective_samples};
+use super::locate::Signal;
 use dynid_logs::{experiment::Run, motion::Motion};
-use dynid_signal::straight;
+use dynid_signal::{statistics::effective_samples, straight};
 use dynid_torque::JointTorqueError;
 
 /// Lags to each side that are looked at, and the longest (s).

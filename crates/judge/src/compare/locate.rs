@@ -23,7 +23,6 @@ mod trace;
 use dynid_model::Device;
 use rayon::prelude::*;
 
-pub use dynid_signal::statistics::effective_samples;
 pub use finding::{
     AlsoIn, Finding, FindingKind, OtherSignal, OwnSignal, Region, RegressionStep, Regressor, Side, Signal, Third, Twin,
 };
@@ -31,6 +30,7 @@ use trace::Trace;
 
 use super::Comparison;
 use dynid_logs::experiment::Run;
+use dynid_signal::statistics::correlation_time;
 use dynid_user_model::Model;
 
 /// Findings of one joint in one run that are reported, the most telling first.
@@ -107,7 +107,7 @@ fn between_runs(traces: &[Trace]) -> Vec<Finding> {
                 let n_used = other.n_used() as f64;
                 let mean = other.mean();
                 let variance = (other.power() / n_used - mean * mean).max(0.0);
-                (other, mean, variance / effective_samples(&other.centred(), other.n_used()).max(2.0), n_used)
+                (other, mean, variance * correlation_time(&other.centred(), other.n_used()) / n_used, n_used)
             })
             .collect();
         if of_runs.len() < 2 {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Shown, WallReport, densest, median, milli, number, plain, reported_damping, short};
+use super::{Shown, WallReport, damping_in_words, densest, median, milli, number, plain, short};
 use dynid_control::{Law, LinearLaw, RuleTable, VirtualTool};
 use dynid_haptics::{wall, wall::Measures};
 use dynid_text::escaped;
@@ -60,7 +60,7 @@ impl WallReport<'_> {
         html.push_str(&self.compared());
         // It stands beside the bounds that stand below.
         if self.walls.iter().any(|own| self.passive_above(own).is_some()) {
-            let _ = writeln!(html, "<p>{}</p>", escaped(&reported_damping(&self.own, self.setting)));
+            let _ = writeln!(html, "<p>{}</p>", escaped(&damping_in_words(&self.own, self.setting)));
         }
         html.push_str("<dl>\n");
         for own in &self.walls {

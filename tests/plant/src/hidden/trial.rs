@@ -1,4 +1,8 @@
 //! Putting the program through a case as a user would: files in a folder, and its verbs one after another.
+//!
+//! An answer is right if the true effect at the true place comes first and the held-out error is at most [`EXPLAINED`] times the
+//! noise floor once it is added; or if the verdict is the right one. What is physically the same elsewhere (a pair whose joints
+//! are alike, a body on the same link) counts as right. [`fit_the_truth`] asks whether plant and program agree at all.
 
 use std::fmt;
 use std::fs;

@@ -45,33 +45,6 @@ pub struct Setting {
     pub reaching: Reaching,
 }
 
-/// Why nothing can start at a posture.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum StartError {
-    /// The end point is in the wall.
-    #[error("the end point starts {:.4} m inside of the wall; start outside, on the side that the normal points to", -distance)]
-    Inside {
-        /// From the plane (m).
-        distance: f64,
-    },
-    /// The point cannot be moved along the normal.
-    #[error(
-        "at the start no joint moves the end point along the plane's normal, so the wall cannot be met; take another normal, or \
-         another posture"
-    )]
-    Unreachable,
-    /// The hand cannot hold the device.
-    #[error(
-        "the start is a singular posture: some motion of the joints moves the handle {ratio:.1e} times as much as another; the \
-         hand could not hold it (bend the arm and the wrist)"
-    )]
-    Singular {
-        /// Smallest over largest singular value of the Jacobian.
-        ratio: f64,
-    },
-}
-
 impl Setting {
     /// Smallest singular value of the Jacobian that a hand can work with, over the largest; angles count at the lever.
     const SINGULAR: f64 = 1e-3;
@@ -154,17 +127,17 @@ impl Setting {
         let kinematics = model.kinematics(&self.free, &self.posture)?;
         let distance = self.plane.distance(kinematics.position());
         if distance <= 0.0 {
-            return Err(StartError::Inside { distance }.into());
+            return Err(super::StartError::Inside { distance }.into());
         }
         let along = |slot: usize| dot(self.plane.normal, [0, 1, 2].map(|row| kinematics.jacobian(row, slot)));
         let reach = (0..self.free.len()).map(|slot| along(slot).abs()).fold(0.0, f64::max);
         let values = scaled_transpose(&kinematics, self.lever).singular_values();
         if reach <= Self::SINGULAR * values.max() {
-            return Err(StartError::Unreachable.into());
+            return Err(super::StartError::Unreachable.into());
         }
         let ratio = values.min() / values.max();
         if ratio < Self::SINGULAR {
-            return Err(StartError::Singular { ratio }.into());
+            return Err(super::StartError::Singular { ratio }.into());
         }
         Ok(kinematics)
     }

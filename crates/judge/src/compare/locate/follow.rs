@@ -10,7 +10,7 @@ use super::{
     Finding, FindingKind, LEAST_SHARE, OtherSignal, OwnSignal, RegressionStep, Regressor,
     trace::{Signals, Trace, command_rate},
 };
-use dynid_signal::statistics::{critical, effective_samples};
+use dynid_signal::statistics::{correlation_time, critical, effective_samples};
 
 /// Regressors that are taken at most.
 const MOST_TAKEN: usize = 6;
@@ -172,7 +172,8 @@ fn offset(trace: &Trace, fit: &Regression) -> Option<Finding> {
     let constant = dot(&one, &trace.residual) / size;
     let gain = constant * constant * size;
     let share = gain / total;
-    let effective = effective_samples(&fit.remainder, n_used);
+    // A constant is slower than any error.
+    let effective = n_used as f64 / correlation_time(&fit.remainder, n_used);
     let expected = fit.left() / total / effective;
     let statistic = (effective - fit.basis.len() as f64) * (gain / fit.left().max(f64::MIN_POSITIVE)).ln_1p();
     if share < LEAST_SHARE || statistic < critical(1, 1) {

@@ -5,7 +5,7 @@
 //! uncertain the sum is, the spread of the squares within and without the region tells.
 
 use super::{AlsoIn, Finding, FindingKind, Region, Side, Third, trace::Trace};
-use dynid_signal::statistics::{autocorrelation, standard_errors};
+use dynid_signal::statistics::standard_errors;
 
 /// Surpluses below so many standard errors may be chance; more than a normal variable needs, for squares have long tails.
 const STANDARD_ERRORS: f64 = 5.0;
@@ -52,7 +52,7 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
                 (true, false) => (outside - surplus[k]) * expected,
             })
             .collect();
-        if standard_errors(n_used * (share - expected), &spread, memory(&spread)) < STANDARD_ERRORS {
+        if standard_errors(n_used * (share - expected), &spread) < STANDARD_ERRORS {
             continue;
         }
         let kind = FindingKind::LiesIn { region: samples.region.clone(), also: Vec::new() };
@@ -92,13 +92,6 @@ fn is_denser_outside(trace: &Trace, inside: &[bool], other: &[bool]) -> bool {
         }
     }
     within.0 * all.1 > DENSER * all.0 * within.1
-}
-
-/// Lags after which the squares have forgotten themselves, doubled.
-fn memory(spread: &[f64]) -> usize {
-    let lags = spread.len() / 8;
-    let correlation = autocorrelation(spread, lags);
-    2 * correlation.iter().position(|rho| *rho < 0.1).unwrap_or(lags).max(5)
 }
 
 fn regions(trace: &Trace) -> Vec<Samples> {

@@ -1,0 +1,89 @@
+//! Which physical effect is missing, and where.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use dynid_diagnose::{self as diagnosis, Diagnosis, Event, Finished, Options};
+use dynid_identify::identify::ErrorKind;
+use dynid_logs::experiment::Experiment;
+use dynid_user_model::Model;
+
+use crate::{Error, check_device};
+
+/// How to diagnose.
+#[derive(Debug, Clone)]
+pub struct DiagnoseSettings {
+    /// Only runs in which exactly these joints are free; `None` for all runs.
+    pub free: Option<Vec<usize>>,
+    /// Which error decides; `None` for the one that a fit would make small.
+    pub error: Option<ErrorKind>,
+    /// How many effects are looked for, one after the other.
+    pub depth: usize,
+    /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
+    pub refits: usize,
+    /// Fits that an earlier, stopped diagnosis of the same told ([`Event::Refitted`]): it goes on from them to the same answer.
+    pub finished: Finished,
+}
+
+impl Default for DiagnoseSettings {
+    fn default() -> Self {
+        let Options { error, depth, refits, .. } = Options::default();
+        Self { free: None, error, depth, refits, finished: Finished::new() }
+    }
+}
+
+impl DiagnoseSettings {
+    /// As the diagnosis takes them.
+    pub fn options(&self) -> Options {
+        Options { error: self.error, depth: self.depth.max(1), refits: self.refits.max(1), ..Options::default() }
+    }
+}
+
+/// How far a diagnosis is.
+#[derive(Debug)]
+pub enum DiagnoseProgress<'a> {
+    /// Something began or was done.
+    Event(&'a Event<'a>),
+    /// It works on; told often, so that a stop is heard soon.
+    Working,
+}
+
+/// Asks which effect of the library `model` lacks, at which joint, how sure that is and what else it could be: the model is
+/// fitted, every effect at every place is screened without a fit, and the most promising are fitted for good and judged by
+/// runs that no fit saw. `progress` hears of each step, from several threads, and may stop it.
+///
+/// # Errors
+/// A model of another device; no such runs, none to fit to, or runs too short to tell anything; stopped by `progress`
+/// ([`Error::interrupted_after`]).
+///
+/// ```
+/// use std::ops::ControlFlow;
+/// # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/tour");
+/// let experiment = dynid::Experiment::load(format!("{folder}/experiment.toml"))?;
+/// let model = dynid::Model::load(format!("{folder}/believed.toml"))?;
+/// let found = dynid::diagnose(&model, &experiment, &Default::default(), &|_| ControlFlow::Continue(()))?;
+/// assert_eq!(found.verdict, dynid::Verdict::MissingEffect);
+/// assert_eq!(found.ranking[0].candidate.to_string(), "`input_coupling` from joint 5 to joint 4");
+/// # Ok::<(), dynid::Error>(())
+/// ```
+pub fn diagnose(
+    model: &Model,
+    experiment: &Experiment,
+    settings: &DiagnoseSettings,
+    progress: &(dyn Fn(DiagnoseProgress<'_>) -> ControlFlow<()> + Sync),
+) -> Result<Diagnosis, Error> {
+    check_device(model, experiment)?;
+    let runs = experiment.runs_with_free(settings.free.as_deref())?;
+    let stopped = AtomicBool::new(false);
+    let hear = |what: DiagnoseProgress<'_>| {
+        if progress(what).is_break() {
+            stopped.store(true, Ordering::Relaxed);
+        }
+    };
+    let tell = |event: &Event<'_>| hear(DiagnoseProgress::Event(event));
+    let stop = || {
+        hear(DiagnoseProgress::Working);
+        stopped.load(Ordering::Relaxed)
+    };
+    Ok(diagnosis::diagnose(model, experiment, &runs, &settings.options(), &settings.finished, &tell, &stop)?)
+}

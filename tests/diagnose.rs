@@ -95,7 +95,7 @@ fn answer(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, DiagnoseError> {
     let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap();
-    let model = Model::load(&folder.join("believed.toml")).unwrap();
+    let model = Model::load(folder.join("believed.toml")).unwrap();
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     diagnose(&model, &experiment, &runs, options, finished, tell, stop)
 }

@@ -126,7 +126,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(object) = json.as_object_mut() {
         object.insert("wall_seconds".to_owned(), json!(wall_seconds));
     }
-    let mut text = reported(&found, wall_seconds);
+    let mut text = as_text(&found, wall_seconds);
     if let Some(out) = &arguments.out {
         if let Some(better) = &found.better {
             write_new(out, &better.to_toml(), overwrite)?;
@@ -165,7 +165,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
-fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
+fn as_text(found: &Diagnosis, wall_seconds: f64) -> String {
     let mut text = String::new();
     for sentence in sentences::sentences(found) {
         let _ = writeln!(text, "{sentence}");

@@ -188,7 +188,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "notes": found.notes,
         "out": may_write.then(|| arguments.out.display().to_string()),
     });
-    let mut text = reported(&found, wall_seconds);
+    let mut text = as_text(&found, wall_seconds);
     text.push_str(&compare::summary(&judged));
     text.push_str(&if may_write {
         format!("written: {}\n", arguments.out.display())
@@ -287,7 +287,7 @@ fn parameter(model: &Model, found: &FittedParameter) -> Value {
     })
 }
 
-fn reported(found: &FitResult, wall_seconds: f64) -> String {
+fn as_text(found: &FitResult, wall_seconds: f64) -> String {
     let mut text = format!(
         "{} error: {} after {} iterations, {wall_seconds:.1} s; cost {} -> {}\n",
         found.error,

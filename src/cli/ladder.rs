@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let ladder = progress::counted("models compared", &|| false, |reported| {
         dynid::ladder(&models, &experiment, &settings, reported)
     })?;
-    let mut text = reported(&ladder);
+    let mut text = as_text(&ladder);
     if let Some(out) = &arguments.out {
         write_new(out, &steps::standalone(&report::ladder_pictures(&ladder)), overwrite)?;
         let _ = writeln!(text, "drawn: {}", out.display());
@@ -90,7 +90,7 @@ pub fn label(path: &Path, all: &[PathBuf]) -> String {
 }
 
 /// The ladder as text.
-pub fn reported(ladder: &Ladder) -> String {
+pub fn as_text(ladder: &Ladder) -> String {
     let dash = || "\u{2014}".to_owned();
     let size = |value: Option<f64>| value.map_or_else(dash, number);
     let percent = |value: Option<f64>| value.map_or_else(dash, |value| format!("{value:.1}"));

@@ -240,13 +240,13 @@ impl Tour<'_> {
         };
 
         step(&mut text, 1, fit, "first the believed model's own values, so that they are not to blame");
-        let held_out = |comparison: &Comparison| reported(comparison.rmse_validate);
+        let held_out = |comparison: &Comparison| as_text(comparison.rmse_validate);
         let _ = writeln!(
             text,
             "   {} values moved. On the run that no fit sees, the position error is now {} rad RMS; the log's own noise is {}.",
             self.fitted.parameters.len(),
             held_out(&self.comparison),
-            reported(self.ladder.noise_floor)
+            as_text(self.ladder.noise_floor)
         );
 
         step(&mut text, 2, compare, "where do model and logs part?");
@@ -269,7 +269,7 @@ impl Tour<'_> {
         text.push_str(&indented(&self.parameters()));
 
         step(&mut text, 6, ladder, "did it pay?");
-        text.push_str(&indented(&ladder_verb::reported(&self.ladder)));
+        text.push_str(&indented(&ladder_verb::as_text(&self.ladder)));
 
         step(&mut text, 7, report, "all of it on one page");
         let _ = writeln!(text, "   {}/{REPORT} opens with no network.", folder.display());
@@ -347,8 +347,8 @@ impl Tour<'_> {
             let others: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
             table.row([
                 ranked.candidate.to_string(),
-                reported(ranked.rmse_validate_before),
-                reported(ranked.rmse_validate_after),
+                as_text(ranked.rmse_validate_before),
+                as_text(ranked.rmse_validate_after),
                 format!("{:.0}", ranked.delta_bic).replace('-', "\u{2212}"),
                 if others.is_empty() { "\u{2014}".to_owned() } else { others.join(", ") },
             ]);
@@ -368,14 +368,14 @@ impl Tour<'_> {
         ]);
         for parameter in &self.better_fitted.parameters {
             let name = &parameter.name;
-            let value = |model: &Model| reported(model.parameter(name).map(|own| own.value));
+            let value = |model: &Model| as_text(model.parameter(name).map(|own| own.value));
             table.row([
                 name.clone(),
                 value(self.prior),
                 value(&self.fitted.model),
                 number(parameter.value),
-                reported(parameter.std_error),
-                reported(truth.get(name).copied()),
+                as_text(parameter.std_error),
+                as_text(truth.get(name).copied()),
             ]);
         }
         table.text()
@@ -397,7 +397,7 @@ impl Tour<'_> {
     }
 }
 
-fn reported(value: Option<f64>) -> String {
+fn as_text(value: Option<f64>) -> String {
     value.map_or_else(|| "\u{2014}".to_owned(), number)
 }
 

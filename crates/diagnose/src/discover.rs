@@ -28,10 +28,10 @@ use self::{
     term::{Term, dictionary},
 };
 use super::{
+    error_signal::{Block, TorqueView, View},
+    joint_weights::Weighed,
     screen::{own_column, regular},
     statement::{ActsOn, Statement},
-    view::{Block, TorqueView, View},
-    weighed::Weighed,
 };
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_random::Random;

@@ -3,7 +3,7 @@
 
 use super::{
     Note, Refit, Screen, Work,
-    estimate::{moving, observed},
+    first_estimate::{moving, observed},
 };
 use crate::DiagnoseError;
 use dynid_dynamics::simulate::Intersample;

@@ -19,7 +19,7 @@
 //!    best one from the best one's values; `at_prior` screens and fits once more from the values before any fit
 //!    ([`Model::prior`]).
 //! 8. `verdict`: credit, rank (held-out log-likelihood and 3 per unknown), candidates that fit as well, the answer. `region`: does
-//!    the effect help where it acts? `sessions`: or did parameters change between runs? `tell_apart`: the experiment that would
+//!    the effect help where it acts? `moved_values`: or did parameters change between runs? `distinguishing_experiment`: the experiment that would
 //!    distinguish candidates.
 //! 9. [`discover()`] and `beaten`: a formula that no effect of the library is, where none explains the residual or a formula
 //!    explains far more.
@@ -35,23 +35,23 @@ mod beaten;
 mod blocks;
 mod candidate;
 mod discover;
+mod distinguishing_experiment;
 mod error;
-mod estimate;
+mod error_signal;
 mod evidence;
 mod excitation;
+mod first_estimate;
 mod intersample;
+mod joint_weights;
+mod moved_values;
 mod note;
 mod prescreening;
 mod refit;
 mod region;
 mod screen;
-mod sessions;
 mod shortlist;
 mod statement;
-mod tell_apart;
 mod verdict;
-mod view;
-mod weighed;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -61,17 +61,17 @@ use serde::{Deserialize, Serialize};
 
 pub use candidate::{Candidate, Probe, Sizes, candidates, probes};
 pub use discover::{Discovered, DiscoveredTerm, discover};
+pub use distinguishing_experiment::{DistinguishingExperiment, SinePhase};
 pub use error::{DiagnoseError, WhySoMany};
-pub use estimate::{FirstEstimates, with_first_estimates};
+pub use error_signal::{Block, ObserverView, TorqueView, View};
 pub use evidence::{Evidence, Rejection, Speaks};
+pub use first_estimate::{FirstEstimates, with_first_estimates};
 pub use note::{KeptValues, Note};
 pub use refit::{CostLimits, EffectParameter, JointResidual, Judge, Refit, SearchExtent, stays_far_above};
 pub use screen::{Score, Screen};
 pub use statement::{ActsOn, ErrorLeft, ModelState, Statement};
-pub use tell_apart::{DistinguishingExperiment, SinePhase};
-pub use view::{Block, ObserverView, TorqueView, View};
 
-use estimate::Screening;
+use first_estimate::Screening;
 use screen::Scored;
 
 use dynid_identify::{FitError, FitStatus, identify::ErrorKind, identify::default_error, position};

@@ -349,7 +349,7 @@ pub(super) fn conclude(
     let mut verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
     let mut moved = Vec::new();
     if verdict == Verdict::Unexplained && work.judge.error == ErrorKind::Position {
-        moved = super::sessions::moved(work, &base)?;
+        moved = super::moved_values::moved(work, &base)?;
         if !moved.is_empty() {
             verdict = Verdict::NothingMissing;
         }
@@ -381,7 +381,7 @@ pub(super) fn conclude(
         let others: Vec<(&Candidate, &Model)> =
             ranked.confounded_with.iter().filter_map(|candidate| Some((candidate, fitted(candidate)?))).collect();
         if let Some(own) = fitted(&ranked.candidate) {
-            ranked.experiment = super::tell_apart::experiment(own, &others, work.judge.runs);
+            ranked.experiment = super::distinguishing_experiment::experiment(own, &others, work.judge.runs);
         }
     }
     ranking.splice(0..0, found);

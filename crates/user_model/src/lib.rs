@@ -18,9 +18,9 @@
 
 mod assemble;
 mod clip;
-mod drawn;
 mod edit;
 mod fit_record;
+mod perturbed;
 mod read;
 #[cfg(test)]
 mod tests;

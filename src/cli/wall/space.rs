@@ -85,11 +85,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if never > 0 {
         eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
-    let mut text = reported(&setting, &walls, &cases, carried);
+    let mut text = as_text(&setting, &walls, &cases, carried);
     if let Some(out) = &arguments.out {
         let report = SpaceReport::new(&model, &setting, &walls, &cases, carried)?;
         let mut sections = report.sections();
-        let mut command = format!("dynid wall space{}", place.reported());
+        let mut command = format!("dynid wall space{}", place.as_text());
         if let Some(CompensationRatios { inertia, friction }) = carried {
             let _ = write!(command, " --compensate --inertia {inertia} --friction {friction}");
         }
@@ -105,12 +105,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 /// A row for each wall and approach, the median hand; then how the joints moved.
-fn reported(
-    setting: &Setting,
-    walls: &[(String, Wall)],
-    cases: &[Case],
-    carried: Option<CompensationRatios>,
-) -> String {
+fn as_text(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Option<CompensationRatios>) -> String {
     let mut text = format!(
         "the end point of {} at a plane, {} hands, controller at {} Hz; {}\n",
         setting.device.id,

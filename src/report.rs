@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use dynid_format::number;
 use dynid_identify::{FitError, position::FitRun};
 use dynid_judge::{compare::Finding, compare::locate::locate, ladder::Ladder, ladder::Rung};
 use dynid_logs::quality;
@@ -11,7 +12,6 @@ use dynid_report::{
 };
 use dynid_report::{ShownErrors, run_panels};
 use dynid_sentences as sentences;
-use dynid_text::number;
 use dynid_torque as torque;
 use dynid_user_model::Model;
 use serde_json::Value;

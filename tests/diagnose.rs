@@ -13,7 +13,7 @@ use assert_cmd::Command;
 use dynid_diagnose::{
     DiagnoseError, Diagnosis, Event, Finished, Note, Options, Statement, Verdict, candidates, diagnose,
 };
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Parameter;
 use dynid_plant::hidden::{Case, Kind, table, trial};
@@ -112,7 +112,7 @@ fn what_moved_between_runs_is_reported_from_what_is_missing() {
     for run in &later.runs[1..] {
         fs::write(folder.path().join(&run.file), &files[&run.file]).unwrap();
     }
-    let options = Options { error: Some(ErrorKind::Position), refits: 2, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Position), refits: 2, ..Options::default() };
     let found = answer(folder.path(), &options, &Finished::new(), &|_| (), &|| false).unwrap();
     assert_eq!(found.verdict, Verdict::NothingMissing, "{:#?}", found.statements);
     let most = found.moved.first().expect("something moved");
@@ -149,7 +149,7 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let coulomb = "[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.1\nv_eps = 0.01\n";
     let folder = arm(&format!("[parameters]\n{VISCOUS}{coulomb}"), SWINGS);
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
-    let options = Options { error: Some(ErrorKind::Torque), refits: 4, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Torque), refits: 4, ..Options::default() };
     let message: Mutex<Vec<String>> = Mutex::default();
     let hear = |event: &Event<'_>| {
         if let Event::Refitted(key, _) = event {
@@ -195,7 +195,7 @@ fn comparing_candidates_on_a_observer_changes_with_neither_threads_nor_a_stop() 
     assert_ne!(experiment, held_out);
     fs::write(folder.path().join("experiment.toml"), held_out).unwrap();
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
-    let options = Options { error: Some(ErrorKind::Position), refits: 6, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Position), refits: 6, ..Options::default() };
     let json = |found: &Diagnosis| serde_json::to_string_pretty(found).unwrap();
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -259,7 +259,7 @@ fn what_the_runs_leave_open_is_named() {
     let folder = arm(&format!("[parameters]\n{VISCOUS}"), &format!("{SWINGS}{hanging}"));
     let coulomb = "[[effect]]\nid = \"coulomb\"\njoint = 0\nFc = 0.1\n";
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}{coulomb}")).unwrap();
-    let options = Options { error: Some(ErrorKind::Torque), refits: 1, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Torque), refits: 1, ..Options::default() };
     let found = answer(folder.path(), &options, &Finished::new(), &|_| (), &|| false).unwrap();
     let still = Note::StandsStill {
         run: "five.csv".to_owned(),

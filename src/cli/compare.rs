@@ -7,11 +7,11 @@ use anyhow::bail;
 use clap::ValueEnum;
 use dynid::{CompareSettings, Compared, Comparison, Experiment, Finding, Model, Run};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_judge::compare::JointComparison;
 use dynid_report::{self as report, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict};
 use dynid_report::{ShownErrors, panels, plot, run_panels};
 use dynid_sentences as sentences;
-use dynid_text::number;
 
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs, progress};

@@ -6,12 +6,12 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::bail;
-use dynid::{DiagnoseSettings, Diagnosis, ErrorKind, Experiment, Model, Ranked, Run, Verdict};
-use dynid_diagnose::{Discovered, Event, Finished, Options, Rejected, Speaks};
+use dynid::{DiagnoseSettings, Diagnosis, ErrorSignal, Experiment, Model, Ranked, Run, Verdict};
+use dynid_diagnose::{Discovered, Event, Finished, Options, RejectedCandidate, Speaks};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_model::sha256_hex;
 use dynid_sentences::diagnosis as sentences;
-use dynid_text::number;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let runs: Vec<&Run> = experiment.runs_with_free(arguments.free.as_deref())?;
     let mut settings = DiagnoseSettings {
         free: arguments.free.clone(),
-        error: arguments.error.map(ErrorKind::from),
+        error: arguments.error.map(ErrorSignal::from),
         depth: arguments.depth,
         refits: arguments.refits,
         finished: Finished::new(),
@@ -187,7 +187,7 @@ fn as_text(found: &Diagnosis, wall_seconds: f64) -> String {
     if !found.rejected.is_empty() {
         let _ = writeln!(text, "\nNo credit:");
         // What reads alike is said once, whatever digits the numbers have beyond those that are told.
-        let reason = |rejected: &Rejected| sentences::rejection(&rejected.reason);
+        let reason = |rejected: &RejectedCandidate| sentences::rejection(&rejected.reason);
         for alike in found.rejected.chunk_by(|one, next| reason(one) == reason(next)) {
             let candidates: Vec<String> = alike.iter().map(|rejected| rejected.candidate.to_string()).collect();
             let _ = writeln!(text, "  {}: {}", candidates.join(", "), reason(&alike[0]));
@@ -314,7 +314,7 @@ fn as_asked(arguments: &Arguments) -> String {
     let joints: Option<Vec<String>> =
         arguments.free.as_ref().map(|free| free.iter().map(ToString::to_string).collect());
     let free = joints.map_or(String::new(), |joints| format!(" --free {}", joints.join(",")));
-    let error = arguments.error.map_or(String::new(), |error| format!(" --error {}", ErrorKind::from(error)));
+    let error = arguments.error.map_or(String::new(), |error| format!(" --error {}", ErrorSignal::from(error)));
     free + &error
 }
 

@@ -7,11 +7,11 @@ use std::time::Instant;
 use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use dynid::{
-    Begin, Checkpoint, ErrorKind, FitResult, FitSettings, FitSettingsError, FittedParameter, Model, Weighting,
+    Begin, Checkpoint, ErrorSignal, FitResult, FitSettings, FitSettingsError, FittedParameter, Model, Weighting,
 };
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_identify::{checkpoint, position::Options};
-use dynid_text::number;
 use dynid_user_model::ErrorShare;
 use serde_json::{Value, json};
 
@@ -117,7 +117,7 @@ pub(super) enum Kind {
     Both,
 }
 
-impl From<Kind> for ErrorKind {
+impl From<Kind> for ErrorSignal {
     fn from(kind: Kind) -> Self {
         match kind {
             Kind::Torque => Self::Torque,
@@ -140,8 +140,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut interrupt = None;
     let mut deaf = None;
     // A fit of the torque error takes seconds: Ctrl-C ends it at once, and so it is not listened for.
-    let mut stop = |begun: Option<ErrorKind>| {
-        if begun.is_some_and(|error| error != ErrorKind::Torque) && interrupt.is_none() {
+    let mut stop = |begun: Option<ErrorSignal>| {
+        if begun.is_some_and(|error| error != ErrorSignal::Torque) && interrupt.is_none() {
             match Interrupt::listen() {
                 Ok(listening) => interrupt = Some(listening),
                 Err(error) => deaf = Some(error),
@@ -215,7 +215,7 @@ fn settings(arguments: &Arguments) -> FitSettings {
         (false, false) => Begin::New,
     };
     FitSettings {
-        error: arguments.error.map(ErrorKind::from),
+        error: arguments.error.map(ErrorSignal::from),
         free: arguments.free.clone(),
         method: arguments.method.clone(),
         weighting: match arguments.weights {

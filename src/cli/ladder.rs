@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use dynid::{Experiment, Ladder, LadderSettings, Model};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_judge::ladder::Lineage;
 use dynid_report as report;
 use dynid_report::plot::steps;
 use dynid_sentences::{self as sentences, ladder::FORMULA};
-use dynid_text::number;
 
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs, progress};

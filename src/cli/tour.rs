@@ -12,10 +12,10 @@ use dynid::{
 };
 use dynid::{tour::FILES, tour::truth};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_report as report;
 use dynid_report::plot::steps;
 use dynid_sentences as sentences;
-use dynid_text::number;
 use serde_json::{Value, json};
 
 use super::interrupt::Interrupt;
@@ -92,7 +92,7 @@ fn walk(
 
     let fitted = fit(&prior, &experiment, stop)?;
     put(FITTED, &fitted.model.to_toml())?;
-    let fitted_model = Model::load(&partial.join(FITTED))?;
+    let fitted_model = Model::load(partial.join(FITTED))?;
 
     let Compared { errors: comparison, findings } = progress::counted("runs compared", stop, |reported| {
         dynid::compare(&fitted_model, &experiment, &CompareSettings::default(), reported)
@@ -111,7 +111,7 @@ fn walk(
     let Candidate { effect, joint, from } = best.candidate.clone();
     let (better, _) = dynid::add(&fitted_model, &Addition { effect, joint, from, values: Vec::new() })?;
     put(BETTER, &better.to_toml())?;
-    let better = Model::load(&partial.join(BETTER))?;
+    let better = Model::load(partial.join(BETTER))?;
     let better_fitted = fit(&better, &experiment, stop)?;
     put(BETTER_FITTED, &better_fitted.model.to_toml())?;
 

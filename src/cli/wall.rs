@@ -11,12 +11,12 @@ use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
 use dynid_control::{Law, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_haptics::{
     wall, wall::Case, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting, wall::TuneProgress, wall::WallFile,
 };
 use dynid_model::Device;
 use dynid_report::{Provenance, Section, WallReport, damping_in_words};
-use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
 

@@ -3,11 +3,11 @@
 use std::fmt;
 
 use dynid_dynamics::system::SystemError;
+use dynid_format::{UnknownName, listed, number};
 use dynid_identify::FitError;
 use dynid_judge::CompareError;
 use dynid_logs::motion::MotionError;
 use dynid_model::ModelError;
-use dynid_text::{UnknownName, listed, number};
 use dynid_user_model::EffectError;
 
 /// A diagnosis that cannot be made, or was stopped.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::{Note, blocks, refit::Refit};
 use crate::{DiagnoseError, error::WhySoMany};
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError, noise::noise_of_log};
 use dynid_user_model::Model;
 
@@ -22,16 +22,16 @@ pub(super) fn check(
     model: &Model,
     runs: &[&Run],
     folds: &[&[Run]],
-    error: ErrorKind,
+    error: ErrorSignal,
 ) -> Result<Vec<Note>, DiagnoseError> {
     let n_blocks = if folds.is_empty() { 1 } else { blocks::BLOCKS };
     for run in runs {
         long_enough(run, n_blocks * LEAST_SAMPLES, n_blocks, None)?;
-        if error != ErrorKind::Torque {
+        if error != ErrorSignal::Torque {
             enough_is_left(run, n_blocks)?;
         }
     }
-    if error == ErrorKind::Torque {
+    if error == ErrorSignal::Torque {
         for part in folds.iter().copied().flatten() {
             // A block that is too short for its filter is reported as what the whole run would have to be.
             if let (Err(MotionError::TooShort { needed, cutoff_hz, .. }), Some(run)) =
@@ -49,7 +49,7 @@ pub(super) fn check(
     let held_out = runs.iter().filter(|run| run.role == Role::Validate).count();
     let some_held_out = held_out > without_motion.iter().filter(|(run, _)| run.role == Role::Validate).count();
     for (run, why) in without_motion {
-        if error == ErrorKind::Torque && (run.role == Role::Fit || !some_held_out) {
+        if error == ErrorSignal::Torque && (run.role == Role::Fit || !some_held_out) {
             return Err(why.into());
         }
         notes.push(match run.role {

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::DiagnoseError;
 use dynid_dynamics::simulate::Intersample;
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 
@@ -18,7 +18,7 @@ const WORTH: f64 = 0.3;
 pub(super) fn is_in_question(work: &Work<'_>, base: &Refit) -> bool {
     let stands = |run: &&Run| run.settings.intersample == Intersample::ZeroOrder && run.settings.controller.is_none();
     let is_near = base.worst_ratio().is_none_or(|ratio| ratio < super::verdict::NEAR_THE_FLOOR);
-    work.judge.error == ErrorKind::Position && !is_near && work.judge.runs.iter().all(stands)
+    work.judge.error == ErrorSignal::Position && !is_near && work.judge.runs.iter().all(stands)
 }
 
 /// Whether the runs of `work`, whose command stands still between samples, may be better taken as `straight` has them.

@@ -19,9 +19,9 @@
 //!    best one from the best one's values; `at_prior` screens and fits once more from the values before any fit
 //!    ([`Model::prior`]).
 //! 8. `verdict`: credit, rank (held-out log-likelihood and 3 per unknown), candidates that fit as well, the answer. `region`: does
-//!    the effect help where it acts? `moved_values`: or did parameters change between runs? `distinguishing_experiment`: the experiment that would
+//!    the effect help where it acts? `inconsistent_runs`: or did parameters change between runs? `distinguishing_experiment`: the experiment that would
 //!    distinguish candidates.
-//! 9. [`discover()`] and `beaten`: a formula that no effect of the library is, where none explains the residual or a formula
+//! 9. [`discover()`] and `formula_beats_effect`: a formula that no effect of the library is, where none explains the residual or a formula
 //!    explains far more.
 //!
 //! `finished` holds fits by key: an interrupted diagnosis goes on from them to the same answer. Most models that a screening tries
@@ -31,7 +31,6 @@
 //! a stage that takes the command away gets no credit for that ([`dynid_torque::JointTorqueError::delivered_share`]).
 //! [`with_first_estimates`] uses the same screening to give an effect that vanishes a start for a fit.
 
-mod beaten;
 mod blocks;
 mod candidate;
 mod discover;
@@ -41,9 +40,10 @@ mod error_signal;
 mod evidence;
 mod excitation;
 mod first_estimate;
+mod formula_beats_effect;
+mod inconsistent_runs;
 mod intersample;
 mod joint_weights;
-mod moved_values;
 mod note;
 mod prescreening;
 mod refit;
@@ -74,7 +74,7 @@ pub use statement::{ActsOn, ErrorLeft, ModelState, Statement};
 use first_estimate::Screening;
 use screen::Scored;
 
-use dynid_identify::{FitError, FitStatus, identify::ErrorKind, identify::default_error, position};
+use dynid_identify::{FitError, FitStatus, identify::ErrorSignal, identify::default_error, position};
 use dynid_judge::compare::Finding;
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
 use dynid_user_model::Model;
@@ -104,7 +104,7 @@ pub struct Diagnosis {
     pub ranking: Vec<Ranked>,
     /// Effects that were fitted and are given none.
     #[serde(rename = "refused")]
-    pub rejected: Vec<Rejected>,
+    pub rejected: Vec<RejectedCandidate>,
     /// What the screening said of every candidate, most promising first.
     pub screening: Vec<Screened>,
     /// Where the model fails.
@@ -176,7 +176,7 @@ pub struct Screened {
 
 /// An effect that is given no credit.
 #[derive(Debug, Clone, Serialize)]
-pub struct Rejected {
+pub struct RejectedCandidate {
     /// Which, and where.
     #[serde(flatten)]
     pub candidate: Candidate,
@@ -210,7 +210,7 @@ pub struct Moved {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Which error; by default the one that a fit would make small.
-    pub error: Option<ErrorKind>,
+    pub error: Option<ErrorSignal>,
     /// How many effects are looked for, one after the other.
     pub depth: usize,
     /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
@@ -277,9 +277,9 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let mut notes = Vec::new();
     let error = match options.error {
-        Some(ErrorKind::Both) | None => match default_error(model, runs) {
-            ErrorKind::Torque => ErrorKind::Torque,
-            _ => ErrorKind::Position,
+        Some(ErrorSignal::Both) | None => match default_error(model, runs) {
+            ErrorSignal::Torque => ErrorSignal::Torque,
+            _ => ErrorSignal::Position,
         },
         Some(error) => error,
     };
@@ -329,11 +329,14 @@ pub fn diagnose(
 }
 
 /// Steps per sample that the runs ask for.
-fn fit_options(options: &Options, error: ErrorKind, runs: &[&Run]) -> position::Options {
+fn fit_options(options: &Options, error: ErrorSignal, runs: &[&Run]) -> position::Options {
     let sample = runs.iter().map(|run| run.log.sample_time()).fold(0.0, f64::max);
     let substeps = (sample / LONGEST_STEP).round().clamp(1.0, 600.0) as usize;
-    let iterations =
-        if error == ErrorKind::Torque { options.fit.iterations.min(TORQUE_ITERATIONS) } else { options.fit.iterations };
+    let iterations = if error == ErrorSignal::Torque {
+        options.fit.iterations.min(TORQUE_ITERATIONS)
+    } else {
+        options.fit.iterations
+    };
     position::Options { substeps, iterations, ..options.fit }
 }
 
@@ -362,7 +365,7 @@ struct Step {
     /// All that were fitted, best first.
     fitted: Vec<verdict::Judged>,
     /// Those whose fit came to nothing.
-    failed: Vec<Rejected>,
+    failed: Vec<RejectedCandidate>,
 }
 
 impl Step {
@@ -528,7 +531,7 @@ impl Work<'_> {
         let again = format!("{depth}: again, {}", path.join(" > "));
         let prior = format!("{depth}: believed, {}", path.join(" > "));
         let mut reached = prescreening::Reached::default();
-        let mut may_ask_belief = self.judge.error == ErrorKind::Position;
+        let mut may_ask_belief = self.judge.error == ErrorSignal::Position;
         // Which is fitted first: where the model's own fit strayed, what comes near the logs with an observer, or what does so from
         // the prior values; else what is plainer than the most promising and leaves only noise with the observer.
         let mut is_order_settled = false;
@@ -557,7 +560,7 @@ impl Work<'_> {
             if !is_formula_asked && is_asked && reached.none_is_near_noise() && !fitted.iter().any(verdict::explains) {
                 is_formula_asked = true;
                 if self.is_formula_ahead(base, refit, &scored) {
-                    (waiting, hopeless) = beaten::without_hopeless(waiting, !fitted.is_empty(), &reached);
+                    (waiting, hopeless) = formula_beats_effect::without_hopeless(waiting, !fitted.is_empty(), &reached);
                 }
             }
             let later = waiting.split_off(at_once.min(waiting.len()));
@@ -601,7 +604,7 @@ impl Work<'_> {
             }
             self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
         }
-        failed.extend(beaten::rejected(hopeless, &fitted));
+        failed.extend(formula_beats_effect::rejected(hopeless, &fitted));
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         if may_ask_belief && !fitted.iter().any(verdict::explains) {
             self.at_prior(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &prior)?;
@@ -633,7 +636,7 @@ impl Work<'_> {
         &self,
         waiting: &mut Vec<Score>,
         fitted: &[Refit],
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         (scored, reached): (&[Scored], &prescreening::Reached),
         unknowns: &dyn Fn(&Score) -> f64,
     ) {
@@ -664,7 +667,7 @@ impl Work<'_> {
         base: &Model,
         shortlist: &[Score],
         fitted: &mut Vec<Refit>,
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         key: &str,
     ) -> Result<(), DiagnoseError> {
         /// What costs so much more than the best fell short.
@@ -766,7 +769,7 @@ impl Work<'_> {
         screening: &Screening<'_>,
         (base, is_minimum): (&Model, bool),
         fitted: &mut Vec<Refit>,
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         key: &str,
     ) -> Result<(), DiagnoseError> {
         /// As many are fitted.
@@ -813,7 +816,7 @@ impl Work<'_> {
         &self,
         before: &Refit,
         by_one_fold: Vec<verdict::Judged>,
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         key: &(dyn Fn(&Candidate) -> String + Sync),
         helps_elsewhere: &dyn Fn(&Refit) -> Option<Rejection>,
     ) -> Result<Vec<verdict::Judged>, DiagnoseError> {
@@ -892,7 +895,7 @@ fn come_to_the_same(one: &Refit, other: &Refit) -> bool {
 }
 
 /// Puts refits in the place of those of the same candidates that cost more, or of none.
-fn take_better(refits: impl Iterator<Item = Refit>, fitted: &mut Vec<Refit>, failed: &mut Vec<Rejected>) {
+fn take_better(refits: impl Iterator<Item = Refit>, fitted: &mut Vec<Refit>, failed: &mut Vec<RejectedCandidate>) {
     let cost = |refit: &Refit| refit.cost().filter(|_| refit.is_finite());
     for refit in refits {
         let own = |other: &Refit| other.candidate == refit.candidate;

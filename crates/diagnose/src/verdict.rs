@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{
-    Candidate, Diagnosis, ErrorLeft, Evidence, JointResidual, ModelState, Note, Place, Ranked, Refit, Rejected,
-    Rejection, SearchExtent, Statement, Step, Verdict, Work,
+    Candidate, Diagnosis, ErrorLeft, Evidence, JointResidual, ModelState, Note, Place, Ranked, Refit,
+    RejectedCandidate, Rejection, SearchExtent, Statement, Step, Verdict, Work,
     candidate::{is_symmetric, joined_link},
 };
 use crate::DiagnoseError;
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_judge::{compare::Finding, compare::compare, compare::locate};
 use dynid_user_model::Model;
 
@@ -148,12 +148,12 @@ pub(super) fn judge(
 }
 
 /// A candidate whose fit came to nothing.
-pub(super) fn failed(candidate: &Candidate, error: &DiagnoseError) -> Rejected {
+pub(super) fn failed(candidate: &Candidate, error: &DiagnoseError) -> RejectedCandidate {
     let reason = match error.interrupted_after() {
         Some(iterations) => Rejection::GivenUp { iterations },
         None => Rejection::FitFailed { error: error.to_string() },
     };
-    Rejected { candidate: candidate.clone(), reason }
+    RejectedCandidate { candidate: candidate.clone(), reason }
 }
 
 /// Where the noise is not known, of laws that are as good as the best at its joint the plainest comes first: the one with the
@@ -338,7 +338,7 @@ pub(super) fn conclude(
         if index == 0 {
             ranking = ranked;
             rejected.extend(step.fitted.iter().filter_map(|judged| {
-                Some(Rejected { candidate: judged.refit.candidate.clone()?, reason: judged.reason.clone()? })
+                Some(RejectedCandidate { candidate: judged.refit.candidate.clone()?, reason: judged.reason.clone()? })
             }));
             rejected.extend(step.failed.iter().cloned());
         }
@@ -348,8 +348,8 @@ pub(super) fn conclude(
     let base = first.parsed()?;
     let mut verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
     let mut moved = Vec::new();
-    if verdict == Verdict::Unexplained && work.judge.error == ErrorKind::Position {
-        moved = super::moved_values::moved(work, &base)?;
+    if verdict == Verdict::Unexplained && work.judge.error == ErrorSignal::Position {
+        moved = super::inconsistent_runs::moved(work, &base)?;
         if !moved.is_empty() {
             verdict = Verdict::NothingMissing;
         }
@@ -364,7 +364,7 @@ pub(super) fn conclude(
     if verdict == Verdict::Unexplained {
         statements.push(discovered.as_ref().map_or(Statement::NoFormulaExplains, super::discover::statement));
         let is_open = discovered.is_none() && ranking.is_empty() && first.status.may_update_model();
-        if is_open && work.judge.error == ErrorKind::Torque {
+        if is_open && work.judge.error == ErrorSignal::Torque {
             statements.push(Statement::NoiseIsUnknown);
         }
     }

@@ -17,17 +17,17 @@
 pub mod checkpoint;
 mod error;
 mod error_budget;
+mod follows_log;
 pub mod identify;
 pub mod position;
 pub mod sensitivity;
 pub mod sequence;
 pub mod starts;
-mod stays_near;
 pub mod torque;
 
 pub use dynid_optimise::sqp::SearchControl;
 pub use error::FitError;
-pub use stays_near::{LONGEST_STEP, stays_near, strays};
+pub use follows_log::{LONGEST_STEP, stays_near, strays};
 
 use dynid_model::{Link, expression::Comparison};
 

@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use super::{Section, number};
 use crate::{plot::terms, plot::terms::Terms};
+use dynid_format::escaped;
 use dynid_judge::compare::Finding;
 use dynid_sentences as sentences;
-use dynid_text::escaped;
 use dynid_torque::JointTerms;
 
 /// Findings, the most telling first.

@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use super::{Section, number};
 use crate::{plot::steps, plot::steps::Steps};
+use dynid_format::escaped;
 use dynid_judge::{ladder::Ladder, ladder::Rung};
 use dynid_sentences::{self as sentences, ladder::FORMULA};
-use dynid_text::escaped;
 
 /// Errors of the models of a lineage, one rung each.
 #[derive(Debug, Clone)]

@@ -4,8 +4,8 @@
 use std::fmt::Write;
 
 use super::{Section, number};
+use dynid_format::escaped;
 use dynid_judge::compare::Comparison;
-use dynid_text::escaped;
 use dynid_user_model::{ErrorShare, FitRecord, Model};
 
 /// Parameters of several models of one device side by side.

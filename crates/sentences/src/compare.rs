@@ -1,10 +1,10 @@
 //! How far a model is from its logs, and what that means.
 
+use dynid_format::number;
 use dynid_judge::compare::{
     Comparison, CorrelationOutcome, Finding, InputCorrelation, JointComparison, Meaning, Remainder, RunComparison,
     RunNote, locate::Signal,
 };
-use dynid_text::number;
 use serde_json::Value;
 
 use crate::{all, each, finding};

@@ -4,7 +4,7 @@ use dynid_diagnose::{
     Candidate, Diagnosis, DistinguishingExperiment, ErrorLeft, Evidence, KeptValues, ModelState, Note, Place, Ranked,
     Rejection, SinePhase, Speaks, Statement,
 };
-use dynid_text::{listed, number};
+use dynid_format::{listed, number};
 use serde_json::Value;
 
 use crate::{all, discovered, each, finding};

@@ -2,11 +2,11 @@
 
 use std::f64::consts::TAU;
 
+use dynid_format::number;
 use dynid_judge::compare::{
     Finding, FindingKind,
     locate::{OtherSignal, OwnSignal, Region, Regressor, Side, Signal, Third},
 };
-use dynid_text::number;
 use serde_json::Value;
 
 /// What is found, with numbers.

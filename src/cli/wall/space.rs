@@ -6,11 +6,11 @@ use std::path::PathBuf;
 use anyhow::bail;
 use dynid_control::{CompensationRatios, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_haptics::{wall::WallFile, wall::median};
 use dynid_haptics::{wall::space, wall::space::Case, wall::space::Setting};
 use dynid_model::JointKind;
 use dynid_report::{Section, SpaceReport, carried_in_words};
-use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
 

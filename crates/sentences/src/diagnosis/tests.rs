@@ -1,7 +1,7 @@
 //! One example a variant, to the letter.
 
 use super::*;
-use dynid_diagnose::{ActsOn, Moved, Rejected, Verdict};
+use dynid_diagnose::{ActsOn, Moved, RejectedCandidate, Verdict};
 use dynid_identify::FitStatus;
 use dynid_judge::compare::{Finding, FindingKind, locate::Signal};
 use dynid_logs::motion::MotionError;
@@ -332,7 +332,7 @@ fn a_diagnosis_stands_in_json_as_sentences_and_typed() {
         statements: vec![Statement::OnlyNoise],
         error: "position".to_owned(),
         ranking: vec![ranked.clone(), alone],
-        rejected: vec![Rejected { candidate: candidate("dahl"), reason: reason.clone() }],
+        rejected: vec![RejectedCandidate { candidate: candidate("dahl"), reason: reason.clone() }],
         screening: Vec::new(),
         places: vec![somewhere(&["b.csv"])],
         moved: Vec::new(),

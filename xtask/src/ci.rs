@@ -34,7 +34,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("no computer algebra in what users build", without_algebra),
         ("equations belong to the models", equations_match_models),
         ("lints", lints),
+        ("the library without the program", library_alone),
         ("tests", tests),
+        ("the loop as a program", example),
         ("documentation", documentation),
         ("licences", licences::check),
     ];
@@ -73,6 +75,34 @@ fn lints() -> anyhow::Result<()> {
         "-D",
         "warnings",
     ]))
+}
+
+/// What only the program needs.
+const OF_THE_PROGRAM: [&str; 4] = ["anyhow", "clap", "indicatif", "signal-hook"];
+
+/// A program that only computes compiles nothing of the command line.
+fn library_alone() -> anyhow::Result<()> {
+    let without = ["--package", "dynid", "--no-default-features", "--locked"];
+    let tree = ["tree", "--edges", "normal", "--prefix", "none"];
+    let tree = shell::stdout_of(&mut shell::cargo(&[&tree[..], &without].concat()))?;
+    let named = |line: &&str| OF_THE_PROGRAM.iter().any(|name| line.split(' ').next() == Some(name));
+    if let Some(line) = tree.lines().find(named) {
+        bail!("the library without its feature `cli` depends on {line}; make it optional, as a part of `cli`");
+    }
+    let lint = ["clippy", "--release", "--lib"];
+    shell::succeed(shell::cargo(&[&lint[..], &without].concat()).args(["--", "-D", "warnings"]))
+}
+
+/// The example that goes through the loop ends well, and brings the error down to the noise.
+fn example() -> anyhow::Result<()> {
+    let said = shell::stdout_of(&mut shell::cargo(&["run", "--release", "--example", "library", "--locked"]))?;
+    print!("{said}");
+    let last =
+        said.lines().rev().find_map(|line| line.strip_prefix("better: ")?.split(' ').next()?.parse::<f64>().ok());
+    match last {
+        Some(rmse) if rmse < 1.5 * dynid_plant::hidden::noise_floor() => Ok(()),
+        _ => bail!("examples/library.rs did not bring the error of the held-out runs down to the noise of its logs"),
+    }
 }
 
 /// Unit, integration and doc tests; then the snapshots that they did not ask for.

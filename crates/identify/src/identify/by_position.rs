@@ -294,7 +294,7 @@ mod tests {
 
     /// A wrist's logs fitted from a handle that turns too heavily for its own shape.
     fn fitted_from(izz: f64) -> FitResult {
-        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/wrist");
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/wrist");
         let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices());
         let experiment = experiment.expect("the wrist's");
         let runs: Vec<&Run> = experiment.runs.iter().take(1).collect();

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dynid_diagnose::{self as diagnosis, Diagnosis, Event, Finished, Options};
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::experiment::Experiment;
 use dynid_user_model::Model;
 
@@ -16,7 +16,7 @@ pub struct DiagnoseSettings {
     /// Only runs in which exactly these joints are free; `None` for all runs.
     pub free: Option<Vec<usize>>,
     /// Which error decides; `None` for the one that a fit would make small.
-    pub error: Option<ErrorKind>,
+    pub error: Option<ErrorSignal>,
     /// How many effects are looked for, one after the other.
     pub depth: usize,
     /// How many candidates are fitted for good at most, per step, beside what the first of them contain.

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 
 use dynid_dynamics::{kinematics::KinematicsError, simulate::SimulationError, system::SystemError};
 use dynid_files::{DocumentError, FileError};
+use dynid_format::{UnknownName, number};
 use dynid_identify::{FitError, checkpoint::CheckpointError};
 use dynid_judge::CompareError;
 use dynid_logs::{experiment::ExperimentError, motion::MotionError};
 use dynid_model::ModelError;
 use dynid_plan::PlanError;
-use dynid_text::{UnknownName, number};
 use dynid_torque::TermsError;
 use dynid_user_model::EffectError;
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use dynid_diagnose::{stays_far_above, with_first_estimates};
 use dynid_identify::checkpoint::{self, CheckpointError, Identity};
-use dynid_identify::identify::{self, ErrorKind, FitResult, FitTask, Progress, State};
+use dynid_identify::identify::{self, ErrorSignal, FitResult, FitTask, Progress, State};
 use dynid_identify::position::Options;
 use dynid_identify::sequence::Weighting;
 use dynid_identify::starts::Starts;
@@ -21,7 +21,7 @@ use crate::{Error, check_device};
 pub struct FitSettings {
     /// Which error is made small; `None` for the one that suits model and logs ([`identify::default_error`]): then a fit of
     /// the position error that comes to no minimum is followed by one of the torque error.
-    pub error: Option<ErrorKind>,
+    pub error: Option<ErrorSignal>,
     /// Only runs in which exactly these joints are free; `None` for all runs.
     pub free: Option<Vec<usize>>,
     /// One configuration of this method of the device (or of `found`) after another, then all runs together.
@@ -93,7 +93,7 @@ pub enum FitProgress<'a> {
     /// This effect stands where it vanishes, and starts from a first estimate by the logs.
     FirstEstimate(&'a str),
     /// A search begins that makes this error small.
-    Search(ErrorKind),
+    Search(ErrorSignal),
     /// An iteration of it is done.
     Iteration(&'a Progress),
 }
@@ -126,7 +126,7 @@ pub enum FitSettingsError {
 const COST_OF_NOISE: f64 = 0.5 * 1.1 * 1.1;
 
 /// Fits `model` to the runs of `experiment` whose role is `fit`, by least squares on the position or the torque error (see
-/// [`ErrorKind`]).
+/// [`ErrorSignal`]).
 ///
 /// An effect that stands where it vanishes starts from a first estimate by the logs; where that leads nowhere, or to one of
 /// many minima, the next best estimates are tried. `progress` hears of every iteration and may stop the fit.
@@ -182,9 +182,9 @@ pub fn fit(
         }
     }
     let mut found = found?;
-    let may_fall_back = settings.error.is_none() && task.method.is_none() && task.error != ErrorKind::Torque;
+    let may_fall_back = settings.error.is_none() && task.method.is_none() && task.error != ErrorSignal::Torque;
     if !found.status.may_update_model() && may_fall_back {
-        let by_torque = FitTask { error: ErrorKind::Torque, ..task };
+        let by_torque = FitTask { error: ErrorSignal::Torque, ..task };
         // Where even that comes to nothing, the first fit says why.
         if let Ok(other) = searches.further(&first.model, &by_torque, f64::INFINITY)
             && other.status.may_update_model()
@@ -213,17 +213,17 @@ fn overridden<'a>(experiment: &'a Experiment, settings: &FitSettings) -> Cow<'a,
 
 /// What is asked for, as the searches take it.
 fn task(model: &Model, runs: &[&Run], settings: &FitSettings) -> Result<FitTask, FitSettingsError> {
-    if settings.method.is_some() && matches!(settings.error, Some(ErrorKind::Torque | ErrorKind::Both)) {
+    if settings.method.is_some() && matches!(settings.error, Some(ErrorSignal::Torque | ErrorSignal::Both)) {
         return Err(FitSettingsError::MethodOfTorque);
     }
     let error = match (&settings.method, settings.error) {
-        (Some(_), _) => ErrorKind::Position,
+        (Some(_), _) => ErrorSignal::Position,
         (None, Some(error)) => error,
         (None, None) => identify::default_error(model, runs),
     };
     let resumes = settings.checkpoint.as_ref().is_some_and(|checkpoint| checkpoint.begin == Begin::Resume);
     let is_of_position = settings.starts > 1 || settings.from_s.is_some() || settings.first_half.is_some() || resumes;
-    if error == ErrorKind::Torque && is_of_position {
+    if error == ErrorSignal::Torque && is_of_position {
         return Err(FitSettingsError::PositionOnly);
     }
     if settings.weighting == Weighting::OfMethod && settings.method.is_none() {

@@ -50,7 +50,7 @@ pub use simulate::{SimulateSettings, Simulated, simulate};
 
 pub use dynid_diagnose::{Candidate, Diagnosis, Ranked, Verdict};
 pub use dynid_identify::FitStatus;
-pub use dynid_identify::identify::{ErrorKind, FitResult, FittedParameter};
+pub use dynid_identify::identify::{ErrorSignal, FitResult, FittedParameter};
 pub use dynid_identify::sequence::Weighting;
 pub use dynid_judge::compare::{Comparison, Finding};
 pub use dynid_judge::ladder::{Ladder, Rung};

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use dynid_format::number;
 use dynid_identify::{FitError, position::FitRun};
 use dynid_judge::{compare::Finding, compare::locate::locate, ladder::Ladder, ladder::Rung};
 use dynid_logs::quality;
@@ -10,7 +11,7 @@ use dynid_report::{
     self as page, DataQuality, Figures, LadderSection, Provenance, Ranking, Section, Sheet, TorqueTerms, Verdict, Where,
 };
 use dynid_report::{ShownErrors, run_panels};
-use dynid_text::number;
+use dynid_sentences as sentences;
 use dynid_torque as torque;
 use dynid_user_model::Model;
 use serde_json::Value;
@@ -196,7 +197,8 @@ impl<'a> Report<'a> {
         sentences.push(match (reported, self.findings.first()) {
             (Some(reported), _) => reported,
             (None, Some(finding)) => {
-                format!("Most telling of what is left: {}, joint {}: {}.", finding.run, finding.joint, finding.what)
+                let what = sentences::finding::sentence(finding);
+                format!("Most telling of what is left: {}, joint {}: {what}.", finding.run, finding.joint)
             }
             (None, None) => "Nothing of what is left differs from chance.".to_owned(),
         });
@@ -220,9 +222,11 @@ impl<'a> Report<'a> {
             let compared = &rung.comparison.runs[index];
             panels.extend(run_panels(subject.device, self.runs[index], compared, ShownErrors::Both));
             for joint in compared.joints.iter().filter(|joint| !joint.means.is_empty()) {
-                means.push(format!("{}, joint {}: {}", compared.file, joint.joint, joint.means.join(" ")));
+                let meanings = sentences::compare::meanings(joint).join(" ");
+                means.push(format!("{}, joint {}: {meanings}", compared.file, joint.joint));
             }
-            means.extend(compared.notes.iter().map(|note| format!("{}: {note}", compared.file)));
+            let notes = sentences::compare::notes(compared);
+            means.extend(notes.iter().map(|note| format!("{}: {note}", compared.file)));
         }
         let overlays = Figures {
             title: "Measured against the model".to_owned(),

@@ -10,8 +10,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use assert_cmd::Command;
 
-use dynid_diagnose::{DiagnoseError, Diagnosis, Event, Finished, Options, Verdict, candidates, diagnose};
-use dynid_identify::identify::ErrorKind;
+use dynid_diagnose::{
+    DiagnoseError, Diagnosis, Event, Finished, Note, Options, Statement, Verdict, candidates, diagnose,
+};
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_model::Parameter;
 use dynid_plant::hidden::{Case, Kind, table, trial};
@@ -45,8 +47,8 @@ fn diagnosed(folder: &Path) -> Value {
     serde_json::from_slice(&output.get_output().stdout).unwrap()
 }
 
-fn has_note(diagnosis: &Value, text: &str) -> bool {
-    diagnosis["notes"].as_array().unwrap().iter().any(|note| note.as_str().unwrap().contains(text))
+fn has_note(diagnosis: &Value, kind: &str) -> bool {
+    diagnosis["typed_notes"].as_array().unwrap().iter().any(|note| note["kind"] == kind)
 }
 
 /// The same with runs that are all to be fitted to, and only two of them.
@@ -62,7 +64,7 @@ fn without_held_out_runs(kind: Kind, name: &str) -> TempDir {
 fn without_a_held_out_run_blocks_are_held_out() {
     let folder = without_held_out_runs(Kind::Hidden, "servo_pendulum-0-stribeck");
     let diagnosis = diagnosed(folder.path());
-    assert!(has_note(&diagnosis, "blocked cross-validation"), "{}", diagnosis["notes"]);
+    assert!(has_note(&diagnosis, "blocked_cross_validation"), "{}", diagnosis["typed_notes"]);
     assert_eq!(diagnosis["verdict"], "missing_effect", "{diagnosis:#}");
     let ranking = diagnosis["ranking"].as_array().unwrap();
     let first = &ranking[0];
@@ -79,7 +81,7 @@ fn blocks_find_nothing_where_nothing_is_missing() {
     let folder = without_held_out_runs(Kind::Nothing, "servo_pendulum-0-coulomb");
     let diagnosis = diagnosed(folder.path());
     assert_eq!(diagnosis["verdict"], "nothing_missing", "{diagnosis:#}");
-    assert!(has_note(&diagnosis, "blocked cross-validation"), "{}", diagnosis["notes"]);
+    assert!(has_note(&diagnosis, "blocked_cross_validation"), "{}", diagnosis["typed_notes"]);
     let ratio = diagnosis["worst_ratio"].as_f64().unwrap();
     assert!((0.9..1.2).contains(&ratio), "{ratio}");
 }
@@ -93,7 +95,7 @@ fn answer(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, DiagnoseError> {
     let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap();
-    let model = Model::load(&folder.join("believed.toml")).unwrap();
+    let model = Model::load(folder.join("believed.toml")).unwrap();
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     diagnose(&model, &experiment, &runs, options, finished, tell, stop)
 }
@@ -110,14 +112,14 @@ fn what_moved_between_runs_is_reported_from_what_is_missing() {
     for run in &later.runs[1..] {
         fs::write(folder.path().join(&run.file), &files[&run.file]).unwrap();
     }
-    let options = Options { error: Some(ErrorKind::Position), refits: 2, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Position), refits: 2, ..Options::default() };
     let found = answer(folder.path(), &options, &Finished::new(), &|_| (), &|| false).unwrap();
-    assert_eq!(found.verdict, Verdict::NothingMissing, "{:#?}", found.sentences);
+    assert_eq!(found.verdict, Verdict::NothingMissing, "{:#?}", found.statements);
     let most = found.moved.first().expect("something moved");
     assert_eq!((most.parameter.as_str(), most.run.as_str()), ("joint.5.spring.Ks", later.runs[0].file.as_str()));
     // The others' value is larger.
     assert!(most.change_in_std_errors < -10.0, "{most:?}");
-    assert!(found.sentences.iter().any(|sentence| sentence.contains("joint.5.spring.Ks moved most")), "{found:#?}");
+    assert!(found.statements.contains(&Statement::ValuesMoved { most: most.clone() }), "{:#?}", found.statements);
 }
 
 /// A machine whose second link lacks an effect, in two runs, both to be fitted to.
@@ -147,7 +149,7 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let coulomb = "[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.1\nv_eps = 0.01\n";
     let folder = arm(&format!("[parameters]\n{VISCOUS}{coulomb}"), SWINGS);
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
-    let options = Options { error: Some(ErrorKind::Torque), refits: 4, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Torque), refits: 4, ..Options::default() };
     let message: Mutex<Vec<String>> = Mutex::default();
     let hear = |event: &Event<'_>| {
         if let Event::Refitted(key, _) = event {
@@ -155,7 +157,7 @@ fn a_diagnosis_that_was_stopped_goes_on() {
         }
     };
     let whole = answer(folder.path(), &options, &Finished::new(), &hear, &|| false).unwrap();
-    assert_eq!(whole.verdict, Verdict::MissingEffect, "{:#?}", whole.sentences);
+    assert_eq!(whole.verdict, Verdict::MissingEffect, "{:#?}", whole.statements);
     let all = message.lock().unwrap().len();
 
     let kept: Mutex<Finished> = Mutex::default();
@@ -193,7 +195,7 @@ fn comparing_candidates_on_a_observer_changes_with_neither_threads_nor_a_stop() 
     assert_ne!(experiment, held_out);
     fs::write(folder.path().join("experiment.toml"), held_out).unwrap();
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
-    let options = Options { error: Some(ErrorKind::Position), refits: 6, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Position), refits: 6, ..Options::default() };
     let json = |found: &Diagnosis| serde_json::to_string_pretty(found).unwrap();
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -257,14 +259,21 @@ fn what_the_runs_leave_open_is_named() {
     let folder = arm(&format!("[parameters]\n{VISCOUS}"), &format!("{SWINGS}{hanging}"));
     let coulomb = "[[effect]]\nid = \"coulomb\"\njoint = 0\nFc = 0.1\n";
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}{coulomb}")).unwrap();
-    let options = Options { error: Some(ErrorKind::Torque), refits: 1, ..Options::default() };
+    let options = Options { error: Some(ErrorSignal::Torque), refits: 1, ..Options::default() };
     let found = answer(folder.path(), &options, &Finished::new(), &|_| (), &|| false).unwrap();
-    let notes = found.notes.join("\n");
-    for part in [
-        "five.csv: joint 1 is free but stays within 10 times its noise, so it tells little of joint.1.viscous.Fv",
-        "these runs do not determine joint.0.viscous.Fv, joint.0.coulomb.Fc, nor ",
-        "joint 0 stays within 10 times the noise in every run; excite joint 0 more",
-    ] {
-        assert!(notes.contains(part), "`{part}` is not in:\n{notes}");
-    }
+    let still = Note::StandsStill {
+        run: "five.csv".to_owned(),
+        joint: 1,
+        range_in_noises: 10.0,
+        parameters: vec!["joint.1.viscous.Fv".to_owned()],
+    };
+    assert!(found.notes.contains(&still), "{:#?}", found.notes);
+    let open = found.notes.iter().find_map(|note| match note {
+        Note::NotDetermined { parameters, links, joints, still, .. } => Some((parameters, links, joints, still)),
+        _ => None,
+    });
+    let (parameters, links, joints, still) = open.expect("some parameters are left open");
+    assert_eq!(*parameters, ["joint.0.viscous.Fv", "joint.0.coulomb.Fc"]);
+    assert!(*links > 0, "nor those of links");
+    assert_eq!((joints.as_slice(), still.as_slice()), (&[0][..], &[0][..]));
 }

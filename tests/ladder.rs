@@ -44,7 +44,11 @@ fn the_error_falls_to_the_noise_when_the_hidden_effect_is_added() {
     let added = ["believed.toml", "fitted.toml", "better-fitted.toml"];
     let text = message(folder.path(), &[&["ladder", "experiment.toml"], &added[..]].concat());
     assert!(text.contains("each model is the child of the one before it"), "with the effect added between: {text}");
-    let text = message(folder.path(), &["ladder", "experiment.toml", "better-fitted.toml", "fitted.toml"]);
+    let turned = ["ladder", "experiment.toml", "better-fitted.toml", "fitted.toml"];
+    let json: Value = serde_json::from_str(&message(folder.path(), &[&turned[..], &["--json"]].concat())).unwrap();
+    let note = &json["typed_notes"][0];
+    assert_eq!((&note["kind"], &note["model"]), (&"not_a_child".into(), &"fitted".into()), "{}", json["notes"]);
+    let text = message(folder.path(), &turned);
     assert!(
         text.contains("fitted is not the child of better-fitted") && text.contains("\u{2212} joint.4.input_coupling.5"),
         "{text}"

@@ -91,6 +91,10 @@ fn fit_of_a_poor_model_is_located(folder: &Path) {
     let first = &json["where"][0];
     assert_eq!((&first["joint"], &first["other"]), (&4.into(), &5.into()), "{first}");
     assert_eq!(first["kind"], "other_torque", "{first}");
+    let typed = &first["finding"];
+    assert_eq!((&typed["kind"], &typed["joint"]), (&"follows_other".into(), &5.into()), "{first}");
+    assert_eq!(typed["signal"], "command", "{first}");
+    assert!(typed["per_unit"].as_f64().is_some_and(|per_unit| per_unit != 0.0), "{first}");
     assert!(first["share"].as_f64().unwrap() > 0.9 && first["expected"].as_f64().unwrap() < 0.05, "{first}");
     let joint = &json["runs"][0]["joints"][0];
     assert!(joint["whiteness"].as_f64().unwrap() > 37.6 && joint["white"] == false, "{joint}");
@@ -139,7 +143,7 @@ fn the_terms_of_the_torque_add_up_to_the_command() {
     let experiment =
         dynid_logs::experiment::Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices())
             .unwrap();
-    let mut model = dynid_user_model::Model::load(&folder.path().join("believed.toml")).unwrap();
+    let mut model = dynid_user_model::Model::load(folder.path().join("believed.toml")).unwrap();
     model.add_effect("input_coupling", Some(4), Some(5)).unwrap();
     model.set_value("joint.4.input_coupling.5.gain", -0.3).unwrap();
     model.add_effect("coulomb", Some(5), None).unwrap();

@@ -9,7 +9,7 @@ use dynid_identify::SearchControl;
 use dynid_identify::position::Options;
 use dynid_identify::starts::Starts;
 use dynid_identify::{checkpoint, checkpoint::Identity};
-use dynid_identify::{identify::ErrorKind, identify::FitTask, identify::State, identify::identify_as};
+use dynid_identify::{identify::ErrorSignal, identify::FitTask, identify::State, identify::identify_as};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 use wrist::folder;
@@ -19,7 +19,7 @@ fn experiment(folder: &Path) -> Experiment {
 }
 
 fn position() -> FitTask {
-    FitTask::plain(ErrorKind::Position, Options { substeps: 20, ..Options::default() })
+    FitTask::plain(ErrorSignal::Position, Options { substeps: 20, ..Options::default() })
 }
 
 /// Fits, stops after so many iterations, writes and reads the checkpoint, goes on, and so on to the end. Returns the
@@ -27,7 +27,7 @@ fn position() -> FitTask {
 fn fitted(folder: &Path, how: &FitTask, every: usize) -> (String, usize, usize) {
     let experiment = experiment(folder);
     let runs: Vec<&Run> = experiment.runs.iter().collect();
-    let model = Model::load(&folder.join("believed.toml")).unwrap();
+    let model = Model::load(folder.join("believed.toml")).unwrap();
     let path = folder.join("out.toml.checkpoint");
     let identity = Identity::new(&model, &experiment, &runs, how);
     let mut state = State::default();
@@ -81,7 +81,7 @@ fn a_checkpoint_of_another_fit_is_refused() {
     let folder = folder();
     let experiment = experiment(folder.path());
     let runs: Vec<&Run> = experiment.runs.iter().collect();
-    let mut model = Model::load(&folder.path().join("believed.toml")).unwrap();
+    let mut model = Model::load(folder.path().join("believed.toml")).unwrap();
     let how = position();
     let path = folder.path().join("out.toml.checkpoint");
     let identity = Identity::new(&model, &experiment, &runs, &how);

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use dynid_identify::{FitStatus, identify::ErrorKind, identify::identify, position::Options};
+use dynid_identify::{FitStatus, identify::ErrorSignal, identify::identify, position::Options};
 use dynid_judge::compare::compare;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
@@ -80,7 +80,7 @@ fn known_parameters_come_back() {
         Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices()).expect("good logs");
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     let model = Model::of_device(device);
-    let found = identify(&model, &experiment, &runs, ErrorKind::Torque, &Options::default(), &mut |_| {})
+    let found = identify(&model, &experiment, &runs, ErrorSignal::Torque, &Options::default(), &mut |_| {})
         .expect("there is something to fit");
     assert!(found.status.may_update_model(), "{:?}", found.status);
     assert_eq!(found.status, FitStatus::NotIdentifiable, "a link's parameters act only together");

@@ -199,7 +199,7 @@ pub struct Link {
 
 impl Link {
     /// Symbols of the inertial parameters, in order; parameter names are `link.<number>.<symbol>`.
-    pub const SYMBOLS: [&'static str; 10] = dynid_vocabulary::LINK_SYMBOLS;
+    pub const SYMBOLS: [&'static str; 10] = dynid_signal_chain::LINK_SYMBOLS;
 
     /// The values, without bounds.
     pub fn values(&self) -> [f64; 10] {

@@ -1,6 +1,6 @@
 //! One physical effect: a formula with parameters that vanishes at its null value.
 
-pub use dynid_vocabulary::{Place, Stage};
+pub use dynid_signal_chain::{Place, Stage};
 
 use crate::{Expression, Parameter, device::JointKind, expression::Comparison, unit::Unit};
 

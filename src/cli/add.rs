@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use anyhow::anyhow;
 use dynid::{Addition, Model};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_model::Parameter;
-use dynid_text::number;
 use serde_json::json;
 
 use super::{Answer, Outcome};

@@ -7,11 +7,11 @@ use anyhow::bail;
 use clap::ValueEnum;
 use dynid::{CompareSettings, Compared, Comparison, Experiment, Finding, Model, Run};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_judge::compare::JointComparison;
 use dynid_report::{self as report, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict};
 use dynid_report::{ShownErrors, panels, plot, run_panels};
-use dynid_text::number;
-use serde_json::Value;
+use dynid_sentences as sentences;
 
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs, progress};
@@ -101,15 +101,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         write_new(report, &page(arguments, &experiment, &model, &runs, &comparison), overwrite)?;
         let _ = writeln!(text, "written: {}", report.display());
     }
-    let json = json(&comparison, &found)?;
+    let json = sentences::compare::json(&comparison, &found)?;
     Ok(Outcome { text, json, answer: Answer::Yes })
-}
-
-/// The comparison as programs read it.
-fn json(comparison: &Comparison, found: &[Finding]) -> anyhow::Result<Value> {
-    let mut json = serde_json::to_value(comparison)?;
-    json["where"] = serde_json::to_value(found)?;
-    Ok(json)
 }
 
 /// Joints of runs of which the text tells what their numbers mean.
@@ -135,7 +128,7 @@ fn meanings(comparison: &Comparison) -> String {
     let mut text = String::from("\nWhat that means:\n");
     for (file, joint) in joints {
         let _ = writeln!(text, "  {file}, joint {}:", joint.joint);
-        for sentence in &joint.means {
+        for sentence in sentences::compare::meanings(joint) {
             let _ = writeln!(text, "    {sentence}");
         }
     }
@@ -161,7 +154,8 @@ fn located(found: &[Finding]) -> String {
     }
     let mut text = String::from("\nWhere, the most telling first:\n");
     for finding in found.iter().take(MOST_TOLD) {
-        let _ = writeln!(text, "  {}, joint {}: {}", finding.run, finding.joint, finding.what);
+        let what = sentences::finding::sentence(finding);
+        let _ = writeln!(text, "  {}, joint {}: {what}", finding.run, finding.joint);
     }
     if found.len() > MOST_TOLD {
         let _ = writeln!(text, "  and {} more, with --json", found.len() - MOST_TOLD);
@@ -227,7 +221,7 @@ fn table(comparison: &Comparison, shown: Shown) -> String {
     }
     let mut text = table.text();
     for run in &comparison.runs {
-        for note in &run.notes {
+        for note in sentences::compare::notes(run) {
             let _ = writeln!(text, "note: {}: {note}", run.file);
         }
     }
@@ -246,7 +240,7 @@ fn page(
         || format!("the default model of {}", model.device.id),
         |path| path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned()),
     );
-    let verdict = Verdict { sentences: sentences(comparison) };
+    let verdict = Verdict { sentences: summarised(comparison) };
     let accuracy =
         Accuracy { title: "How far off".to_owned(), comparison, with_torque: arguments.error != Shown::Position };
     let figures: Vec<Figures> = runs
@@ -284,7 +278,7 @@ fn page(
 }
 
 /// What the numbers come to, for the runs fitted to and for those held out.
-fn sentences(comparison: &Comparison) -> Vec<String> {
+fn summarised(comparison: &Comparison) -> Vec<String> {
     let mut sentences = Vec::new();
     for (role, runs) in [("fit", "the runs to fit to"), ("validate", "the held-out runs")] {
         // A simulation that has lost its log says nothing by its size, and a log without noise compares with nothing.

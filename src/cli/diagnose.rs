@@ -6,11 +6,12 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::bail;
-use dynid::{DiagnoseSettings, Diagnosis, ErrorKind, Experiment, Model, Ranked, Run, Verdict};
-use dynid_diagnose::{Discovered, Event, Finished, Options};
+use dynid::{DiagnoseSettings, Diagnosis, ErrorSignal, Experiment, Model, Ranked, Run, Verdict};
+use dynid_diagnose::{Discovered, Event, Finished, Options, RejectedCandidate, Speaks};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_model::sha256_hex;
-use dynid_text::number;
+use dynid_sentences::diagnosis as sentences;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -84,7 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let runs: Vec<&Run> = experiment.runs_with_free(arguments.free.as_deref())?;
     let mut settings = DiagnoseSettings {
         free: arguments.free.clone(),
-        error: arguments.error.map(ErrorKind::from),
+        error: arguments.error.map(ErrorSignal::from),
         depth: arguments.depth,
         refits: arguments.refits,
         finished: Finished::new(),
@@ -121,11 +122,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let found = found?;
     let wall_seconds = started.elapsed().as_secs_f64();
-    let mut json = serde_json::to_value(&found)?;
+    let mut json = sentences::json(&found)?;
     if let Some(object) = json.as_object_mut() {
         object.insert("wall_seconds".to_owned(), json!(wall_seconds));
     }
-    let mut text = reported(&found, wall_seconds);
+    let mut text = as_text(&found, wall_seconds);
     if let Some(out) = &arguments.out {
         if let Some(better) = &found.better {
             write_new(out, &better.to_toml(), overwrite)?;
@@ -164,13 +165,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
-fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
+fn as_text(found: &Diagnosis, wall_seconds: f64) -> String {
     let mut text = String::new();
-    for sentence in &found.sentences {
+    for sentence in sentences::sentences(found) {
         let _ = writeln!(text, "{sentence}");
     }
     let _ = writeln!(text, "({} error, {wall_seconds:.1} s)", found.error);
-    for note in &found.notes {
+    for note in sentences::notes(found) {
         let _ = writeln!(text, "note: {note}");
     }
     if !found.ranking.is_empty() {
@@ -185,9 +186,11 @@ fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
     }
     if !found.rejected.is_empty() {
         let _ = writeln!(text, "\nNo credit:");
-        for alike in found.rejected.chunk_by(|one, next| one.reason == next.reason) {
+        // What reads alike is said once, whatever digits the numbers have beyond those that are told.
+        let reason = |rejected: &RejectedCandidate| sentences::rejection(&rejected.reason);
+        for alike in found.rejected.chunk_by(|one, next| reason(one) == reason(next)) {
             let candidates: Vec<String> = alike.iter().map(|rejected| rejected.candidate.to_string()).collect();
-            let _ = writeln!(text, "  {}: {}", candidates.join(", "), alike[0].reason);
+            let _ = writeln!(text, "  {}: {}", candidates.join(", "), reason(&alike[0]));
         }
     }
     if !found.moved.is_empty() {
@@ -200,7 +203,8 @@ fn reported(found: &Diagnosis, wall_seconds: f64) -> String {
     if !found.places.is_empty() {
         let _ = writeln!(text, "\nWhere the model fails:");
         for place in &found.places {
-            let _ = writeln!(text, "  {}, joint {}: {}", place.run, place.joint, place.what);
+            let what = sentences::place(place);
+            let _ = writeln!(text, "  {}, joint {}: {what}", place.finding.run, place.finding.joint);
         }
     }
     text
@@ -270,14 +274,14 @@ fn evidence(ranked: &Ranked) -> String {
         let error = own.std_error.map_or(String::new(), |error| format!(" +- {}", number(error)));
         let _ = writeln!(text, "  {} = {}{error}", own.name, number(own.value));
     }
-    for line in &ranked.evidence_for {
+    for line in sentences::evidence_that(Speaks::For, ranked) {
         let _ = writeln!(text, "  for: {line}");
     }
-    for line in &ranked.evidence_against {
+    for line in sentences::evidence_that(Speaks::Against, ranked) {
         let _ = writeln!(text, "  against: {line}");
     }
     if let Some(experiment) = &ranked.experiment {
-        let _ = writeln!(text, "  to tell it from the others: {experiment}");
+        let _ = writeln!(text, "  to tell it from the others: {}", sentences::experiment(experiment));
     }
     text
 }
@@ -310,7 +314,7 @@ fn as_asked(arguments: &Arguments) -> String {
     let joints: Option<Vec<String>> =
         arguments.free.as_ref().map(|free| free.iter().map(ToString::to_string).collect());
     let free = joints.map_or(String::new(), |joints| format!(" --free {}", joints.join(",")));
-    let error = arguments.error.map_or(String::new(), |error| format!(" --error {}", ErrorKind::from(error)));
+    let error = arguments.error.map_or(String::new(), |error| format!(" --error {}", ErrorSignal::from(error)));
     free + &error
 }
 

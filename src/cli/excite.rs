@@ -193,7 +193,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let file = out.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     Ok(Outcome {
-        text: reported(model.device, &planned, &file),
+        text: as_text(model.device, &planned, &file),
         json: described(&model, &planned, out, arguments.seed),
         answer: Answer::Yes,
     })
@@ -681,7 +681,7 @@ fn unit(device: &Device, joint: usize, what: Quantity) -> String {
     }
 }
 
-fn reported(device: &Device, planned: &Planned, file: &str) -> String {
+fn as_text(device: &Device, planned: &Planned, file: &str) -> String {
     let excitation = &planned.excitation;
     let duration_s = excitation.time.last().copied().unwrap_or(0.0);
     let rate = (excitation.time.len() - 1) as f64 / duration_s;

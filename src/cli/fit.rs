@@ -7,11 +7,11 @@ use std::time::Instant;
 use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use dynid::{
-    Begin, Checkpoint, ErrorKind, FitResult, FitSettings, FitSettingsError, FittedParameter, Model, Weighting,
+    Begin, Checkpoint, ErrorSignal, FitResult, FitSettings, FitSettingsError, FittedParameter, Model, Weighting,
 };
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_identify::{checkpoint, position::Options};
-use dynid_text::number;
 use dynid_user_model::ErrorShare;
 use serde_json::{Value, json};
 
@@ -117,7 +117,7 @@ pub(super) enum Kind {
     Both,
 }
 
-impl From<Kind> for ErrorKind {
+impl From<Kind> for ErrorSignal {
     fn from(kind: Kind) -> Self {
         match kind {
             Kind::Torque => Self::Torque,
@@ -140,8 +140,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut interrupt = None;
     let mut deaf = None;
     // A fit of the torque error takes seconds: Ctrl-C ends it at once, and so it is not listened for.
-    let mut stop = |begun: Option<ErrorKind>| {
-        if begun.is_some_and(|error| error != ErrorKind::Torque) && interrupt.is_none() {
+    let mut stop = |begun: Option<ErrorSignal>| {
+        if begun.is_some_and(|error| error != ErrorSignal::Torque) && interrupt.is_none() {
             match Interrupt::listen() {
                 Ok(listening) => interrupt = Some(listening),
                 Err(error) => deaf = Some(error),
@@ -188,7 +188,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "notes": found.notes,
         "out": may_write.then(|| arguments.out.display().to_string()),
     });
-    let mut text = reported(&found, wall_seconds);
+    let mut text = as_text(&found, wall_seconds);
     text.push_str(&compare::summary(&judged));
     text.push_str(&if may_write {
         format!("written: {}\n", arguments.out.display())
@@ -215,7 +215,7 @@ fn settings(arguments: &Arguments) -> FitSettings {
         (false, false) => Begin::New,
     };
     FitSettings {
-        error: arguments.error.map(ErrorKind::from),
+        error: arguments.error.map(ErrorSignal::from),
         free: arguments.free.clone(),
         method: arguments.method.clone(),
         weighting: match arguments.weights {
@@ -287,7 +287,7 @@ fn parameter(model: &Model, found: &FittedParameter) -> Value {
     })
 }
 
-fn reported(found: &FitResult, wall_seconds: f64) -> String {
+fn as_text(found: &FitResult, wall_seconds: f64) -> String {
     let mut text = format!(
         "{} error: {} after {} iterations, {wall_seconds:.1} s; cost {} -> {}\n",
         found.error,

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use dynid::{Experiment, Ladder, LadderSettings, Model};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_judge::{ladder::FORMULA, ladder::Lineage};
+use dynid_format::number;
+use dynid_judge::ladder::Lineage;
 use dynid_report as report;
 use dynid_report::plot::steps;
-use dynid_text::number;
+use dynid_sentences::{self as sentences, ladder::FORMULA};
 
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs, progress};
@@ -60,7 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let ladder = progress::counted("models compared", &|| false, |reported| {
         dynid::ladder(&models, &experiment, &settings, reported)
     })?;
-    let mut text = reported(&ladder);
+    let mut text = as_text(&ladder);
     if let Some(out) = &arguments.out {
         write_new(out, &steps::standalone(&report::ladder_pictures(&ladder)), overwrite)?;
         let _ = writeln!(text, "drawn: {}", out.display());
@@ -71,7 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         write_new(path, &report::page("Error ladder", &[&section, &provenance]), overwrite)?;
         let _ = writeln!(text, "written: {}", path.display());
     }
-    Ok(Outcome { text, json: serde_json::to_value(&ladder)?, answer: Answer::Yes })
+    Ok(Outcome { text, json: sentences::ladder::json(&ladder)?, answer: Answer::Yes })
 }
 
 /// The models with what they are called: their files' names, or paths where these are alike.
@@ -89,7 +90,7 @@ pub fn label(path: &Path, all: &[PathBuf]) -> String {
 }
 
 /// The ladder as text.
-pub fn reported(ladder: &Ladder) -> String {
+pub fn as_text(ladder: &Ladder) -> String {
     let dash = || "\u{2014}".to_owned();
     let size = |value: Option<f64>| value.map_or_else(dash, number);
     let percent = |value: Option<f64>| value.map_or_else(dash, |value| format!("{value:.1}"));
@@ -151,7 +152,7 @@ pub fn reported(ladder: &Ladder) -> String {
     if n_children > 0 && n_children + 1 == ladder.rungs.len() {
         text.push_str("each model is the child of the one before it, as its [fit] says\n");
     }
-    for note in &ladder.notes {
+    for note in sentences::ladder::notes(ladder) {
         let _ = writeln!(text, "note: {note}");
     }
     text

@@ -127,14 +127,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "base_parameters": base,
         "flat_directions": directions,
     });
-    let mut text = reported(&model, &plan, &steps);
-    text.push_str(&base_reported(&model, &together.base, arguments.base));
-    text.push_str(&unidentifiable_reported(&together.directions));
+    let mut text = as_text(&model, &plan, &steps);
+    text.push_str(&base_as_text(&model, &together.base, arguments.base));
+    text.push_str(&unidentifiable_as_text(&together.directions));
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
 /// How many base parameters there are, and, where wanted, which.
-fn base_reported(model: &Model, base: &BaseParameters, all: bool) -> String {
+fn base_as_text(model: &Model, base: &BaseParameters, all: bool) -> String {
     let of_links = base.combinations.iter().filter(|combination| combination.leading < base.n_link).count();
     let mut text = format!(
         "\nTogether the steps reveal {of_links} base parameters of links, {} more of effects whose torque is linear in them.\n",
@@ -162,7 +162,7 @@ fn base_reported(model: &Model, base: &BaseParameters, all: bool) -> String {
     text
 }
 
-fn unidentifiable_reported(directions: &[UnidentifiableDirection]) -> String {
+fn unidentifiable_as_text(directions: &[UnidentifiableDirection]) -> String {
     let mut text = String::new();
     for direction in directions {
         let is_effect = |name: &str| name.starts_with("joint.") || name.starts_with("device.");
@@ -255,7 +255,7 @@ fn wrapped(text: &str) -> String {
     lines.join("\n  ")
 }
 
-fn reported(model: &Model, plan: &Plan, reaches: &[Reach]) -> String {
+fn as_text(model: &Model, plan: &Plan, reaches: &[Reach]) -> String {
     let joints = |free: &[usize]| free.iter().map(|joint| format!("q{joint}")).collect::<Vec<_>>().join(" ");
     let mut text = format!("{}, method {}\n\n", model.device.id, plan.method);
     let mut steps = Table::new(&[

@@ -3,10 +3,10 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use dynid::{DiagnoseProgress, Done, ErrorKind, FitProgress};
+use dynid::{DiagnoseProgress, Done, ErrorSignal, FitProgress};
 use dynid_diagnose::Event;
+use dynid_format::number;
 use dynid_identify::identify::Progress;
-use dynid_text::number;
 use indicatif::ProgressBar;
 
 fn spinner() -> ProgressBar {
@@ -32,7 +32,7 @@ pub fn counted<T>(
 
 /// Runs a fit; `stop` is told which error a search makes small when it begins, and asked after each iteration.
 pub fn of_fit<T>(
-    stop: &mut dyn FnMut(Option<ErrorKind>) -> bool,
+    stop: &mut dyn FnMut(Option<ErrorSignal>) -> bool,
     work: impl FnOnce(&mut dyn FnMut(FitProgress<'_>) -> ControlFlow<()>) -> T,
 ) -> T {
     let bar = spinner();

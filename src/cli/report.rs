@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use dynid::ReportSettings;
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_sentences as sentences;
 use serde_json::{Value, json};
 
 use super::{Answer, Outcome, inputs, ladder, progress};
@@ -49,15 +50,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         dynid::report(&models, &experiment, &settings, reported)
     })?;
     write_new(&arguments.out, &report.page(), overwrite)?;
-    let sentences = report.sentences();
-    let mut text = sentences.join("\n");
+    let verdict = report.sentences();
+    let mut text = verdict.join("\n");
     text.push_str(&format!("\nwritten: {}\n", arguments.out.display()));
+    let quality = report.quality().runs.iter().map(sentences::quality::json).collect::<serde_json::Result<Value>>()?;
     let json = json!({
         "page": arguments.out.display().to_string(),
-        "sentences": sentences,
+        "sentences": verdict,
         "sections": report.titles(),
-        "where": report.findings(),
-        "quality": report.quality().runs,
+        "where": sentences::compare::findings_json(report.findings())?,
+        "quality": quality,
     });
     Ok(Outcome { text, json, answer: Answer::Yes })
 }

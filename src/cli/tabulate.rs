@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_report::{self as report, Budget, Models, Provenance, Section};
-use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         );
     }
     let table = Models::new(&models);
-    let mut text = reported(&table);
+    let mut text = as_text(&table);
     for (name, model) in &models {
         if let Some(fit) = &model.fit {
             let method = fit.method.as_ref().map_or(String::new(), |method| format!(", method {method}"));
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json: json(&models, &table, &arguments.models), answer: Answer::Yes })
 }
 
-fn reported(models: &Models) -> String {
+fn as_text(models: &Models) -> String {
     let mut columns = vec![("parameter", Align::Left), ("unit", Align::Left)];
     for (name, fitted) in models.names.iter().zip(&models.fitted) {
         columns.push((name, Align::Right));

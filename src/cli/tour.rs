@@ -12,9 +12,10 @@ use dynid::{
 };
 use dynid::{tour::FILES, tour::truth};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_report as report;
 use dynid_report::plot::steps;
-use dynid_text::number;
+use dynid_sentences as sentences;
 use serde_json::{Value, json};
 
 use super::interrupt::Interrupt;
@@ -91,7 +92,7 @@ fn walk(
 
     let fitted = fit(&prior, &experiment, stop)?;
     put(FITTED, &fitted.model.to_toml())?;
-    let fitted_model = Model::load(&partial.join(FITTED))?;
+    let fitted_model = Model::load(partial.join(FITTED))?;
 
     let Compared { errors: comparison, findings } = progress::counted("runs compared", stop, |reported| {
         dynid::compare(&fitted_model, &experiment, &CompareSettings::default(), reported)
@@ -101,7 +102,7 @@ fn walk(
     let diagnosis = progress::of_diagnosis(&|_| (), stop, |reported| {
         dynid::diagnose(&fitted_model, &experiment, &settings, reported)
     })?;
-    let diagnosis_json = serde_json::to_value(&diagnosis)?;
+    let diagnosis_json = sentences::diagnosis::json(&diagnosis)?;
     put(DIAGNOSIS, &format!("{}\n", serde_json::to_string_pretty(&diagnosis_json)?))?;
     let Some(best) = diagnosis.ranking.first().filter(|_| diagnosis.verdict == Verdict::MissingEffect) else {
         bail!("the tour's diagnosis did not find what is hidden in its logs; this is a mistake of the program");
@@ -110,7 +111,7 @@ fn walk(
     let Candidate { effect, joint, from } = best.candidate.clone();
     let (better, _) = dynid::add(&fitted_model, &Addition { effect, joint, from, values: Vec::new() })?;
     put(BETTER, &better.to_toml())?;
-    let better = Model::load(&partial.join(BETTER))?;
+    let better = Model::load(partial.join(BETTER))?;
     let better_fitted = fit(&better, &experiment, stop)?;
     put(BETTER_FITTED, &better_fitted.model.to_toml())?;
 
@@ -239,25 +240,26 @@ impl Tour<'_> {
         };
 
         step(&mut text, 1, fit, "first the believed model's own values, so that they are not to blame");
-        let held_out = |comparison: &Comparison| reported(comparison.rmse_validate);
+        let held_out = |comparison: &Comparison| as_text(comparison.rmse_validate);
         let _ = writeln!(
             text,
             "   {} values moved. On the run that no fit sees, the position error is now {} rad RMS; the log's own noise is {}.",
             self.fitted.parameters.len(),
             held_out(&self.comparison),
-            reported(self.ladder.noise_floor)
+            as_text(self.ladder.noise_floor)
         );
 
         step(&mut text, 2, compare, "where do model and logs part?");
         for finding in self.findings.iter().take(2) {
-            let _ = writeln!(text, "   {}, joint {}: {}.", finding.run, finding.joint, finding.what);
+            let what = sentences::finding::sentence(finding);
+            let _ = writeln!(text, "   {}, joint {}: {what}.", finding.run, finding.joint);
         }
         for (joint, ratio) in self.ratios(0..self.experiment.runs.len()) {
             let _ = writeln!(text, "   Joint {joint}: the position error is {ratio:.1} times the noise.");
         }
 
         step(&mut text, 3, diagnose, "which effect would explain it, and what else could?");
-        for sentence in &self.diagnosis.sentences {
+        for sentence in sentences::diagnosis::sentences(self.diagnosis) {
             let _ = writeln!(text, "   {sentence}");
         }
         text.push_str(&indented(&self.ranking()));
@@ -267,7 +269,7 @@ impl Tour<'_> {
         text.push_str(&indented(&self.parameters()));
 
         step(&mut text, 6, ladder, "did it pay?");
-        text.push_str(&indented(&ladder_verb::reported(&self.ladder)));
+        text.push_str(&indented(&ladder_verb::as_text(&self.ladder)));
 
         step(&mut text, 7, report, "all of it on one page");
         let _ = writeln!(text, "   {}/{REPORT} opens with no network.", folder.display());
@@ -345,8 +347,8 @@ impl Tour<'_> {
             let others: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
             table.row([
                 ranked.candidate.to_string(),
-                reported(ranked.rmse_validate_before),
-                reported(ranked.rmse_validate_after),
+                as_text(ranked.rmse_validate_before),
+                as_text(ranked.rmse_validate_after),
                 format!("{:.0}", ranked.delta_bic).replace('-', "\u{2212}"),
                 if others.is_empty() { "\u{2014}".to_owned() } else { others.join(", ") },
             ]);
@@ -366,14 +368,14 @@ impl Tour<'_> {
         ]);
         for parameter in &self.better_fitted.parameters {
             let name = &parameter.name;
-            let value = |model: &Model| reported(model.parameter(name).map(|own| own.value));
+            let value = |model: &Model| as_text(model.parameter(name).map(|own| own.value));
             table.row([
                 name.clone(),
                 value(self.prior),
                 value(&self.fitted.model),
                 number(parameter.value),
-                reported(parameter.std_error),
-                reported(truth.get(name).copied()),
+                as_text(parameter.std_error),
+                as_text(truth.get(name).copied()),
             ]);
         }
         table.text()
@@ -386,16 +388,16 @@ impl Tour<'_> {
             "folder": folder.display().to_string(),
             "report": folder.join(REPORT).display().to_string(),
             "found": found,
-            "where": self.findings.first(),
+            "where": self.findings.first().map(sentences::finding::json).transpose()?,
             "verdict": self.diagnosis.verdict,
-            "ladder": serde_json::to_value(&self.ladder)?,
+            "ladder": sentences::ladder::json(&self.ladder)?,
             "commands": steps,
             "wall_seconds": self.seconds,
         }))
     }
 }
 
-fn reported(value: Option<f64>) -> String {
+fn as_text(value: Option<f64>) -> String {
     value.map_or_else(|| "\u{2014}".to_owned(), number)
 }
 

@@ -11,12 +11,12 @@ use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
 use dynid_control::{Law, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_haptics::{
     wall, wall::Case, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting, wall::TuneProgress, wall::WallFile,
 };
 use dynid_model::Device;
 use dynid_report::{Provenance, Section, WallReport, damping_in_words};
-use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
 
@@ -202,7 +202,7 @@ impl Where {
     }
 
     /// The options that were given, as they stand in a command.
-    fn reported(&self) -> String {
+    fn as_text(&self) -> String {
         let Self { setting, model, hands, seed } = self;
         let mut text = String::new();
         for (option, path) in [("setting", setting), ("model", model)] {
@@ -273,12 +273,12 @@ fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     if never > 0 {
         eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
-    let text = reported(&setting, &walls, &cases, &wall::own_damping(&model, &setting)?);
+    let text = as_text(&setting, &walls, &cases, &wall::own_damping(&model, &setting)?);
     Ok(Outcome { text, json: json!({ "cases": cases }), answer: Answer::Yes })
 }
 
 /// A row for each wall and approach: the median hand, and the worst where that matters.
-fn reported(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDamping) -> String {
+fn as_text(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], own: &OwnDamping) -> String {
     let mut text = format!(
         "joint {} of {}, {} hands, controller at {} Hz\n",
         setting.joint,
@@ -543,7 +543,7 @@ fn start(arguments: &TuneArguments) -> anyhow::Result<(wall::Family, f64)> {
 /// The command that makes the same file again.
 fn tuned_by(arguments: &TuneArguments) -> String {
     let law = arguments.law.to_possible_value().map_or_else(String::new, |law| law.get_name().to_owned());
-    let mut command = format!("dynid wall tune --law {law}{}", arguments.place.reported());
+    let mut command = format!("dynid wall tune --law {law}{}", arguments.place.as_text());
     if let Some(start) = &arguments.start {
         let _ = write!(command, " --start {start}");
     }
@@ -561,7 +561,7 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<Outcome> {
     let walls = asked.iter().map(|asked| wall_of(asked)).collect::<anyhow::Result<Vec<(String, WallFile)>>>()?;
     let report = WallReport::new(&model, &setting, &walls)?;
     let mut sections = report.sections();
-    let mut command = format!("dynid wall report{}", arguments.place.reported());
+    let mut command = format!("dynid wall report{}", arguments.place.as_text());
     if arguments.wall.is_some() {
         let _ = write!(command, " --wall {}", asked.join(","));
     }

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use dynid_lower::Kir;
 
-use crate::{api, circles, licences, order, shell, snapshots, unused, workspace};
+use crate::{api, crate_order, dependency_cycles, licences, shell, snapshots, unused, workspace};
 
 /// Runs every check.
 #[derive(clap::Args)]
@@ -27,8 +27,8 @@ const WITHOUT_ALGEBRA: [&str; 4] = ["dynid", "dynid-generated", "dynid-lower", "
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut checks: Vec<(&str, Check)> = vec![
         ("formatting", formatting),
-        ("the order of crates", order::check),
-        ("no circle between folders", circles::check),
+        ("the order of crates", crate_order::check),
+        ("no circle between folders", dependency_cycles::check),
         ("unused dependencies", unused::check),
         ("the facade's public API", api::check),
         ("no computer algebra in what users build", without_algebra),

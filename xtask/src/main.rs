@@ -3,11 +3,11 @@
 mod api;
 mod bench;
 mod ci;
-mod circles;
+mod crate_order;
+mod dependency_cycles;
 mod generate;
 mod hidden_effects;
 mod licences;
-mod order;
 mod shell;
 mod snapshots;
 mod sources;

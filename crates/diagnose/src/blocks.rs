@@ -7,10 +7,11 @@
 //! `(BLOCKS - 1) (CONFIRMED + 1)` more fits, and more only where the best lose their credit, so that the next are asked.
 //! The values that are reported are those of the first fold.
 
+use super::Note;
 use super::excitation::LEAST_SAMPLES;
 use super::refit::{CostLimits, FOR_A_CANDIDATE, Judge, Refit, left};
 use crate::DiagnoseError;
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_judge::{compare::Comparison, compare::RunComparison, compare::compare};
 use dynid_logs::{experiment::Role, experiment::Run, log::Log};
 
@@ -30,7 +31,7 @@ pub(super) struct Split {
 
 impl Split {
     /// Blocks, unless one of the runs is held out.
-    pub(super) fn of(runs: &[&Run], error: ErrorKind) -> Self {
+    pub(super) fn of(runs: &[&Run], error: ErrorSignal) -> Self {
         let is_held_out = runs.iter().any(|run| run.role == Role::Validate);
         let mut others: Vec<Vec<Run>> =
             if is_held_out { Vec::new() } else { (0..BLOCKS).map(|block| fold(runs, block, error)).collect() };
@@ -54,16 +55,12 @@ impl Split {
 }
 
 /// What to know of it.
-pub(super) fn note() -> String {
-    format!(
-        "no run has the role \"validate\": blocked cross-validation instead. Every run is cut into {BLOCKS} blocks in time, each \
-         held out once; the model itself and the best {CONFIRMED} candidates are judged by all of them together. Values are those \
-         of the fit without the last block. A run of its own would be surer"
-    )
+pub(super) fn note() -> Note {
+    Note::BlockedCrossValidation { blocks: BLOCKS, confirmed: CONFIRMED }
 }
 
 /// The runs of the fold that holds out that block, from 0: of every run up to two parts to fit to and one held out.
-fn fold(runs: &[&Run], held_out: usize, error: ErrorKind) -> Vec<Run> {
+fn fold(runs: &[&Run], held_out: usize, error: ErrorSignal) -> Vec<Run> {
     let parts = |run: &&Run| {
         let cut = |block: usize| run.log.len() * block / BLOCKS;
         let (from, to) = (cut(held_out), cut(held_out + 1));
@@ -72,7 +69,7 @@ fn fold(runs: &[&Run], held_out: usize, error: ErrorKind) -> Vec<Run> {
             .filter(|(rows, _)| !rows.is_empty())
             .map(|(rows, role)| part(run, rows, role))
             // What is left of a part whose beginning is cut may be too little to fit to.
-            .filter(|part| part.role == Role::Validate || error == ErrorKind::Torque || is_left(part))
+            .filter(|part| part.role == Role::Validate || error == ErrorSignal::Torque || is_left(part))
             .collect::<Vec<Run>>()
     };
     runs.iter().flat_map(parts).collect()
@@ -183,7 +180,7 @@ mod tests {
             let whole = [&one, &other];
             let mut held_out = vec![Vec::new(); 2];
             for block in 0..BLOCKS {
-                let parts = fold(&whole, block, ErrorKind::Position);
+                let parts = fold(&whole, block, ErrorSignal::Position);
                 let mut parts = parts.iter().peekable();
                 for (of, run) in whole.iter().enumerate() {
                     let mut seen = 0;
@@ -217,7 +214,7 @@ mod tests {
         let mut run = run(300);
         run.settings.from_s = Some(1.2);
         let reported = |block: usize| -> Vec<(f64, Role, usize)> {
-            let parts = fold(&[&run], block, ErrorKind::Position);
+            let parts = fold(&[&run], block, ErrorSignal::Position);
             parts.iter().map(|part| (part.log.t[0], part.role, part.n_cut())).collect()
         };
         assert_eq!(reported(0), [(0.0, Role::Validate, 100), (1.0, Role::Fit, 20)]);
@@ -230,13 +227,13 @@ mod tests {
     fn a_model_as_it_is_is_judged_by_all_blocks() {
         let mut run = run(600);
         run.settings.min_speed = vec![0.0];
-        let split = Split::of(&[&run], ErrorKind::Position);
+        let split = Split::of(&[&run], ErrorSignal::Position);
         let judged = split.judged(&[&run]);
         let device = dynid_model::device("servo_pendulum").unwrap();
         let experiment =
             Experiment { path: "made.toml".into(), device, runs: vec![run.clone()], digest: String::new() };
         let judge = Judge {
-            error: ErrorKind::Position,
+            error: ErrorSignal::Position,
             experiment: &experiment,
             runs: &judged,
             options: position::Options::default(),

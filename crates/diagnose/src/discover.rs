@@ -28,9 +28,10 @@ use self::{
     term::{Term, dictionary},
 };
 use super::{
+    error_signal::{Block, TorqueView, View},
+    joint_weights::Weighed,
     screen::{own_column, regular},
-    view::{Block, TorqueView, View},
-    weighed::Weighed,
+    statement::{ActsOn, Statement},
 };
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_random::Random;
@@ -46,6 +47,8 @@ pub struct Discovered {
     /// The other joint whose signals it needs, where it is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub from: Option<usize>,
+    /// What it adds to.
+    pub acts_on: ActsOn,
     /// In words and signs, e.g. `0.0078 * sin(6*q5) * dq5`.
     pub formula: String,
     /// Its terms, most telling first.
@@ -130,23 +133,13 @@ pub(super) fn better_than(
 }
 
 /// What a diagnosis says where a formula was found.
-pub(super) fn sentence(found: &Discovered) -> String {
-    let is_command =
-        found.terms.iter().all(|term| term.term.starts_with("command") || term.term.starts_with("|command"));
-    let what = if is_command { "adds to its command" } else { "resists its motion" };
-    format!(
-        "A formula does, of what {what} at joint {}: {}. It takes away {:.0} % of the squared torque error of the held-out \
-         runs.",
-        found.joint,
-        found.formula,
-        100.0 * found.explained_validate
-    )
-}
-
-/// What a diagnosis says where none was found.
-pub(super) fn nothing() -> String {
-    "Nor does any product of the measured signals that holds on the held-out runs: there is nothing worth writing."
-        .to_owned()
+pub(super) fn statement(found: &Discovered) -> Statement {
+    Statement::FormulaExplains {
+        joint: found.joint,
+        acts_on: found.acts_on,
+        formula: found.formula.clone(),
+        percent: 100.0 * found.explained_validate,
+    }
 }
 
 /// The run, to be fitted to, with the torque error held to lower frequencies than the motion: what position noise does to
@@ -509,6 +502,7 @@ impl<'a> Search<'a> {
                 from: if others.len() == 1 { others.first().copied() } else { None },
                 effect_file: effect_file(self.joint, &terms, &formula),
                 elsewhere: Vec::new(),
+                acts_on: if terms.iter().all(|(term, _)| term.is_command()) { ActsOn::Command } else { ActsOn::Motion },
                 formula,
                 terms: reported.into_iter().map(|(reported, _)| reported).collect(),
                 explained_fit: fitted.total(),

@@ -1,11 +1,13 @@
 //! Why nothing can be said of what is missing.
 
+use std::fmt;
+
 use dynid_dynamics::system::SystemError;
+use dynid_format::{UnknownName, listed, number};
 use dynid_identify::FitError;
 use dynid_judge::CompareError;
 use dynid_logs::motion::MotionError;
 use dynid_model::ModelError;
-use dynid_text::UnknownName;
 use dynid_user_model::EffectError;
 
 /// A diagnosis that cannot be made, or was stopped.
@@ -35,8 +37,9 @@ pub enum DiagnoseError {
     UnknownParameter(#[from] UnknownName),
     /// A run in which nothing can be told from noise.
     #[error(
-        "{run}: {samples} samples ({span_s} s) are too few to tell what is missing: it takes {needed} ({needed_s} s at its \
-         rate){because}; log for longer, or leave the run out"
+        "{run}: {samples} samples ({} s) are too few to tell what is missing: it takes {needed} ({} s at its \
+         rate){because}; log for longer, or leave the run out",
+        number(*span_s), number(*needed_s)
     )]
     TooShortToTell {
         /// The run.
@@ -44,25 +47,69 @@ pub enum DiagnoseError {
         /// How many it has.
         samples: usize,
         /// How long it is (s).
-        span_s: String,
+        span_s: f64,
         /// How many it takes.
         needed: usize,
         /// How long that is (s).
-        needed_s: String,
-        /// Why so many; nothing where there is no more to it.
-        because: String,
+        needed_s: f64,
+        /// Why so many.
+        because: WhySoMany,
     },
     /// Runs in which no joint moves.
     #[error(
-        "{runs}: no free joint moves by more than 10 times its noise, so nothing can be said of what is missing{open}; command \
-         more torque, or a motion from `dynid excite`"
+        "{}: no free joint moves by more than 10 times its noise, so nothing can be said of what is missing{}; command \
+         more torque, or a motion from `dynid excite`",
+        listed(runs),
+        nor_of(open)
     )]
     NothingMoves {
         /// The runs.
-        runs: String,
-        /// What else they say nothing of.
-        open: String,
+        runs: Vec<String>,
+        /// Parameters that they say nothing of either.
+        open: Vec<String>,
     },
+}
+
+/// Why it takes so many samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum WhySoMany {
+    /// There is no more to it.
+    Plain,
+    /// No run is held out and each is cut into so many blocks.
+    Blocks {
+        /// How many.
+        blocks: usize,
+    },
+    /// The same, and a filter must fit into each.
+    FilteredBlocks {
+        /// How many.
+        blocks: usize,
+        /// The filter's cut-off (Hz).
+        cutoff_hz: f64,
+    },
+    /// The beginning of the run is cut.
+    Cut {
+        /// How many samples are.
+        samples: usize,
+    },
+}
+
+impl fmt::Display for WhySoMany {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let blocks = |blocks: usize| format!(", since no run is held out and each is cut into {blocks} blocks");
+        match *self {
+            Self::Plain => Ok(()),
+            Self::Blocks { blocks: count } => formatter.write_str(&blocks(count)),
+            Self::FilteredBlocks { blocks: count, cutoff_hz } => {
+                write!(formatter, "{} that a filter of {cutoff_hz} Hz must fit into (cutoff_hz)", blocks(count))
+            }
+            Self::Cut { samples } => write!(formatter, ", since from_s cuts {samples} of its samples"),
+        }
+    }
+}
+
+fn nor_of(parameters: &[String]) -> String {
+    if parameters.is_empty() { String::new() } else { format!(", nor of {}", listed(parameters)) }
 }
 
 impl DiagnoseError {

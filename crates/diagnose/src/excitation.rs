@@ -3,19 +3,16 @@
 
 use std::collections::BTreeSet;
 
-use super::{blocks, refit::Refit};
-use crate::DiagnoseError;
-use dynid_identify::identify::ErrorKind;
+use super::{Note, blocks, refit::Refit};
+use crate::{DiagnoseError, error::WhySoMany};
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError, noise::noise_of_log};
-use dynid_text::number;
 use dynid_user_model::Model;
 
 /// Samples in which a pattern is told from noise: `compare` says nothing of fewer either.
 pub(super) const LEAST_SAMPLES: usize = 64;
 /// A joint moves if its positions span so many times their noise.
 const MOVES: f64 = 10.0;
-/// As many parameters are named.
-const NAMED: usize = 6;
 
 /// What should be known of `runs`, of which `folds` are all that is fitted to or held out in turn, before the fit.
 ///
@@ -25,16 +22,16 @@ pub(super) fn check(
     model: &Model,
     runs: &[&Run],
     folds: &[&[Run]],
-    error: ErrorKind,
-) -> Result<Vec<String>, DiagnoseError> {
+    error: ErrorSignal,
+) -> Result<Vec<Note>, DiagnoseError> {
     let n_blocks = if folds.is_empty() { 1 } else { blocks::BLOCKS };
     for run in runs {
         long_enough(run, n_blocks * LEAST_SAMPLES, n_blocks, None)?;
-        if error != ErrorKind::Torque {
+        if error != ErrorSignal::Torque {
             enough_is_left(run, n_blocks)?;
         }
     }
-    if error == ErrorKind::Torque {
+    if error == ErrorSignal::Torque {
         for part in folds.iter().copied().flatten() {
             // A block that is too short for its filter is reported as what the whole run would have to be.
             if let (Err(MotionError::TooShort { needed, cutoff_hz, .. }), Some(run)) =
@@ -52,11 +49,13 @@ pub(super) fn check(
     let held_out = runs.iter().filter(|run| run.role == Role::Validate).count();
     let some_held_out = held_out > without_motion.iter().filter(|(run, _)| run.role == Role::Validate).count();
     for (run, why) in without_motion {
-        if error == ErrorKind::Torque && (run.role == Role::Fit || !some_held_out) {
+        if error == ErrorSignal::Torque && (run.role == Role::Fit || !some_held_out) {
             return Err(why.into());
         }
-        let only = if run.role == Role::Fit { "; only simulations tell what a model of it lacks" } else { "" };
-        notes.push(format!("no torque error: {why}{only}"));
+        notes.push(match run.role {
+            Role::Fit => Note::FittedWithoutTorqueError { reason: why },
+            Role::Validate => Note::JudgedWithoutTorqueError { reason: why },
+        });
     }
     notes.extend(judged_by_what_is_fitted(runs).filter(|_| folds.is_empty()));
     let still: Vec<(&Run, usize)> = runs
@@ -67,10 +66,9 @@ pub(super) fn check(
         let mut joints: Vec<usize> = still.iter().map(|(_, joint)| *joint).collect();
         joints.sort_unstable();
         joints.dedup();
-        let names: Vec<String> = joints.iter().flat_map(|joint| parameters_at(model, *joint)).collect();
         return Err(DiagnoseError::NothingMoves {
-            runs: listed(&runs.iter().map(|run| run.file.clone()).collect::<Vec<_>>()),
-            open: if names.is_empty() { String::new() } else { format!(", nor of {}", listed(&names)) },
+            runs: runs.iter().map(|run| run.file.clone()).collect(),
+            open: joints.iter().flat_map(|joint| parameters_at(model, *joint)).collect(),
         });
     }
     // A joint that moves in no run is reported with what is open after the fit.
@@ -81,40 +79,35 @@ pub(super) fn check(
 }
 
 /// Names the joints that are free in no held-out run.
-fn judged_by_what_is_fitted(runs: &[&Run]) -> Option<String> {
+fn judged_by_what_is_fitted(runs: &[&Run]) -> Option<Note> {
     let free_in = |role: Role| -> BTreeSet<usize> {
         runs.iter().filter(|run| run.role == role).flat_map(|run| run.free.iter().copied()).collect()
     };
-    let only_fitted: Vec<String> =
-        free_in(Role::Fit).difference(&free_in(Role::Validate)).map(|joint| format!("joint {joint}")).collect();
-    let names = only_fitted.join(", ");
-    (!only_fitted.is_empty())
-        .then(|| format!("{names}: free in no held-out run, so judged by the runs that are fitted to"))
+    let joints: Vec<usize> = free_in(Role::Fit).difference(&free_in(Role::Validate)).copied().collect();
+    (!joints.is_empty()).then_some(Note::NeverHeldOut { joints })
 }
 
 fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>) -> Result<(), DiagnoseError> {
-    let samples = run.log.len();
-    if samples >= needed {
+    if run.log.len() >= needed {
         return Ok(());
     }
-    let blocks = format!(", since no run is held out and each is cut into {n_blocks} blocks");
     let because = match (n_blocks, cutoff_hz) {
-        (1, _) => String::new(),
-        (_, None) => blocks,
-        (_, Some(cutoff_hz)) => format!("{blocks} that a filter of {cutoff_hz} Hz must fit into (cutoff_hz)"),
+        (1, _) => WhySoMany::Plain,
+        (blocks, None) => WhySoMany::Blocks { blocks },
+        (blocks, Some(cutoff_hz)) => WhySoMany::FilteredBlocks { blocks, cutoff_hz },
     };
     Err(too_short(run, needed, because))
 }
 
 /// `needed` samples are more than the run has.
-fn too_short(run: &Run, needed: usize, because: String) -> DiagnoseError {
+fn too_short(run: &Run, needed: usize, because: WhySoMany) -> DiagnoseError {
     let (samples, step) = (run.log.len(), run.log.sample_time());
     DiagnoseError::TooShortToTell {
         run: run.file.clone(),
         samples,
-        span_s: number(samples.saturating_sub(1) as f64 * step),
+        span_s: samples.saturating_sub(1) as f64 * step,
         needed,
-        needed_s: number(needed as f64 * step),
+        needed_s: needed as f64 * step,
         because,
     }
 }
@@ -128,7 +121,7 @@ fn enough_is_left(run: &Run, n_blocks: usize) -> Result<(), DiagnoseError> {
         return Ok(());
     }
     let needed = samples + cut + LEAST_SAMPLES - seen;
-    Err(too_short(run, needed, format!(", since from_s cuts {cut} of its samples")))
+    Err(too_short(run, needed, WhySoMany::Cut { samples: cut }))
 }
 
 /// Whether a joint moves in a run by more than noise.
@@ -139,10 +132,9 @@ pub(super) fn moves(run: &Run, joint: usize) -> bool {
     high - low > MOVES * noise_of_log(q)
 }
 
-fn stands_still(model: &Model, run: &Run, joint: usize) -> String {
-    let names = parameters_at(model, joint);
-    let open = if names.is_empty() { String::new() } else { format!(", so it tells little of {}", listed(&names)) };
-    format!("{}: joint {joint} is free but stays within {MOVES:.0} times its noise{open}", run.file)
+fn stands_still(model: &Model, run: &Run, joint: usize) -> Note {
+    let parameters = parameters_at(model, joint);
+    Note::StandsStill { run: run.file.clone(), joint, range_in_noises: MOVES, parameters }
 }
 
 /// The unknown parameters of the effects at a joint.
@@ -158,7 +150,7 @@ fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
 /// its standard error is above its value before and after and above its file's first guess (where that is 0, as of positions,
 /// 0 is a value like any other, and none is small beside it). Links are reported by their number only: most of their parameters
 /// never act but together.
-pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<String> {
+pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<Note> {
     let stands_still = |joint: &usize| {
         let mut free = runs.iter().filter(|run| run.free.contains(joint)).peekable();
         free.peek().is_some() && free.all(|run| !moves(run, *joint))
@@ -187,38 +179,13 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<St
         base.parameters.iter().chain(&unfitted).partition(|own| own.name.starts_with("link."));
     let names: Vec<String> = others.into_iter().filter(|own| is_open(own)).map(|own| own.name.clone()).collect();
     let links = links.into_iter().filter(|own| !own.identifiable).count();
-    let of_links = match links {
-        0 => String::new(),
-        1 => "one parameter of the links by itself".to_owned(),
-        links => format!("{links} parameters of the links by themselves"),
-    };
     if names.is_empty() {
-        return (links > 0).then(|| {
-            format!(
-                "these runs do not determine {of_links}, only in combinations: `dynid plan` says which can be identified"
-            )
-        });
+        return (links > 0).then_some(Note::LinksNotDetermined { links });
     }
-    let and = if links > 0 { format!(", nor {of_links}") } else { String::new() };
     let mut joints: Vec<usize> = names.iter().filter_map(|name| joint_of(name)).collect();
     joints.sort_unstable();
     joints.dedup();
-    let numbered = |joints: &[usize]| {
-        let numbers: Vec<String> = joints.iter().map(usize::to_string).collect();
-        format!("{} {}", if joints.len() == 1 { "joint" } else { "joints" }, numbers.join(", "))
-    };
-    let why = if still.is_empty() {
-        String::new()
-    } else {
-        let stay = if still.len() == 1 { "stays" } else { "stay" };
-        format!("{} {stay} within {MOVES:.0} times the noise in every run; ", numbered(&still))
-    };
-    let what = if joints.is_empty() { "the joints".to_owned() } else { numbered(&joints) };
-    Some(format!(
-        "these runs do not determine {}{and}: {why}excite {what} more, both ways, slowly and fast, over more of the range \
-         (`dynid excite`)",
-        listed(&names)
-    ))
+    Some(Note::NotDetermined { parameters: names, links, joints, still, range_in_noises: MOVES })
 }
 
 /// Size of what the effect's file begins with.
@@ -232,13 +199,4 @@ fn first_guess(model: &Model, name: &str) -> Option<f64> {
 /// The joint that an effect's parameter belongs to.
 fn joint_of(name: &str) -> Option<usize> {
     name.strip_prefix("joint.")?.split('.').next()?.parse().ok()
-}
-
-/// The first few, and how many more.
-fn listed(names: &[String]) -> String {
-    let shown = names.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
-    match names.len().saturating_sub(NAMED) {
-        0 => shown,
-        more => format!("{shown} and {more} more"),
-    }
 }

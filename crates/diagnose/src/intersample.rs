@@ -2,12 +2,12 @@
 //! that it does not, every effect of the drive path would be fitted to half a sample's delay.
 
 use super::{
-    Refit, Screen, Work,
-    estimate::{moving, observed},
+    Note, Refit, Screen, Work,
+    first_estimate::{moving, observed},
 };
 use crate::DiagnoseError;
 use dynid_dynamics::simulate::Intersample;
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 
@@ -18,7 +18,7 @@ const WORTH: f64 = 0.3;
 pub(super) fn is_in_question(work: &Work<'_>, base: &Refit) -> bool {
     let stands = |run: &&Run| run.settings.intersample == Intersample::ZeroOrder && run.settings.controller.is_none();
     let is_near = base.worst_ratio().is_none_or(|ratio| ratio < super::verdict::NEAR_THE_FLOOR);
-    work.judge.error == ErrorKind::Position && !is_near && work.judge.runs.iter().all(stands)
+    work.judge.error == ErrorSignal::Position && !is_near && work.judge.runs.iter().all(stands)
 }
 
 /// Whether the runs of `work`, whose command stands still between samples, may be better taken as `straight` has them.
@@ -37,15 +37,8 @@ pub(super) fn is_worth_it(standing: &Refit, straight: &Refit) -> bool {
 }
 
 /// What a diagnosis says of it.
-pub(super) fn note(standing: &Refit, straight: &Refit) -> String {
-    let error = |refit: &Refit| refit.rmse_validate.map_or_else(|| "?".to_owned(), dynid_text::number);
-    format!(
-        "the logs show a command that runs straight from sample to sample, not one that stands still between them: with it the \
-         refitted model leaves {} of the held-out runs instead of {}, and all that follows takes it so; say hold = \"linear\" \
-         in the experiment",
-        error(straight),
-        error(standing)
-    )
+pub(super) fn note(standing: &Refit, straight: &Refit) -> Note {
+    Note::StraightCommand { rmse_straight: straight.rmse_validate, rmse_standing: standing.rmse_validate }
 }
 
 /// The run with a command that runs straight from sample to sample.

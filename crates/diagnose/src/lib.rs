@@ -19,9 +19,9 @@
 //!    best one from the best one's values; `at_prior` screens and fits once more from the values before any fit
 //!    ([`Model::prior`]).
 //! 8. `verdict`: credit, rank (held-out log-likelihood and 3 per unknown), candidates that fit as well, the answer. `region`: does
-//!    the effect help where it acts? `sessions`: or did parameters change between runs? `tell_apart`: the experiment that would
+//!    the effect help where it acts? `inconsistent_runs`: or did parameters change between runs? `distinguishing_experiment`: the experiment that would
 //!    distinguish candidates.
-//! 9. [`discover()`] and `beaten`: a formula that no effect of the library is, where none explains the residual or a formula
+//! 9. [`discover()`] and `formula_beats_effect`: a formula that no effect of the library is, where none explains the residual or a formula
 //!    explains far more.
 //!
 //! `finished` holds fits by key: an interrupted diagnosis goes on from them to the same answer. Most models that a screening tries
@@ -31,24 +31,27 @@
 //! a stage that takes the command away gets no credit for that ([`dynid_torque::JointTorqueError::delivered_share`]).
 //! [`with_first_estimates`] uses the same screening to give an effect that vanishes a start for a fit.
 
-mod beaten;
 mod blocks;
 mod candidate;
 mod discover;
+mod distinguishing_experiment;
 mod error;
-mod estimate;
+mod error_signal;
+mod evidence;
 mod excitation;
+mod first_estimate;
+mod formula_beats_effect;
+mod inconsistent_runs;
 mod intersample;
+mod joint_weights;
+mod note;
 mod prescreening;
 mod refit;
 mod region;
 mod screen;
-mod sessions;
 mod shortlist;
-mod tell_apart;
+mod statement;
 mod verdict;
-mod view;
-mod weighed;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -58,18 +61,23 @@ use serde::{Deserialize, Serialize};
 
 pub use candidate::{Candidate, Probe, Sizes, candidates, probes};
 pub use discover::{Discovered, DiscoveredTerm, discover};
-pub use estimate::{FirstEstimates, with_first_estimates};
+pub use distinguishing_experiment::{DistinguishingExperiment, SinePhase};
+pub use error::{DiagnoseError, WhySoMany};
+pub use error_signal::{Block, ObserverView, TorqueView, View};
+pub use evidence::{Evidence, Rejection, Speaks};
+pub use first_estimate::{FirstEstimates, with_first_estimates};
+pub use note::{KeptValues, Note};
 pub use refit::{CostLimits, EffectParameter, JointResidual, Judge, Refit, SearchExtent, stays_far_above};
 pub use screen::{Score, Screen};
-pub use view::{Block, ObserverView, TorqueView, View};
+pub use statement::{ActsOn, ErrorLeft, ModelState, Statement};
 
-use estimate::Screening;
+use first_estimate::Screening;
 use screen::Scored;
 
-use dynid_identify::{FitError, FitStatus, identify::ErrorKind, identify::default_error, position};
+use dynid_identify::{FitError, FitStatus, identify::ErrorSignal, identify::default_error, position};
+use dynid_judge::compare::Finding;
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run};
 use dynid_user_model::Model;
-pub use error::DiagnoseError;
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -88,15 +96,15 @@ pub enum Verdict {
 pub struct Diagnosis {
     /// The answer.
     pub verdict: Verdict,
-    /// The answer in words.
-    pub sentences: Vec<String>,
+    /// The answer, statement by statement.
+    pub statements: Vec<Statement>,
     /// Which error it is about: `position` or `torque`.
     pub error: String,
     /// Effects that were fitted and may be given credit, best first; with several found one after the other, those first.
     pub ranking: Vec<Ranked>,
     /// Effects that were fitted and are given none.
     #[serde(rename = "refused")]
-    pub rejected: Vec<Rejected>,
+    pub rejected: Vec<RejectedCandidate>,
     /// What the screening said of every candidate, most promising first.
     pub screening: Vec<Screened>,
     /// Where the model fails.
@@ -105,7 +113,8 @@ pub struct Diagnosis {
     /// Parameters that differ between runs.
     pub moved: Vec<Moved>,
     /// What should be known besides.
-    pub notes: Vec<String>,
+    #[serde(rename = "typed_notes")]
+    pub notes: Vec<Note>,
     /// How far the model is from its logs, refitted where that could be done: the largest error of a joint over its noise.
     pub worst_ratio: Option<f64>,
     /// Where no effect of the library explains what is left: a formula that does, if there is one.
@@ -138,12 +147,11 @@ pub struct Ranked {
     pub confounded_with: Vec<Candidate>,
     /// Its parameters.
     pub parameters: Vec<EffectParameter>,
-    /// What speaks for it.
-    pub evidence_for: Vec<String>,
-    /// What speaks against it.
-    pub evidence_against: Vec<String>,
-    /// What would tell it from the effects that fit as well.
-    pub experiment: Option<String>,
+    /// What speaks for it and against it.
+    pub evidence: Vec<Evidence>,
+    /// What would tell it from the first of the effects that fit as well.
+    #[serde(rename = "typed_experiment")]
+    pub experiment: Option<DistinguishingExperiment>,
     /// Which step of a search for several it belongs to, from 1.
     pub depth: usize,
     /// The largest error of a joint over its noise, with it.
@@ -168,23 +176,23 @@ pub struct Screened {
 
 /// An effect that is given no credit.
 #[derive(Debug, Clone, Serialize)]
-pub struct Rejected {
+pub struct RejectedCandidate {
     /// Which, and where.
     #[serde(flatten)]
     pub candidate: Candidate,
     /// Why.
-    pub reason: String,
+    #[serde(rename = "rejection")]
+    pub reason: Rejection,
 }
 
 /// Where the model fails.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Place {
-    /// The run.
-    pub run: String,
-    /// The device's joint index.
-    pub joint: usize,
-    /// In words.
-    pub what: String,
+    /// What is found, of the run that says it most.
+    #[serde(flatten)]
+    pub finding: Finding,
+    /// Other runs that say the same.
+    pub also_in: Vec<String>,
 }
 
 /// A parameter that differs between runs.
@@ -202,7 +210,7 @@ pub struct Moved {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Which error; by default the one that a fit would make small.
-    pub error: Option<ErrorKind>,
+    pub error: Option<ErrorSignal>,
     /// How many effects are looked for, one after the other.
     pub depth: usize,
     /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
@@ -269,9 +277,9 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let mut notes = Vec::new();
     let error = match options.error {
-        Some(ErrorKind::Both) | None => match default_error(model, runs) {
-            ErrorKind::Torque => ErrorKind::Torque,
-            _ => ErrorKind::Position,
+        Some(ErrorSignal::Both) | None => match default_error(model, runs) {
+            ErrorSignal::Torque => ErrorSignal::Torque,
+            _ => ErrorSignal::Position,
         },
         Some(error) => error,
     };
@@ -300,11 +308,8 @@ pub fn diagnose(
         }
     }
     if base.was_given_up() {
-        let values = if base.parsed()?.digest() == model.digest() { "it was given" } else { "are the prior values" };
-        notes.push(format!(
-            "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing is \
-             looked for at the values that {values}, and what it leaves is reported of those"
-        ));
+        let is_given = base.parsed()?.digest() == model.digest();
+        notes.push(Note::FitGivenUp { values: if is_given { KeptValues::Given } else { KeptValues::Prior } });
     }
     notes.extend(excitation::left_open(model, runs, &base));
     let mut steps = Vec::new();
@@ -324,11 +329,14 @@ pub fn diagnose(
 }
 
 /// Steps per sample that the runs ask for.
-fn fit_options(options: &Options, error: ErrorKind, runs: &[&Run]) -> position::Options {
+fn fit_options(options: &Options, error: ErrorSignal, runs: &[&Run]) -> position::Options {
     let sample = runs.iter().map(|run| run.log.sample_time()).fold(0.0, f64::max);
     let substeps = (sample / LONGEST_STEP).round().clamp(1.0, 600.0) as usize;
-    let iterations =
-        if error == ErrorKind::Torque { options.fit.iterations.min(TORQUE_ITERATIONS) } else { options.fit.iterations };
+    let iterations = if error == ErrorSignal::Torque {
+        options.fit.iterations.min(TORQUE_ITERATIONS)
+    } else {
+        options.fit.iterations
+    };
     position::Options { substeps, iterations, ..options.fit }
 }
 
@@ -357,7 +365,7 @@ struct Step {
     /// All that were fitted, best first.
     fitted: Vec<verdict::Judged>,
     /// Those whose fit came to nothing.
-    failed: Vec<Rejected>,
+    failed: Vec<RejectedCandidate>,
 }
 
 impl Step {
@@ -523,7 +531,7 @@ impl Work<'_> {
         let again = format!("{depth}: again, {}", path.join(" > "));
         let prior = format!("{depth}: believed, {}", path.join(" > "));
         let mut reached = prescreening::Reached::default();
-        let mut may_ask_belief = self.judge.error == ErrorKind::Position;
+        let mut may_ask_belief = self.judge.error == ErrorSignal::Position;
         // Which is fitted first: where the model's own fit strayed, what comes near the logs with an observer, or what does so from
         // the prior values; else what is plainer than the most promising and leaves only noise with the observer.
         let mut is_order_settled = false;
@@ -552,7 +560,7 @@ impl Work<'_> {
             if !is_formula_asked && is_asked && reached.none_is_near_noise() && !fitted.iter().any(verdict::explains) {
                 is_formula_asked = true;
                 if self.is_formula_ahead(base, refit, &scored) {
-                    (waiting, hopeless) = beaten::without_hopeless(waiting, !fitted.is_empty(), &reached);
+                    (waiting, hopeless) = formula_beats_effect::without_hopeless(waiting, !fitted.is_empty(), &reached);
                 }
             }
             let later = waiting.split_off(at_once.min(waiting.len()));
@@ -596,7 +604,7 @@ impl Work<'_> {
             }
             self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
         }
-        failed.extend(beaten::rejected(hopeless, &fitted));
+        failed.extend(formula_beats_effect::rejected(hopeless, &fitted));
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
         if may_ask_belief && !fitted.iter().any(verdict::explains) {
             self.at_prior(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &prior)?;
@@ -628,7 +636,7 @@ impl Work<'_> {
         &self,
         waiting: &mut Vec<Score>,
         fitted: &[Refit],
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         (scored, reached): (&[Scored], &prescreening::Reached),
         unknowns: &dyn Fn(&Score) -> f64,
     ) {
@@ -659,7 +667,7 @@ impl Work<'_> {
         base: &Model,
         shortlist: &[Score],
         fitted: &mut Vec<Refit>,
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         key: &str,
     ) -> Result<(), DiagnoseError> {
         /// What costs so much more than the best fell short.
@@ -761,7 +769,7 @@ impl Work<'_> {
         screening: &Screening<'_>,
         (base, is_minimum): (&Model, bool),
         fitted: &mut Vec<Refit>,
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         key: &str,
     ) -> Result<(), DiagnoseError> {
         /// As many are fitted.
@@ -808,9 +816,9 @@ impl Work<'_> {
         &self,
         before: &Refit,
         by_one_fold: Vec<verdict::Judged>,
-        failed: &mut Vec<Rejected>,
+        failed: &mut Vec<RejectedCandidate>,
         key: &(dyn Fn(&Candidate) -> String + Sync),
-        helps_elsewhere: &dyn Fn(&Refit) -> Option<String>,
+        helps_elsewhere: &dyn Fn(&Refit) -> Option<Rejection>,
     ) -> Result<Vec<verdict::Judged>, DiagnoseError> {
         let (mut waiting, rejected): (Vec<_>, Vec<_>) =
             by_one_fold.into_iter().partition(|judged| judged.reason.is_none());
@@ -887,7 +895,7 @@ fn come_to_the_same(one: &Refit, other: &Refit) -> bool {
 }
 
 /// Puts refits in the place of those of the same candidates that cost more, or of none.
-fn take_better(refits: impl Iterator<Item = Refit>, fitted: &mut Vec<Refit>, failed: &mut Vec<Rejected>) {
+fn take_better(refits: impl Iterator<Item = Refit>, fitted: &mut Vec<Refit>, failed: &mut Vec<RejectedCandidate>) {
     let cost = |refit: &Refit| refit.cost().filter(|_| refit.is_finite());
     for refit in refits {
         let own = |other: &Refit| other.candidate == refit.candidate;

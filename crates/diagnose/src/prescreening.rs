@@ -15,9 +15,9 @@ use std::collections::BTreeMap;
 use dynid_model::Place;
 use rayon::prelude::*;
 
-use super::{Candidate, Event, FEW_JOINTS, Refit, Rejected, Score, Work, verdict};
+use super::{Candidate, Event, FEW_JOINTS, Refit, RejectedCandidate, Rejection, Score, Work, verdict};
 use crate::DiagnoseError;
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_user_model::Model;
 
 /// Costs per sample that searches came to with the first observer.
@@ -79,7 +79,7 @@ impl Work<'_> {
     /// Whether searches with an observer may decide an order: of the position error, where simulations of few joints are cheap.
     fn may_race(&self) -> bool {
         let free = self.judge.runs.iter().map(|run| run.free.len()).max().unwrap_or(0);
-        self.judge.error == ErrorKind::Position && free <= FEW_JOINTS
+        self.judge.error == ErrorSignal::Position && free <= FEW_JOINTS
     }
 
     /// What the searches of `waiting` come to that have not been asked: of the first ones, and unless one of those leaves only
@@ -147,16 +147,14 @@ pub(super) fn ordered(waiting: Vec<Score>, reached: &Reached, unknowns: &dyn Fn(
 
 /// Why a candidate is no rival of `winner`, which leaves only noise; `None` if it may be one, or the winner was not asked beside
 /// it.
-pub(super) fn no_rival(candidate: &Candidate, winner: &Refit, reached: &Reached) -> Option<Rejected> {
+pub(super) fn no_rival(candidate: &Candidate, winner: &Refit, reached: &Reached) -> Option<RejectedCandidate> {
     /// What costs so many times as much as the winner is none.
     const FAR: f64 = 30.0;
     let cost = |candidate: &Candidate| reached.candidates.get(candidate).copied();
     let own = cost(candidate)?;
     let best = cost(winner.candidate.as_ref()?)?;
-    (own > FAR * best.max(verdict::COST_AT_THE_FLOOR)).then(|| Rejected {
-        candidate: candidate.clone(),
-        reason: "far above what another effect reaches even where simulations are held to the logs".to_owned(),
-    })
+    (own > FAR * best.max(verdict::COST_AT_THE_FLOOR))
+        .then(|| RejectedCandidate { candidate: candidate.clone(), reason: Rejection::NoRival })
 }
 
 #[cfg(test)]

@@ -13,8 +13,8 @@ use super::{
 };
 use crate::DiagnoseError;
 use dynid_identify::{
-    FitStatus, identify, identify::ErrorKind, identify::FitResult, identify::FitTask, position, position::WithObserver,
-    position::noise_of, starts::Starts,
+    FitStatus, identify, identify::ErrorSignal, identify::FitResult, identify::FitTask, position,
+    position::WithObserver, position::noise_of, starts::Starts,
 };
 use dynid_judge::{compare::Comparison, compare::compare};
 use dynid_logs::{experiment::Experiment, experiment::Role, experiment::Run, noise::noise_of_log};
@@ -280,7 +280,7 @@ impl Watcher {
         let earlier = self.costs.len().checked_sub(limits.iterations + 1).map(|index| self.costs[index]);
         let is_flat = earlier.is_some_and(|earlier| cost > (1.0 - limits.share) * earlier);
         self.had_enough |= is_flat || is_hopeless;
-        if is_flat || is_hopeless { SearchControl::Enough } else { SearchControl::Continue }
+        if is_flat || is_hopeless { SearchControl::GoodEnough } else { SearchControl::Continue }
     }
 }
 
@@ -295,7 +295,7 @@ pub fn stays_far_above(free_iterations: usize, cost: f64, reached: f64) -> bool 
 #[derive(Debug, Clone, Copy)]
 pub struct Judge<'a> {
     /// Which error.
-    pub error: ErrorKind,
+    pub error: ErrorSignal,
     /// Its experiment.
     pub experiment: &'a Experiment,
     /// All runs, those to fit to and those held out.
@@ -421,7 +421,7 @@ impl Judge<'_> {
         // From where else to start is the diagnosis's own matter.
         let starts = Starts { prior: false, ..Starts::default() };
         let how = FitTask { starts, tell_start: false, ..FitTask::plain(self.error, self.options) };
-        let limits = limits.filter(|_| self.error == ErrorKind::Position);
+        let limits = limits.filter(|_| self.error == ErrorSignal::Position);
         let mut watcher = Watcher::new(limits, cost_limits, self.runs.iter().any(|run| run.free.len() > FEW_JOINTS));
         let mut watch = |reported: &identify::Progress, _: Option<&identify::State>| {
             if stop() { SearchControl::Stop } else { watcher.hears(reported.observer, reported.cost) }
@@ -476,7 +476,7 @@ fn is_null(model: &Model, name: &str, value: f64) -> bool {
 }
 
 /// What `comparison` leaves at each joint.
-pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> Vec<JointResidual> {
+pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorSignal) -> Vec<JointResidual> {
     let mut sums: BTreeMap<(usize, bool), JointResidual> = BTreeMap::new();
     let mut add = |joint: usize,
                    held_out: bool,
@@ -503,7 +503,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorKind) -> 
     for (reported, run) in comparison.runs.iter().zip(runs) {
         let held_out = run.role == Role::Validate;
         for (slot, joint) in reported.joints.iter().enumerate() {
-            if error == ErrorKind::Torque {
+            if error == ErrorSignal::Torque {
                 let Some(torque) = reported.torque.get(slot) else { continue };
                 let used = torque.residual.iter().zip(&torque.used).filter(|(_, used)| **used);
                 let squares: f64 = used.map(|(value, _)| value * value).sum();
@@ -598,7 +598,7 @@ pub(super) mod tests {
         let flat = [(0.0, 100.0); 40];
         for (limits, iterations) in [(FOR_A_CANDIDATE, 8), (FOR_THE_MODEL, 20)] {
             let mut watcher = Watcher::new(Some(limits), CostLimits::default(), false);
-            let first = heard(&mut watcher, &flat).iter().position(|watch| *watch == SearchControl::Enough);
+            let first = heard(&mut watcher, &flat).iter().position(|watch| *watch == SearchControl::GoodEnough);
             assert_eq!(first, Some(iterations), "{limits:?}");
             assert!(watcher.had_enough);
         }
@@ -697,7 +697,7 @@ pub(super) mod tests {
             (heard[2], watcher.gave_up)
         };
         assert_eq!(last(FOR_THE_MODEL, true), (SearchControl::Stop, true));
-        assert_eq!(last(FOR_A_CANDIDATE, true), (SearchControl::Enough, false));
+        assert_eq!(last(FOR_A_CANDIDATE, true), (SearchControl::GoodEnough, false));
         assert_eq!(last(FOR_THE_MODEL, false), (SearchControl::Continue, false));
     }
 }

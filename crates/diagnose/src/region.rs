@@ -1,6 +1,6 @@
 //! Does an effect help where it acts?
 
-use super::{Block, Refit, TorqueView, View};
+use super::{Block, Refit, Rejection, TorqueView, View};
 
 /// Why an effect that lowers the error is not believed: most of the gain lies where it hardly acts. `None` where it is
 /// believed, or where the torque error does not tell.
@@ -8,7 +8,7 @@ use super::{Block, Refit, TorqueView, View};
 /// Where an effect acts is reported by what the torque error changes when it alone is taken out of the fitted model. If it is
 /// the cause, the squared error falls there, in those samples in which it acts more than in half of all. `before` is what the
 /// view shows of the model without it.
-pub(super) fn helps_elsewhere(view: &TorqueView, before: &[Block], after: &Refit) -> Option<String> {
+pub(super) fn helps_elsewhere(view: &TorqueView, before: &[Block], after: &Refit) -> Option<Rejection> {
     /// At least so much of the gain lies in the half of the samples in which the effect acts most.
     const LEAST: f64 = 0.35;
     /// A gain of less than this share of the squared torque error says nothing of where it lies.
@@ -37,11 +37,5 @@ pub(super) fn helps_elsewhere(view: &TorqueView, before: &[Block], after: &Refit
     samples.sort_by(|a, b| b.0.total_cmp(&a.0));
     let near: f64 = samples[..samples.len() / 2].iter().map(|(_, gain)| gain).sum();
     let share = near / gain;
-    (share < LEAST).then(|| {
-        format!(
-            "it helps where it does not act: only {:.0} % of what it takes off the torque error lies in the half of the \
-             samples in which it acts most",
-            100.0 * share.max(0.0)
-        )
-    })
+    (share < LEAST).then(|| Rejection::HelpsElsewhere { percent: 100.0 * share.max(0.0) })
 }

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::{
     candidate::{Candidate, Probe, keep_orders},
-    view::{Block, View},
-    weighed::Weighed,
+    error_signal::{Block, View},
+    joint_weights::Weighed,
 };
 use dynid_user_model::Model;
 

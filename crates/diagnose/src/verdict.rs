@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{
-    Candidate, Diagnosis, JointResidual, Place, Ranked, Refit, Rejected, SearchExtent, Step, Verdict, Work,
+    Candidate, Diagnosis, ErrorLeft, Evidence, JointResidual, ModelState, Note, Place, Ranked, Refit,
+    RejectedCandidate, Rejection, SearchExtent, Statement, Step, Verdict, Work,
     candidate::{is_symmetric, joined_link},
 };
 use crate::DiagnoseError;
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_judge::{compare::Finding, compare::compare, compare::locate};
 use dynid_user_model::Model;
 
@@ -41,7 +42,7 @@ pub(super) struct Judged {
     pub(super) held_out: f64,
     pub(super) delta_bic: f64,
     /// Why it is given no credit.
-    pub(super) reason: Option<String>,
+    pub(super) reason: Option<Rejection>,
 }
 
 impl Judged {
@@ -54,11 +55,7 @@ impl Judged {
 
     /// Without credit, since others were better by one fold and only those were judged by all blocks.
     pub(super) fn unconfirmed(self) -> Self {
-        let reason = format!(
-            "with the last block held out {} others explain more, and only those were judged by all blocks",
-            super::blocks::CONFIRMED
-        );
-        Self { reason: Some(reason), ..self }
+        Self { reason: Some(Rejection::NotConfirmed { confirmed: super::blocks::CONFIRMED }), ..self }
     }
 }
 
@@ -115,7 +112,7 @@ fn gain<'a>(
 pub(super) fn judge(
     before: &Refit,
     fitted: Vec<Refit>,
-    helps_elsewhere: &dyn Fn(&Refit) -> Option<String>,
+    helps_elsewhere: &dyn Fn(&Refit) -> Option<Rejection>,
 ) -> Vec<Judged> {
     // Independent samples are counted once, by what the best leaves.
     let pooled =
@@ -151,14 +148,12 @@ pub(super) fn judge(
 }
 
 /// A candidate whose fit came to nothing.
-pub(super) fn failed(candidate: &Candidate, error: &DiagnoseError) -> Rejected {
+pub(super) fn failed(candidate: &Candidate, error: &DiagnoseError) -> RejectedCandidate {
     let reason = match error.interrupted_after() {
-        Some(iterations) => {
-            format!("its fit was given up after {iterations} iterations, far above what another effect reaches")
-        }
-        None => format!("it could not be fitted: {error}"),
+        Some(iterations) => Rejection::GivenUp { iterations },
+        None => Rejection::FitFailed { error: error.to_string() },
     };
-    Rejected { candidate: candidate.clone(), reason }
+    RejectedCandidate { candidate: candidate.clone(), reason }
 }
 
 /// Where the noise is not known, of laws that are as good as the best at its joint the plainest comes first: the one with the
@@ -202,24 +197,21 @@ fn as_good(own: &Judged, best: &Judged) -> bool {
 }
 
 /// Why a refit is given no credit.
-fn rejection(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<String> {
+fn rejection(before: &Refit, refit: &Refit, delta_bic: f64) -> Option<Rejection> {
     let evaluated =
         |held_out: bool| before.side(held_out).all(|left| refit.side(held_out).any(|own| own.joint == left.joint));
     if !refit.is_finite() || !evaluated(false) || !evaluated(true) {
-        return Some("with it a run cannot be evaluated to its end".to_owned());
+        return Some(Rejection::CannotBeEvaluated);
     }
     if let Some(parameter) = refit.parameters.iter().find(|parameter| parameter.at_bound) {
-        return Some(format!("{} ends on its bound ({})", parameter.name, dynid_text::number(parameter.value)));
+        return Some(Rejection::AtBound { parameter: parameter.name.clone(), value: parameter.value });
     }
     if delta_bic > WORTH {
-        return Some(format!("on the runs fitted to it is not worth its parameters (BIC changes by {delta_bic:+.0})"));
+        return Some(Rejection::NotWorthItsParameters { delta_bic });
     }
     let best = share(before, refit).map_or(0.0, |(_, gain, _)| gain);
     if best < LEAST_GAIN {
-        return Some(format!(
-            "the gain is not there on the held-out runs (squared error falls by {:.1} % at best)",
-            100.0 * best.max(0.0)
-        ));
+        return Some(Rejection::NoHeldOutGain { percent: 100.0 * best.max(0.0) });
     }
     None
 }
@@ -326,7 +318,7 @@ pub(super) fn conclude(
     work: &Work<'_>,
     first: &Refit,
     steps: Vec<Step>,
-    notes: Vec<String>,
+    notes: Vec<Note>,
 ) -> Result<Diagnosis, DiagnoseError> {
     let mut ranking: Vec<Ranked> = Vec::new();
     let mut rejected = Vec::new();
@@ -346,7 +338,7 @@ pub(super) fn conclude(
         if index == 0 {
             ranking = ranked;
             rejected.extend(step.fitted.iter().filter_map(|judged| {
-                Some(Rejected { candidate: judged.refit.candidate.clone()?, reason: judged.reason.clone()? })
+                Some(RejectedCandidate { candidate: judged.refit.candidate.clone()?, reason: judged.reason.clone()? })
             }));
             rejected.extend(step.failed.iter().cloned());
         }
@@ -356,28 +348,24 @@ pub(super) fn conclude(
     let base = first.parsed()?;
     let mut verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
     let mut moved = Vec::new();
-    if verdict == Verdict::Unexplained && work.judge.error == ErrorKind::Position {
-        moved = super::sessions::moved(work, &base)?;
+    if verdict == Verdict::Unexplained && work.judge.error == ErrorSignal::Position {
+        moved = super::inconsistent_runs::moved(work, &base)?;
         if !moved.is_empty() {
             verdict = Verdict::NothingMissing;
         }
     }
-    let mut sentences = sentences(verdict, first, &found, &ranking, &steps);
+    let mut statements = statements(verdict, first, &found, &ranking, &steps);
     if let Some(most) = moved.first() {
-        sentences.truncate(1);
-        sentences.push(format!(
-            "No effect is missing: every run by itself is explained to its noise, but not all by the same values; {} \
-             moved most ({} by {:+.0} standard errors).",
-            most.parameter, most.run, most.change_in_std_errors
-        ));
+        statements.truncate(1);
+        statements.push(Statement::ValuesMoved { most: most.clone() });
     }
     let discovered =
         (verdict == Verdict::Unexplained).then(|| super::discover::discover(&base, work.judge.runs)).flatten();
     if verdict == Verdict::Unexplained {
-        sentences.push(discovered.as_ref().map_or_else(super::discover::nothing, super::discover::sentence));
+        statements.push(discovered.as_ref().map_or(Statement::NoFormulaExplains, super::discover::statement));
         let is_open = discovered.is_none() && ranking.is_empty() && first.status.may_update_model();
-        if is_open && work.judge.error == ErrorKind::Torque {
-            sentences.push("How much of it is noise is not known of the torque error: it may be all of it.".to_owned());
+        if is_open && work.judge.error == ErrorSignal::Torque {
+            statements.push(Statement::NoiseIsUnknown);
         }
     }
     let mut models: BTreeMap<(usize, Candidate), Model> = BTreeMap::new();
@@ -393,7 +381,7 @@ pub(super) fn conclude(
         let others: Vec<(&Candidate, &Model)> =
             ranked.confounded_with.iter().filter_map(|candidate| Some((candidate, fitted(candidate)?))).collect();
         if let Some(own) = fitted(&ranked.candidate) {
-            ranked.experiment = super::tell_apart::experiment(own, &others, work.judge.runs);
+            ranked.experiment = super::distinguishing_experiment::experiment(own, &others, work.judge.runs);
         }
     }
     ranking.splice(0..0, found);
@@ -402,7 +390,7 @@ pub(super) fn conclude(
     let better = better.map(|better: Refit| better.parsed()).transpose()?;
     Ok(Diagnosis {
         verdict,
-        sentences,
+        statements,
         error: work.judge.error.to_string(),
         ranking,
         rejected,
@@ -427,39 +415,26 @@ fn places(findings: Vec<Finding>) -> Vec<Place> {
             None => reported.push((finding, Vec::new())),
         }
     }
-    let place = |(finding, also): (Finding, Vec<String>)| {
-        let also = if also.is_empty() { String::new() } else { format!("; likewise in {}", also.join(", ")) };
-        Place { run: finding.run, joint: finding.joint, what: finding.what + &also }
-    };
-    reported.into_iter().take(PLACES).map(place).collect()
+    reported.into_iter().take(PLACES).map(|(finding, also_in)| Place { finding, also_in }).collect()
 }
 
 fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
     let (before, after) = (&step.base, &judged.refit);
     let candidate = after.candidate.clone()?;
-    let mut evidence_for = Vec::new();
-    let mut evidence_against = Vec::new();
+    let mut evidence = Vec::new();
     if let Some((joint, gain, _)) = share(before, after) {
-        evidence_for.push(format!("the squared held-out error of joint {joint} falls by {:.1} %", 100.0 * gain));
+        evidence.push(Evidence::HeldOutFalls { joint, percent: 100.0 * gain });
     }
-    let counted = format!("{:.0}", after.unknowns);
-    let unknowns = if counted == "1" { "unknown" } else { "unknowns" };
-    evidence_for
-        .push(format!("BIC changes by {:+.0} on the runs fitted to, {counted} {unknowns} included", judged.delta_bic));
-    match after.worst_ratio() {
-        Some(ratio) if ratio < EXPLAINED => {
-            evidence_for.push(format!("what is left is {ratio:.2} times the noise at the worst joint"));
-        }
-        Some(ratio) => {
-            evidence_against.push(format!("what is left is still {ratio:.1} times the noise at the worst joint"))
-        }
-        None => {}
-    }
+    evidence.push(Evidence::BicChanges { delta_bic: judged.delta_bic, unknowns: after.unknowns });
+    evidence.extend(after.worst_ratio().map(|times_noise| match times_noise {
+        ratio if ratio < EXPLAINED => Evidence::LeavesNoise { times_noise },
+        _ => Evidence::LeavesMore { times_noise },
+    }));
     for own in after.parameters.iter().filter(|own| !own.identifiable) {
-        evidence_against.push(format!("these runs do not determine {}", own.name));
+        evidence.push(Evidence::NotDetermined { parameter: own.name.clone() });
     }
     if !after.status.may_update_model() {
-        evidence_against.push(format!("its fit did not converge ({})", after.status.as_str()));
+        evidence.push(Evidence::NotConverged { status: after.status });
     }
     Some(Ranked {
         rmse_validate_before: before.rmse_validate,
@@ -469,8 +444,7 @@ fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
         delta_bic: judged.delta_bic,
         confounded_with: confounded(judged, &step.fitted),
         parameters: after.parameters.clone(),
-        evidence_for,
-        evidence_against,
+        evidence,
         experiment: None,
         depth,
         worst_ratio_after: after.worst_ratio(),
@@ -478,65 +452,50 @@ fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
     })
 }
 
-/// What a named effect leaves, as a clause.
-fn left_with(worst_ratio: Option<f64>, torque_percent: Option<f64>) -> String {
+/// What is left at the worst joint, or of the torque where the noise is not known.
+fn error_left(worst_ratio: Option<f64>, torque_percent: Option<f64>) -> ErrorLeft {
     match (worst_ratio, torque_percent) {
-        (Some(ratio), _) if ratio < EXPLAINED => format!("{ratio:.2} times the noise is left"),
-        (Some(ratio), _) => {
-            format!("{ratio:.1} times the noise is left at the worst joint, so that it is not the whole answer")
-        }
-        (None, Some(percent)) => format!("{percent:.1} % of the torque is left"),
-        _ => "an error that is not known is left".to_owned(),
+        (Some(times_noise), _) if times_noise < EXPLAINED => ErrorLeft::NearNoise { times_noise },
+        (Some(times_noise), _) => ErrorLeft::AboveNoise { times_noise },
+        (None, Some(percent)) => ErrorLeft::OfTorque { percent },
+        _ => ErrorLeft::Unknown,
     }
 }
 
-fn sentences(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked], steps: &[Step]) -> Vec<String> {
-    let left = |refit: &Refit| match (refit.worst_ratio(), refit.torque_percent_validate) {
-        (Some(ratio), _) => format!("{ratio:.2} times the noise at the worst joint"),
-        (None, Some(percent)) => format!("{percent:.1} % of the torque"),
-        _ => "an error that is not known".to_owned(),
-    };
-    let how = if first.was_given_up() { "Without a fit" } else { "Refitted" };
-    let mut sentences = vec![format!("{how}, the model leaves {} on the held-out runs.", left(first))];
+fn statements(verdict: Verdict, first: &Refit, found: &[Ranked], others: &[Ranked], steps: &[Step]) -> Vec<Statement> {
+    let model = if first.was_given_up() { ModelState::WithoutFit } else { ModelState::Refitted };
+    let left = error_left(first.worst_ratio(), first.torque_percent_validate);
+    let mut statements = vec![Statement::ModelLeaves { model, left }];
     match verdict {
         Verdict::NothingMissing if reaches_the_floor(first) || first.is_white() => {
-            sentences.push("Nothing is missing: what is left is noise.".to_owned());
+            statements.push(Statement::OnlyNoise);
         }
-        Verdict::NothingMissing => sentences.push(
-            "Nothing is named: what is left is near the noise; it has a pattern, but no effect of the library explains it."
-                .to_owned(),
-        ),
+        Verdict::NothingMissing => statements.push(Statement::NearNoise),
         Verdict::MissingEffect => {
             for ranked in found {
-                let with = left_with(ranked.worst_ratio_after, ranked.torque_percent_after);
-                let law = ranked.candidate.law().map_or("", |law| law.title.as_str());
-                sentences.push(format!("Missing: {} ({law}); with it {with}.", ranked.candidate));
+                let left = error_left(ranked.worst_ratio_after, ranked.torque_percent_after);
+                statements.push(Statement::Missing { candidate: ranked.candidate.clone(), left });
                 if !ranked.confounded_with.is_empty() {
-                    let names: Vec<String> = ranked.confounded_with.iter().map(ToString::to_string).collect();
-                    sentences.push(format!("It could as well be {}.", names.join(" or ")));
+                    statements.push(Statement::CouldAsWellBe { candidates: ranked.confounded_with.clone() });
                 }
             }
             if let Some(last) = steps.last()
                 && last.verdict == Verdict::Unexplained
             {
-                sentences.push("Something more is left that no effect of the library explains.".to_owned());
+                statements.push(Statement::MoreIsUnexplained);
             }
         }
         Verdict::Unexplained => {
-            sentences.push(if first.followed != SearchExtent::ToItsEnd || first.status.may_update_model() {
-                "No effect of the library explains it.".to_owned()
-            } else {
-                format!(
-                    "The fit of the model itself did not converge ({}): start it from other values first.",
-                    first.status.as_str()
-                )
+            let is_fitted = first.followed != SearchExtent::ToItsEnd || first.status.may_update_model();
+            statements.push(match is_fitted {
+                true => Statement::NoEffectExplains,
+                false => Statement::FitDidNotConverge { status: first.status },
             });
-            if let Some(nearest) = others.first() {
-                sentences.push(format!("The nearest is {}, which explains only part of it.", nearest.candidate));
-            }
+            let nearest = others.first().map(|nearest| nearest.candidate.clone());
+            statements.extend(nearest.map(|candidate| Statement::Nearest { candidate }));
         }
     }
-    sentences
+    statements
 }
 
 #[cfg(test)]
@@ -570,15 +529,12 @@ mod tests {
 
     #[test]
     fn an_effect_that_leaves_more_than_noise_is_said_not_to_be_the_whole_answer() {
-        assert_eq!(left_with(Some(1.02), Some(9.0)), "1.02 times the noise is left");
-        assert_eq!(left_with(Some(1.49), None), "1.49 times the noise is left");
-        let far = |ratio: &str| {
-            format!("{ratio} times the noise is left at the worst joint, so that it is not the whole answer")
-        };
-        assert_eq!(left_with(Some(1.5), None), far("1.5"));
-        assert_eq!(left_with(Some(701.63), Some(9.0)), far("701.6"));
-        assert_eq!(left_with(None, Some(10.84)), "10.8 % of the torque is left", "its noise is not known");
-        assert_eq!(left_with(None, None), "an error that is not known is left");
+        assert_eq!(error_left(Some(1.02), Some(9.0)), ErrorLeft::NearNoise { times_noise: 1.02 });
+        assert_eq!(error_left(Some(1.49), None), ErrorLeft::NearNoise { times_noise: 1.49 });
+        assert_eq!(error_left(Some(1.5), None), ErrorLeft::AboveNoise { times_noise: 1.5 });
+        assert_eq!(error_left(Some(701.63), Some(9.0)), ErrorLeft::AboveNoise { times_noise: 701.63 });
+        assert_eq!(error_left(None, Some(10.84)), ErrorLeft::OfTorque { percent: 10.84 }, "its noise is not known");
+        assert_eq!(error_left(None, None), ErrorLeft::Unknown);
     }
 
     #[test]

@@ -29,7 +29,7 @@ use std::fmt;
 
 pub use dynid_generated::N_SIGNALS;
 use dynid_generated::{EffectKernel, Kernel, Scalar, Signal};
-use dynid_vocabulary::{Place, Stage};
+use dynid_signal_chain::{Place, Stage};
 
 use block::{Block, View};
 use body::Body;

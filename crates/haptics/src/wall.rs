@@ -11,26 +11,26 @@ mod damping;
 mod encounter;
 mod error;
 mod hand;
-mod law_file;
 mod measure;
 mod setting;
 pub mod space;
 mod tune;
+mod wall_file;
 
 pub use compare::{Case, chatter_ratios, compare, compare_with};
 pub use contact::{Contact, contact};
 pub use damping::{OwnDamping, own_damping};
 pub use error::{StartError, WallError};
 pub use hand::Hand;
-pub use law_file::WallFile;
 pub use measure::{
     FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, passive_above, stability_bound,
 };
 pub use setting::{Approach, People, Reaching, Sampling, Setting};
 pub use tune::{Family, Goal, TuneProgress, Tuned, tune};
+pub use wall_file::WallFile;
 
 use dynid_files::DocumentError;
-use dynid_text::UnknownName;
+use dynid_format::UnknownName;
 
 /// Walls that the program carries, by the names that `dynid wall` gives them; each file names the command that made it.
 pub const SHIPPED: [(&str, &str); 5] = [

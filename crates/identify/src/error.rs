@@ -1,9 +1,9 @@
 //! Why a fit is not made.
 
 use dynid_dynamics::system::SystemError;
+use dynid_format::UnknownName;
 use dynid_logs::motion::MotionError;
 use dynid_plan::PlanError;
-use dynid_text::UnknownName;
 
 use crate::{position::PositionFitError, torque::TorqueFitError};
 

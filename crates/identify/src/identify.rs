@@ -9,7 +9,7 @@ use std::fmt;
 use dynid_model::Parameter;
 use serde::{Deserialize, Serialize};
 
-use dynid_text::UnknownName;
+use dynid_format::UnknownName;
 
 use crate::FitError;
 use crate::{
@@ -23,7 +23,7 @@ use dynid_user_model::{ErrorShare, FitRecord, Model};
 
 /// What a fit makes small.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ErrorKind {
+pub enum ErrorSignal {
     /// Commanded torque minus what the measured, filtered motion needs.
     Torque,
     /// Measured minus simulated position.
@@ -32,7 +32,7 @@ pub enum ErrorKind {
     Both,
 }
 
-impl fmt::Display for ErrorKind {
+impl fmt::Display for ErrorSignal {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Torque => "torque",
@@ -48,7 +48,7 @@ pub struct FitResult {
     /// The model with the fitted values and the record of the fit.
     pub model: Model,
     /// Which error was made small.
-    pub error: ErrorKind,
+    pub error: ErrorSignal,
     /// How it ended.
     pub status: FitStatus,
     /// Linearisations.
@@ -125,7 +125,7 @@ pub struct Correlation {
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitTask {
     /// What is made small; with a method always the position error.
-    pub error: ErrorKind,
+    pub error: ErrorSignal,
     /// One configuration of this method after another, then all together; without one, all runs at once.
     pub method: Option<String>,
     /// What counts how much along a method.
@@ -142,7 +142,7 @@ pub struct FitTask {
 
 impl FitTask {
     /// The error `error` of all runs at once, from the model as it stands.
-    pub fn plain(error: ErrorKind, options: Options) -> Self {
+    pub fn plain(error: ErrorSignal, options: Options) -> Self {
         Self {
             error,
             method: None,
@@ -211,7 +211,7 @@ pub struct Best {
 /// joint, or, torque first, where the simulation of the model as it stands does not lose the log. The torque error, which
 /// needs no simulation, where a controller moved the log, or where the experiment says how the torque error is to be
 /// filtered or masked.
-pub fn default_error(model: &Model, runs: &[&Run]) -> ErrorKind {
+pub fn default_error(model: &Model, runs: &[&Run]) -> ErrorSignal {
     let rests = |joint: usize| model.effects_at(joint).any(|instance| instance.effect.parameter("qeq").is_some());
     let is_open = |run: &&Run| run.settings.controller.is_none() && run.log.reference.is_none();
     let is_prepared = |run: &&Run| {
@@ -222,13 +222,13 @@ pub fn default_error(model: &Model, runs: &[&Run]) -> ErrorKind {
             || settings.min_speed.iter().any(|speed| *speed > 0.0)
     };
     if !runs.iter().all(is_open) {
-        ErrorKind::Torque
+        ErrorSignal::Torque
     } else if runs.iter().all(|run| run.free.iter().all(|&joint| rests(joint))) {
-        ErrorKind::Position
+        ErrorSignal::Position
     } else if !runs.iter().any(is_prepared) && runs.iter().all(|run| stays_near(model, run)) {
-        ErrorKind::Both
+        ErrorSignal::Both
     } else {
-        ErrorKind::Torque
+        ErrorSignal::Torque
     }
 }
 
@@ -240,7 +240,7 @@ pub fn identify(
     model: &Model,
     experiment: &Experiment,
     runs: &[&Run],
-    error: ErrorKind,
+    error: ErrorSignal,
     options: &Options,
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<FitResult, FitError> {
@@ -277,9 +277,9 @@ pub fn identify_as(
         watch(reported, None);
     };
     let mut found = match how.error {
-        ErrorKind::Torque => by_torque(model, runs, options.iterations, &mut unreported)?,
-        ErrorKind::Position => by_position(model, from, watch)?,
-        ErrorKind::Both => {
+        ErrorSignal::Torque => by_torque(model, runs, options.iterations, &mut unreported)?,
+        ErrorSignal::Position => by_position(model, from, watch)?,
+        ErrorSignal::Both => {
             // What the second fit refuses is better refused before the first.
             PositionProblem::of_model(model, by_position::fitted(runs))?;
             let first = by_torque(model, runs, options.iterations, &mut unreported)?;

@@ -14,11 +14,11 @@
 //! last bit. Whoever changes what a search carries from one iteration to the next adds it to the state and raises `FORMAT` in
 //! `checkpoint.rs`.
 
-mod budget;
 pub mod checkpoint;
 mod error;
+mod error_budget;
+mod follows_log;
 pub mod identify;
-mod nearness;
 pub mod position;
 pub mod sensitivity;
 pub mod sequence;
@@ -27,7 +27,7 @@ pub mod torque;
 
 pub use dynid_optimise::sqp::SearchControl;
 pub use error::FitError;
-pub use nearness::{LONGEST_STEP, stays_near, strays};
+pub use follows_log::{LONGEST_STEP, stays_near, strays};
 
 use dynid_model::{Link, expression::Comparison};
 

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    budget,
+    error_budget,
     position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
 };
 use dynid_logs::{experiment::Role, experiment::Run};
@@ -58,7 +58,7 @@ pub fn budget(
     let problem = problem(sequence.prior, &fitted, &used)?;
     let configurations: Vec<usize> = used.iter().map(|run| run.configuration).collect();
     let free: Vec<&[usize]> = used.iter().map(|run| run.free.as_slice()).collect();
-    budget::budget(&problem, (&configurations, &free), steps, joint, options)
+    error_budget::budget(&problem, (&configurations, &free), steps, joint, options)
 }
 
 /// A configuration's fit.

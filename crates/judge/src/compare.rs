@@ -12,7 +12,7 @@ pub mod locate;
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use inputs::InputCorrelation;
+pub use inputs::{CorrelationOutcome, InputCorrelation};
 pub use locate::{Finding, FindingKind, locate};
 
 use dynid_identify::{LONGEST_STEP, strays};
@@ -22,7 +22,7 @@ use dynid_dynamics::{
     simulate, simulate::Input, simulate::SimulationError, simulate::Trajectory, simulate::control, system::System,
 };
 use dynid_identify::{position, position::FitRun, position::RunError, position::first_state};
-use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, noise::noise_of_log};
+use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError, noise::noise_of_log};
 use dynid_signal::{WHITENESS_BOUND, is_white, statistics::rms, whiteness};
 use dynid_torque::{self as torque, JointTorqueError};
 use dynid_user_model::Model;
@@ -60,7 +60,8 @@ pub struct RunComparison {
     /// Cut-off of the filter that torque and model pass (Hz).
     pub torque_cutoff_hz: Option<f64>,
     /// Why an error is missing or means little.
-    pub notes: Vec<String>,
+    #[serde(rename = "typed_notes")]
+    pub notes: Vec<RunNote>,
     /// Whether the simulation from the commanded torque drifts away from the log, so that the position error means little.
     pub lost: bool,
     /// Simulated positions of the free joints, one vector each, at the log's samples.
@@ -95,12 +96,88 @@ pub struct JointComparison {
     pub whiteness: Option<f64>,
     /// How the errors go along with each commanded torque.
     pub inputs: Vec<InputCorrelation>,
-    /// What the numbers mean, one sentence each.
-    pub means: Vec<String>,
+    /// What the numbers mean.
+    #[serde(rename = "typed_means")]
+    pub means: Vec<Meaning>,
+}
+
+/// Why an error of a run is missing or means little.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum RunNote {
+    /// Its motion cannot be filtered.
+    NoTorqueError {
+        /// Why.
+        reason: MotionError,
+    },
+    /// The torque error takes the logged positions for the true ones, though the model has sensor effects.
+    SensorsNotInTorqueError,
+    /// It cannot be simulated to its end.
+    NoPositionError {
+        /// What the simulation or the search for its start says.
+        error: String,
+    },
+    /// The simulation from the commanded torque drifts away from the log.
+    SimulationLost,
+}
+
+/// What a number of a joint means.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Meaning {
+    /// The simulation has lost the log, so that the size of the position error means nothing.
+    SimulationLost,
+    /// The position error beside the noise of the log.
+    PositionError {
+        /// Error over noise; infinite where the log shows no noise.
+        times_noise: f64,
+        /// How much that leaves.
+        left: Remainder,
+    },
+    /// The position error has no pattern in time.
+    White {
+        /// Ljung-Box statistic.
+        statistic: f64,
+        /// What white noise stays below.
+        bound: f64,
+    },
+    /// The position error has a pattern in time.
+    Patterned {
+        /// Ljung-Box statistic.
+        statistic: f64,
+        /// What white noise stays below.
+        bound: f64,
+    },
+    /// The model leaves a part of the commanded torque unexplained.
+    TorqueUnexplained {
+        /// That part (%).
+        percent: f64,
+    },
+    /// No error goes along with a commanded torque more than chance would.
+    FollowsNoInput,
+    /// An error goes along with a commanded torque.
+    FollowsInput {
+        /// Which and how.
+        correlation: InputCorrelation,
+    },
+}
+
+/// How much a position error leaves to explain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Remainder {
+    /// Noise of the log's own size.
+    Nothing,
+    /// Less than twice the noise.
+    Little,
+    /// The model misses something.
+    Something,
 }
 
 /// Position errors below so many times the log's noise leave nothing to explain.
 const NOTHING_LEFT: f64 = 1.2;
+/// Below so many times little.
+const LITTLE_LEFT: f64 = 2.0;
 
 impl JointComparison {
     /// The position error over the noise of the log: 0 without any error, infinite where the log shows no noise.
@@ -166,28 +243,23 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
     let torque = match &motion {
         Ok(motion) => torque::along(system, motion),
         Err(reason) => {
-            notes.push(format!("no torque error: {reason}"));
+            notes.push(RunNote::NoTorqueError { reason: reason.clone() });
             Vec::new()
         }
     };
     if system.has_sensors() && !torque.is_empty() {
-        notes.push(
-            "the torque error takes the logged positions for the true ones: the model's sensor effects are not in it"
-                .to_owned(),
-        );
+        notes.push(RunNote::SensorsNotInTorqueError);
     }
     let mut lost = false;
     let simulated = match simulated(model, run, &mut lost)? {
         Ok(simulated) => Some(simulated),
-        Err(reason) => {
-            notes.push(format!("no position error: {reason}"));
+        Err(error) => {
+            notes.push(RunNote::NoPositionError { error });
             None
         }
     };
     if lost {
-        notes.push(
-            "the simulation from the commanded torque drifts away from the log: judge by the torque error".to_owned(),
-        );
+        notes.push(RunNote::SimulationLost);
     }
     let joints = run
         .free
@@ -236,37 +308,34 @@ fn compare_run(model: &Model, run: &Run, system: &System) -> Result<RunCompariso
 }
 
 /// What the numbers of a joint mean.
-fn means(joint: &JointComparison, lost: bool) -> Vec<String> {
+fn means(joint: &JointComparison, lost: bool) -> Vec<Meaning> {
     let mut means = Vec::new();
     if lost {
-        means.push("The simulation has lost the log, so the size of the position error means nothing.".to_owned());
-    } else if let Some(ratio) = joint.times_noise() {
-        let times = if ratio.is_finite() { format!("{ratio:.2} times") } else { "above".to_owned() };
+        means.push(Meaning::SimulationLost);
+    } else if let Some(times_noise) = joint.times_noise() {
         let has_pattern = joint.whiteness.is_some() && !joint.white;
-        means.push(match ratio {
-            ratio if ratio < NOTHING_LEFT && !has_pattern => {
-                format!("The position error is {times} the noise of the log: nothing is left to explain.")
-            }
-            ratio if ratio < 2.0 => format!("The position error is {times} the noise of the log: little is left."),
-            _ => format!("The position error is {times} the noise of the log: the model misses something."),
-        });
+        let left = match times_noise {
+            ratio if ratio < NOTHING_LEFT && !has_pattern => Remainder::Nothing,
+            ratio if ratio < LITTLE_LEFT => Remainder::Little,
+            _ => Remainder::Something,
+        };
+        means.push(Meaning::PositionError { times_noise, left });
     }
     if let (Some(statistic), false) = (joint.whiteness, lost) {
+        let bound = WHITENESS_BOUND;
         means.push(if joint.white {
-            format!("What is left has no pattern in time (Ljung-Box {statistic:.1}, below {WHITENESS_BOUND:.1}).")
+            Meaning::White { statistic, bound }
         } else {
-            format!(
-                "What is left has a pattern in time (Ljung-Box {statistic:.1}; noise stays below {WHITENESS_BOUND:.1})."
-            )
+            Meaning::Patterned { statistic, bound }
         });
     }
     if let Some(percent) = joint.torque_percent {
-        means.push(format!("The model leaves {percent:.1} % of the commanded torque unexplained."));
+        means.push(Meaning::TorqueUnexplained { percent });
     }
-    let along: Vec<String> =
-        joint.inputs.iter().filter(|input| input.is_significant()).map(|input| input.what.clone()).collect();
+    let significant = joint.inputs.iter().filter(|input| input.outcome == CorrelationOutcome::Significant);
+    let along: Vec<Meaning> = significant.map(|input| Meaning::FollowsInput { correlation: input.clone() }).collect();
     if along.is_empty() && !joint.inputs.is_empty() {
-        means.push("What is left goes along with no commanded torque more than chance would.".to_owned());
+        means.push(Meaning::FollowsNoInput);
     }
     means.extend(along);
     means
@@ -407,21 +476,19 @@ mod tests {
                 inputs: Vec::new(),
                 means: Vec::new(),
             };
-            means(&joint, false).remove(0)
+            means(&joint, false)
         };
-        assert_eq!(
-            reported(1.0, 1.0, true),
-            "The position error is 1.00 times the noise of the log: nothing is left to explain."
-        );
-        assert_eq!(reported(1.0, 1.0, false), "The position error is 1.00 times the noise of the log: little is left.");
-        assert_eq!(
-            reported(0.0, 0.0, true),
-            "The position error is 0.00 times the noise of the log: nothing is left to explain."
-        );
-        assert_eq!(
-            reported(1.0, 0.0, false),
-            "The position error is above the noise of the log: the model misses something."
-        );
+        let left = |means: &[Meaning]| match means[0] {
+            Meaning::PositionError { times_noise, left } => (times_noise, left),
+            _ => panic!("{means:?}"),
+        };
+        assert_eq!(left(&reported(1.0, 1.0, true)), (1.0, Remainder::Nothing));
+        assert_eq!(left(&reported(1.0, 1.0, false)), (1.0, Remainder::Little));
+        assert_eq!(left(&reported(0.0, 0.0, true)), (0.0, Remainder::Nothing));
+        assert_eq!(left(&reported(1.0, 0.0, false)), (f64::INFINITY, Remainder::Something));
+        let pattern = |white: bool| reported(1.0, 1.0, white).remove(1);
+        assert_eq!(pattern(true), Meaning::White { statistic: 20.0, bound: WHITENESS_BOUND });
+        assert_eq!(pattern(false), Meaning::Patterned { statistic: 90.0, bound: WHITENESS_BOUND });
     }
 
     #[test]

@@ -17,10 +17,6 @@ use dynid_logs::{experiment::Role, experiment::Run};
 use dynid_signal::statistics::effective_samples;
 use dynid_user_model::{Added, EffectError, EffectInstance, Model};
 
-/// The formula, as it is reported with the numbers.
-pub const FORMULA: &str = "BIC = sum over joints n_j ln(e_j^2) + k ln(sum n_j); e_j: RMS error of joint j on the runs to fit to; \
-                           n_j: its independent samples; k: free parameters";
-
 /// Models of one device, one after the other, on the same runs.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ladder {
@@ -30,12 +26,51 @@ pub struct Ladder {
     pub noise_floor: Option<f64>,
     /// Which error the BIC is of: `position` where every model has one that means something on every run to fit to.
     pub bic_error: Option<&'static str>,
-    /// [`FORMULA`].
-    pub bic_formula: &'static str,
     /// Independent samples of all joints together, in the BIC.
     pub independent_samples: Option<f64>,
     /// What should be known besides.
-    pub notes: Vec<String>,
+    #[serde(rename = "typed_notes")]
+    pub notes: Vec<LadderNote>,
+}
+
+/// What should be known of a ladder besides its numbers. Models are named as the user calls them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum LadderNote {
+    /// No run is held out, so that a lower error may only be more parameters.
+    NothingHeldOut,
+    /// Simulations drift away from a log.
+    SimulationsLost {
+        /// Of these models.
+        models: Vec<String>,
+    },
+    /// A model was fitted from another one than that before it.
+    NotAChild {
+        /// The model.
+        model: String,
+        /// The one before it.
+        before: String,
+        /// Digest of what it was fitted from.
+        parent_digest: String,
+        /// Digest of the one before it.
+        before_digest: String,
+    },
+    /// A model was not fitted, so that nothing says where it comes from.
+    UnknownDescent {
+        /// The model.
+        model: String,
+        /// The one before it.
+        before: String,
+    },
+    /// A model is the one before it with effects added, not fitted yet.
+    NotFittedYet {
+        /// The model.
+        model: String,
+        /// The one before it.
+        before: String,
+    },
+    /// The models were not all fitted to the same samples.
+    FittedToDifferentLogs,
 }
 
 /// One model.
@@ -219,14 +254,8 @@ pub fn of_comparisons(
         });
     }
     let notes = notes(models, &rungs, runs);
-    let mut ladder = Ladder {
-        noise_floor: noise_floor(runs, &rungs),
-        rungs,
-        bic_error: None,
-        bic_formula: FORMULA,
-        independent_samples: None,
-        notes,
-    };
+    let mut ladder =
+        Ladder { noise_floor: noise_floor(runs, &rungs), rungs, bic_error: None, independent_samples: None, notes };
     judge(&mut ladder, runs);
     Ok(ladder)
 }
@@ -315,41 +344,35 @@ fn noise_floor(runs: &[&Run], rungs: &[Rung]) -> Option<f64> {
     (count > 0.0).then(|| (sum / count).sqrt())
 }
 
-fn notes(models: &[(String, Model)], rungs: &[Rung], runs: &[&Run]) -> Vec<String> {
+fn notes(models: &[(String, Model)], rungs: &[Rung], runs: &[&Run]) -> Vec<LadderNote> {
     let mut notes = Vec::new();
     if !runs.iter().any(|run| run.role == Role::Validate) {
-        notes.push("no run is held out (role = \"validate\"), so a lower error may only be more parameters".to_owned());
+        notes.push(LadderNote::NothingHeldOut);
     }
-    let lost: Vec<&str> = rungs
-        .iter()
-        .filter(|rung| rung.comparison.runs.iter().any(|run| run.lost))
-        .map(|rung| rung.model.as_str())
-        .collect();
+    let is_lost = |rung: &&Rung| rung.comparison.runs.iter().any(|run| run.lost);
+    let lost: Vec<String> = rungs.iter().filter(is_lost).map(|rung| rung.model.clone()).collect();
     if !lost.is_empty() {
-        notes.push(format!("simulations of {} drift away from a log: judge by the torque error", lost.join(", ")));
+        notes.push(LadderNote::SimulationsLost { models: lost });
     }
     for (index, rung) in rungs.iter().enumerate().skip(1) {
-        let (before, name) = (&rungs[index - 1].model, &rung.model);
+        let (before, model) = (rungs[index - 1].model.clone(), rung.model.clone());
         let fit = models[index].1.fit.as_ref();
         match (rung.lineage, fit) {
-            (Some(Lineage::OtherParent), Some(fit)) => notes.push(format!(
-                "{name} is not the child of {before}: its [fit] names the model {:.12}.. as parent, {before} is {:.12}..",
-                fit.parent_digest,
-                rungs[index - 1].digest
-            )),
-            (Some(Lineage::Unknown), _) => {
-                notes.push(format!("{name} has no [fit], so nothing says that it comes from {before}"));
-            }
-            (Some(Lineage::Added), _) => {
-                notes.push(format!("{name} is {before} with effects added, not fitted yet"));
-            }
+            (Some(Lineage::OtherParent), Some(fit)) => notes.push(LadderNote::NotAChild {
+                model,
+                before,
+                parent_digest: fit.parent_digest.clone(),
+                before_digest: rungs[index - 1].digest.clone(),
+            }),
+            (Some(Lineage::Unknown), _) => notes.push(LadderNote::UnknownDescent { model, before }),
+            (Some(Lineage::Added), _) => notes.push(LadderNote::NotFittedYet { model, before }),
             _ => {}
         }
     }
     let digests: Vec<&str> =
         models.iter().filter_map(|(_, model)| model.fit.as_ref()).map(|fit| fit.data_digest.as_str()).collect();
     if digests.windows(2).any(|pair| pair[0] != pair[1]) {
-        notes.push("the models were not all fitted to the same samples".to_owned());
+        notes.push(LadderNote::FittedToDifferentLogs);
     }
     notes
 }

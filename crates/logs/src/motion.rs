@@ -1,5 +1,7 @@
 //! The measured motion of a run: filtered positions with their derivatives, and which samples count.
 
+use serde::Serialize;
+
 use crate::experiment::Run;
 use dynid_dynamics::simulate::Intersample;
 use dynid_signal::{
@@ -45,7 +47,8 @@ pub struct Motion {
 }
 
 /// Why a run has no torque error.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, thiserror::Error)]
+#[serde(tag = "kind", rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum MotionError {
     /// The filter does not fit the sampling.

@@ -11,6 +11,15 @@ const GAP: f64 = 1.5;
 /// A command at its largest size in more than this share of the samples, in stretches, is cut there.
 const SATURATED: f64 = 0.02;
 
+/// Steps that vary by more than this share of the typical one are uneven.
+const UNEVEN: f64 = 0.05;
+
+/// A joint whose range is below so many times its noise hardly moves.
+pub const LEAST_RANGE_IN_NOISES: f64 = 10.0;
+
+/// Fewer reversals of a joint tell little of friction.
+pub const LEAST_REVERSALS: usize = 4;
+
 /// One log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Quality {
@@ -32,8 +41,58 @@ pub struct Quality {
     pub longest_step_s: f64,
     /// Its free joints.
     pub joints: Vec<JointQuality>,
-    /// What should be looked at, one sentence each.
-    pub warnings: Vec<String>,
+    /// What should be looked at.
+    #[serde(rename = "typed_warnings")]
+    pub warnings: Vec<QualityWarning>,
+}
+
+/// What should be looked at in a log before it is believed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum QualityWarning {
+    /// Steps longer than 1.5 typical ones.
+    Gaps {
+        /// How many.
+        count: usize,
+        /// The longest step (s).
+        longest_s: f64,
+    },
+    /// The sample time varies.
+    UnevenSampling {
+        /// Root mean square deviation from the typical step, as a share of it (%).
+        percent: f64,
+    },
+    /// A free joint's position never changes.
+    ConstantPosition {
+        /// The device's joint index.
+        joint: usize,
+    },
+    /// A free joint's range is below [`LEAST_RANGE_IN_NOISES`] times its noise.
+    HardlyMoves {
+        /// The device's joint index.
+        joint: usize,
+        /// Range over noise.
+        range_in_noises: f64,
+    },
+    /// A free joint reverses fewer than [`LEAST_REVERSALS`] times.
+    FewReversals {
+        /// The device's joint index.
+        joint: usize,
+        /// How often it does.
+        reversals: usize,
+    },
+    /// A free joint's command never changes, and no controller makes it.
+    ConstantCommand {
+        /// The device's joint index.
+        joint: usize,
+    },
+    /// A command stands at its largest size in stretches: it may be cut off there.
+    Saturated {
+        /// The device's joint index.
+        joint: usize,
+        /// In this share of the samples (%).
+        percent: f64,
+    },
 }
 
 /// One free joint's columns.
@@ -101,32 +160,30 @@ pub fn of_run(run: &Run) -> Quality {
     quality
 }
 
-fn warnings(run: &Run, quality: &Quality, step: f64) -> Vec<String> {
+fn warnings(run: &Run, quality: &Quality, step: f64) -> Vec<QualityWarning> {
     let mut warnings = Vec::new();
     if quality.gaps > 0 {
-        warnings.push(format!("{} gaps, the longest {:.4} s", quality.gaps, quality.longest_step_s));
+        warnings.push(QualityWarning::Gaps { count: quality.gaps, longest_s: quality.longest_step_s });
     }
-    if quality.jitter_s > 0.05 * step {
-        warnings.push(format!("the sample time varies by {:.0} % of itself", 100.0 * quality.jitter_s / step));
+    if quality.jitter_s > UNEVEN * step {
+        warnings.push(QualityWarning::UnevenSampling { percent: 100.0 * quality.jitter_s / step });
     }
     for own in &quality.joints {
         let joint = own.joint;
+        let span = own.range[1] - own.range[0];
         if own.range[0] == own.range[1] {
-            warnings.push(format!("q{joint} is constant although joint {joint} is free"));
-        } else if own.range[1] - own.range[0] < 10.0 * own.noise_floor {
-            warnings.push(format!("joint {joint} hardly moves: its range is below 10 times the noise"));
-        } else if own.reversals.is_some_and(|reversals| reversals < 4) {
-            warnings.push(format!("joint {joint} reverses fewer than 4 times, which tells little of friction"));
+            warnings.push(QualityWarning::ConstantPosition { joint });
+        } else if span < LEAST_RANGE_IN_NOISES * own.noise_floor {
+            warnings.push(QualityWarning::HardlyMoves { joint, range_in_noises: span / own.noise_floor });
+        } else if let Some(reversals) = own.reversals.filter(|reversals| *reversals < LEAST_REVERSALS) {
+            warnings.push(QualityWarning::FewReversals { joint, reversals });
         }
         if own.command[0] == own.command[1] && run.settings.controller.is_none() {
-            warnings.push(format!("tau{joint} is constant"));
+            warnings.push(QualityWarning::ConstantCommand { joint });
         }
         let share = saturated(&run.log.tau[joint]);
         if share > SATURATED {
-            warnings.push(format!(
-                "tau{joint} stands at its largest size for {:.0} % of the run: it may be cut off there",
-                100.0 * share
-            ));
+            warnings.push(QualityWarning::Saturated { joint, percent: 100.0 * share });
         }
     }
     warnings
@@ -177,10 +234,17 @@ mod tests {
         let quality = of_run(&run(t, q, tau));
         assert_eq!((quality.gaps, quality.n_samples), (1, 2000));
         assert!((quality.rate_hz - 100.0).abs() < 1e-6 && quality.jitter_s < 1e-9);
-        let reported = quality.warnings.join("; ");
-        for part in ["1 gaps, the longest 0.51", "q0 is constant", "tau0 stands at its largest size for 4"] {
-            assert!(reported.contains(part), "{part}: {reported}");
-        }
+        let [
+            QualityWarning::Gaps { count: 1, longest_s },
+            QualityWarning::ConstantPosition { joint: 0 },
+            QualityWarning::Saturated { joint: 0, percent },
+        ] = quality.warnings[..]
+        else {
+            panic!("{:?}", quality.warnings);
+        };
+        assert!((longest_s - 0.51).abs() < 1e-9, "{longest_s}");
+        // |sin| is above 0.8 for 41 % of a period, of which the ends of the run cut a little
+        assert!((39.0..42.0).contains(&percent), "{percent}");
     }
 
     #[test]
@@ -189,7 +253,7 @@ mod tests {
         let q = t.iter().map(|t| (0.4 * (3.0 * t).sin() / 1e-3).round() * 1e-3).collect();
         let tau = t.iter().map(|t| (3.0 * t + 0.4).sin()).collect();
         let quality = of_run(&run(t, q, tau));
-        assert_eq!(quality.warnings, Vec::<String>::new());
+        assert_eq!(quality.warnings, []);
         let joint = &quality.joints[0];
         assert!((joint.quantum - 1e-3).abs() < 1e-9);
         // 40 s at 3 rad/s: 38 reversals.

@@ -132,7 +132,7 @@ pub enum SearchControl {
     /// Stop at the best point so far.
     Stop,
     /// Take the best point so far for the end: what is still to be gained is not worth the time.
-    Enough,
+    GoodEnough,
 }
 
 /// Damping at the start: nearly a full Gauss-Newton step.
@@ -231,7 +231,7 @@ pub fn resume(
         match watch(&reported, &State { x: x.clone(), damping, growth, idle, iterations, half_spaces }) {
             SearchControl::Continue => {}
             SearchControl::Stop => break Ended::Interrupted,
-            SearchControl::Enough => break Ended::Converged,
+            SearchControl::GoodEnough => break Ended::Converged,
         }
     };
     Outcome { x, quadratic: Some(quadratic), ended, iterations }

@@ -25,7 +25,7 @@ use dynid_generated::Kernel;
 use dynid_model::{Link, Method};
 
 use dynid_dynamics::system::SystemError;
-use dynid_text::UnknownName;
+use dynid_format::UnknownName;
 use dynid_user_model::Model;
 
 /// A method's steps.

@@ -75,7 +75,7 @@ mod tests {
         for (power, expected, variance) in [(1, 0.0, 1.0), (2, 1.0, 2.0), (3, 0.0, 15.0), (4, 3.0, 96.0)] {
             let moment = z.iter().map(|z| z.powi(power)).sum::<f64>() / z.len() as f64;
             let error = (variance / z.len() as f64).sqrt();
-            assert!((moment - expected as f64).abs() < 5.0 * error, "{power}: {moment} +- {error}");
+            assert!((moment - expected).abs() < 5.0 * error, "{power}: {moment} +- {error}");
         }
         // Neighbours, which share nothing.
         let products = z.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / z.len() as f64;

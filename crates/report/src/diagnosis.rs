@@ -8,7 +8,7 @@ use std::fmt::Write;
 use serde_json::Value;
 
 use super::{Section, number, prose};
-use dynid_text::escaped;
+use dynid_format::escaped;
 
 /// Candidates, the best first.
 #[derive(Debug, Clone)]

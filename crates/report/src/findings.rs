@@ -4,8 +4,9 @@ use std::fmt::Write;
 
 use super::{Section, number};
 use crate::{plot::terms, plot::terms::Terms};
+use dynid_format::escaped;
 use dynid_judge::compare::Finding;
-use dynid_text::escaped;
+use dynid_sentences as sentences;
 use dynid_torque::JointTerms;
 
 /// Findings, the most telling first.
@@ -66,7 +67,7 @@ fn rows(findings: &[Finding]) -> String {
             finding.joint,
             percent(finding.share),
             percent(finding.expected),
-            escaped(&finding.what)
+            escaped(&sentences::finding::sentence(finding))
         );
     }
     html.push_str("</table></div>\n");

@@ -4,8 +4,9 @@ use std::fmt::Write;
 
 use super::{Section, number};
 use crate::{plot::steps, plot::steps::Steps};
-use dynid_judge::{ladder::FORMULA, ladder::Ladder, ladder::Rung};
-use dynid_text::escaped;
+use dynid_format::escaped;
+use dynid_judge::{ladder::Ladder, ladder::Rung};
+use dynid_sentences::{self as sentences, ladder::FORMULA};
 
 /// Errors of the models of a lineage, one rung each.
 #[derive(Debug, Clone)]
@@ -117,8 +118,8 @@ impl Section for LadderSection<'_> {
             "<p class=\"note\">Position: RMS [rad or m]. Free: parameters that a fit may move.{floor}{}</p>",
             escaped(&bic)
         );
-        for note in &ladder.notes {
-            let _ = writeln!(html, "<p class=\"note\">Note: {}</p>", escaped(note));
+        for note in sentences::ladder::notes(ladder) {
+            let _ = writeln!(html, "<p class=\"note\">Note: {}</p>", escaped(&note));
         }
         for picture in ladder_pictures(ladder) {
             let _ = writeln!(html, "<figure>\n{}</figure>", steps::inline(&picture));

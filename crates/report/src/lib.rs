@@ -32,7 +32,7 @@ pub use sheet::{DataQuality, Sheet};
 pub use space::{SpaceReport, carried_in_words};
 pub use wall::{WallReport, WallReportError, damping_in_words};
 
-pub(crate) use dynid_text::{escaped, number};
+pub(crate) use dynid_format::{escaped, number};
 
 /// A part of the page.
 pub trait Section {

@@ -4,8 +4,8 @@
 use std::fmt::Write;
 
 use super::{Section, number};
+use dynid_format::escaped;
 use dynid_judge::compare::Comparison;
-use dynid_text::escaped;
 use dynid_user_model::{ErrorShare, FitRecord, Model};
 
 /// Parameters of several models of one device side by side.
@@ -233,8 +233,8 @@ impl Section for Accuracy<'_> {
             "</p>\n"
         });
         for run in &self.comparison.runs {
-            for note in &run.notes {
-                let _ = writeln!(html, "<p class=\"note\">{}: {}</p>", escaped(&run.file), escaped(note));
+            for note in dynid_sentences::compare::notes(run) {
+                let _ = writeln!(html, "<p class=\"note\">{}: {}</p>", escaped(&run.file), escaped(&note));
             }
         }
         html

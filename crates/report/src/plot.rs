@@ -13,7 +13,7 @@ pub mod traces;
 
 use std::fmt::Write;
 
-use dynid_text::escaped;
+use dynid_format::escaped;
 
 /// One signal of one joint in one run.
 #[derive(Debug, Clone, PartialEq, Default)]

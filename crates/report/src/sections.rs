@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use super::{Section, number, prose};
 use crate::{plot, plot::Panel};
+use dynid_format::escaped;
 use dynid_logs::experiment::Experiment;
-use dynid_text::escaped;
 use dynid_user_model::Model;
 
 /// What came out, in a few sentences.

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::{Section, Standing, number};
+use dynid_format::escaped;
 use dynid_logs::quality::Quality;
-use dynid_text::escaped;
 use dynid_user_model::Model;
 
 /// The parameters of a model that occur in the runs.
@@ -119,7 +119,7 @@ impl Section for DataQuality {
                     html,
                     "<p><span class=\"bad\">\u{26a0}</span> {}: {}</p>",
                     escaped(&run.run),
-                    escaped(warning)
+                    escaped(&dynid_sentences::quality::warning(warning))
                 );
             }
         }

@@ -8,10 +8,10 @@ use super::{Part, Section, number};
 use crate::{plot::traces, plot::traces::Trace, plot::traces::Traces};
 use dynid_control::{CompensationRatios, Wall};
 use dynid_dynamics::{kinematics::Vector, kinematics::dot, kinematics::plus};
+use dynid_format::escaped;
 use dynid_haptics::{
     wall::WallError, wall::median, wall::space::Case, wall::space::Contact, wall::space::Setting, wall::space::contact,
 };
-use dynid_text::escaped;
 use dynid_user_model::Model;
 
 /// How much of a contact is shown, before and after the first touch (s).

@@ -3,7 +3,7 @@
 use dynid_model::{Effect, Parameter, Scope, did_you_mean, effect, effects, instance::instance_name};
 
 use super::{EffectInstance, Model};
-use dynid_text::UnknownName;
+use dynid_format::UnknownName;
 
 /// An effect that cannot be added or taken out.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

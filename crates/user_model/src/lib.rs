@@ -18,9 +18,9 @@
 
 mod assemble;
 mod clip;
-mod drawn;
 mod edit;
 mod fit_record;
+mod perturbed;
 mod read;
 #[cfg(test)]
 mod tests;
@@ -34,7 +34,7 @@ pub use edit::{Added, EffectError};
 pub use fit_record::{ErrorShare, FitRecord, Source};
 pub use read::device_of;
 
-use dynid_text::UnknownName;
+use dynid_format::UnknownName;
 
 /// A device, the effects it is believed to have, and parameter values.
 ///
@@ -44,7 +44,7 @@ use dynid_text::UnknownName;
 /// model.set_value("link.2.m", 0.8)?;
 /// let again = Model::parse(&model.to_toml(), "planar.toml".as_ref()).expect("what it wrote itself");
 /// assert_eq!(again.parameter("link.2.m").map(|mass| mass.value), Some(0.8));
-/// # Ok::<(), dynid_text::UnknownName>(())
+/// # Ok::<(), dynid_format::UnknownName>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct Model {

@@ -116,7 +116,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let survey = survey(&plant, &prior, &free, &options)?;
     let borne = (setting.device.id == device.id).then(|| borne(&survey, &setting)).flatten();
-    let mut text = reported(&survey);
+    let mut text = as_text(&survey);
     if let Some((typical, worst)) = borne {
         let _ = writeln!(
             text,
@@ -168,7 +168,7 @@ fn left(own: f64, bare: f64) -> String {
     format!("{:.0} %", 100.0 * own / bare)
 }
 
-fn reported(survey: &Survey) -> String {
+fn as_text(survey: &Survey) -> String {
     let options = &survey.options;
     let mut text = format!(
         "carried: gravity, springs, {:.0} % of the inertia, {:.0} % of the friction; controller at {:.0} Hz, counts of {:.0e}, the \

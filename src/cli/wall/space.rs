@@ -6,11 +6,11 @@ use std::path::PathBuf;
 use anyhow::bail;
 use dynid_control::{CompensationRatios, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_format::number;
 use dynid_haptics::{wall::WallFile, wall::median};
 use dynid_haptics::{wall::space, wall::space::Case, wall::space::Setting};
 use dynid_model::JointKind;
 use dynid_report::{Section, SpaceReport, carried_in_words};
-use dynid_text::number;
 use dynid_user_model::Model;
 use serde_json::json;
 
@@ -85,11 +85,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if never > 0 {
         eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
-    let mut text = reported(&setting, &walls, &cases, carried);
+    let mut text = as_text(&setting, &walls, &cases, carried);
     if let Some(out) = &arguments.out {
         let report = SpaceReport::new(&model, &setting, &walls, &cases, carried)?;
         let mut sections = report.sections();
-        let mut command = format!("dynid wall space{}", place.reported());
+        let mut command = format!("dynid wall space{}", place.as_text());
         if let Some(CompensationRatios { inertia, friction }) = carried {
             let _ = write!(command, " --compensate --inertia {inertia} --friction {friction}");
         }
@@ -105,12 +105,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 /// A row for each wall and approach, the median hand; then how the joints moved.
-fn reported(
-    setting: &Setting,
-    walls: &[(String, Wall)],
-    cases: &[Case],
-    carried: Option<CompensationRatios>,
-) -> String {
+fn as_text(setting: &Setting, walls: &[(String, Wall)], cases: &[Case], carried: Option<CompensationRatios>) -> String {
     let mut text = format!(
         "the end point of {} at a plane, {} hands, controller at {} Hz; {}\n",
         setting.device.id,

@@ -5,7 +5,7 @@
 //! a mass, and a body without one adds exactly nothing.
 
 use dynid_generated::{Kernel, N_SIGNALS};
-use dynid_vocabulary::LINK_SYMBOLS;
+use dynid_signal_chain::LINK_SYMBOLS;
 
 use super::{Element, MAX_OUTPUTS, NONE, Output, PlacedEffect, System};
 

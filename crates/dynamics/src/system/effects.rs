@@ -1,7 +1,7 @@
 //! An effect of a model, ready to be placed into a [`super::System`].
 
 use dynid_generated::{EffectKernel, Signal};
-use dynid_vocabulary::{LINK_SYMBOLS, Place, Stage};
+use dynid_signal_chain::{LINK_SYMBOLS, Place, Stage};
 
 use super::SystemError;
 

@@ -1,7 +1,7 @@
 //! Hand-written kernels to test against: a pendulum, a planar two-link arm, and a few effects.
 
 use dynid_generated::{EffectKernel, Kernel, LANES, Lanes, Signal};
-use dynid_vocabulary::{Place, Stage};
+use dynid_signal_chain::{Place, Stage};
 
 use super::*;
 

@@ -4,7 +4,7 @@ use dynid_model::Device;
 use rayon::prelude::*;
 
 use super::{
-    Best, Correlation, ErrorKind, FitResult, FitTask, FittedParameter, Progress, StartResult, State, StepSummary,
+    Best, Correlation, ErrorSignal, FitResult, FitTask, FittedParameter, Progress, StartResult, State, StepSummary,
 };
 use crate::FitError;
 use crate::{
@@ -216,7 +216,7 @@ fn reported(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitRe
         .collect();
     FitResult {
         model,
-        error: ErrorKind::Position,
+        error: ErrorSignal::Position,
         status,
         iterations,
         needs_every_step,
@@ -298,12 +298,12 @@ mod tests {
         let experiment = Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices());
         let experiment = experiment.expect("the wrist's");
         let runs: Vec<&Run> = experiment.runs.iter().take(1).collect();
-        let mut model = Model::load(&folder.join("believed.toml")).expect("the wrist's");
+        let mut model = Model::load(folder.join("believed.toml")).expect("the wrist's");
         model
             .set("link.7.Izz", dynid_model::Parameter { value: izz, lower: 0.0, upper: 1e-3, fixed: false })
             .expect("it");
         let options = Options { substeps: 10, ..Options::default() };
-        identify(&model, &experiment, &runs, ErrorKind::Position, &options, &mut |_| ()).expect("a fit")
+        identify(&model, &experiment, &runs, ErrorSignal::Position, &options, &mut |_| ()).expect("a fit")
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A fit of the torque error, told like every other.
 
-use super::{ErrorKind, FitResult, FittedParameter, Progress};
+use super::{ErrorSignal, FitResult, FittedParameter, Progress};
 use crate::FitError;
 use crate::{orders, torque, torque::TorqueFit, torque::TorqueRun};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
@@ -49,7 +49,7 @@ pub(super) fn by_torque(
         .collect::<Result<_, FitError>>()?;
     Ok(FitResult {
         model: fitted,
-        error: ErrorKind::Torque,
+        error: ErrorSignal::Torque,
         status,
         iterations,
         needs_every_step: false,

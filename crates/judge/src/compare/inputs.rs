@@ -5,7 +5,6 @@ use serde::Serialize;
 use super::locate::Signal;
 use dynid_logs::{experiment::Run, motion::Motion};
 use dynid_signal::{statistics::effective_samples, straight};
-use dynid_text::number;
 use dynid_torque::JointTorqueError;
 
 /// Lags to each side that are looked at, and the longest (s).
@@ -29,13 +28,32 @@ pub struct InputCorrelation {
     /// What its size stays below in 99 of 100 cases where error and torque have nothing to do with each other.
     pub bound: f64,
     /// What that means.
-    pub what: String,
+    pub outcome: CorrelationOutcome,
 }
 
-impl InputCorrelation {
-    /// Whether chance does not explain it.
-    pub fn is_significant(&self) -> bool {
-        self.value.abs() > self.bound
+/// What a correlation means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CorrelationOutcome {
+    /// Chance does not explain it: the model misses part of what the torque does.
+    Significant,
+    /// It cannot be decided: error and torque repeat too few times.
+    Undecidable,
+    /// Chance explains it.
+    Insignificant,
+}
+
+impl CorrelationOutcome {
+    fn of(value: f64, bound: f64) -> Self {
+        /// A larger bound leaves next to nothing above it.
+        const DECIDES: f64 = 0.5;
+        if value.abs() > bound {
+            Self::Significant
+        } else if bound > DECIDES {
+            Self::Undecidable
+        } else {
+            Self::Insignificant
+        }
     }
 }
 
@@ -98,34 +116,7 @@ fn largest(error: Signal, input: usize, residual: &[f64], command: &[f64], step:
         .collect();
     let bound = LIMIT / (effective_samples(&left, n) + LIMIT * LIMIT).sqrt();
     let lag_s = lag as f64 * step;
-    let name = match error {
-        Signal::Torque => "torque",
-        Signal::Position => "position",
-    };
-    let what = if value.abs() > bound {
-        format!(
-            "The {name} error goes along with joint {input}'s commanded torque ({} at {} s; chance stays below {}): the model \
-             misses part of what that torque does.",
-            number(value),
-            number(lag_s),
-            number(bound)
-        )
-    } else if bound > 0.5 {
-        format!(
-            "Whether the {name} error goes along with joint {input}'s commanded torque cannot be decided: both repeat too few times \
-             ({} at {} s; chance stays below {}).",
-            number(value),
-            number(lag_s),
-            number(bound)
-        )
-    } else {
-        format!(
-            "The {name} error does not go along with joint {input}'s commanded torque ({}; chance stays below {}).",
-            number(value),
-            number(bound)
-        )
-    };
-    Some(InputCorrelation { error, input, lag_s, value, bound, what })
+    Some(InputCorrelation { error, input, lag_s, value, bound, outcome: CorrelationOutcome::of(value, bound) })
 }
 
 fn centred(values: &[f64]) -> Vec<f64> {
@@ -149,11 +140,13 @@ mod tests {
         let late: Vec<f64> = (0..4000).map(|k| noise[k] + if k >= 8 { -command[k - 8] } else { 0.0 }).collect();
         let found = largest(Signal::Torque, 2, &late, &command, 0.01).expect("long enough");
         assert!((found.lag_s - 0.08).abs() < 1e-12 && found.value < -0.6 && found.bound < 0.1, "{found:?}");
+        assert_eq!(found.outcome, CorrelationOutcome::Significant);
         // The same at samples far apart: no lag beyond the longest is looked at.
         let found = largest(Signal::Torque, 2, &late, &command, 0.1).expect("long enough");
         assert!((found.lag_s - 0.8).abs() < 1e-12, "{found:?}");
         assert!(largest(Signal::Torque, 2, &late, &command, 0.2).expect("long enough").lag_s.abs() <= LONGEST_S + 1e-9);
         let found = largest(Signal::Torque, 2, &noise, &command, 0.01).expect("long enough");
-        assert!(found.value.abs() < found.bound && found.what.contains("does not"), "{found:?}");
+        assert_eq!(found.outcome, CorrelationOutcome::Insignificant, "{found:?}");
+        assert_eq!(CorrelationOutcome::of(0.4, 0.6), CorrelationOutcome::Undecidable);
     }
 }

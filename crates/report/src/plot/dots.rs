@@ -6,7 +6,7 @@ use super::{
     LEFT, RIGHT, TITLE, WIDTH, escaped,
     steps::{marker, reported, ticks},
 };
-use dynid_text::number;
+use dynid_format::number;
 
 /// Groups of dots.
 #[derive(Debug, Clone, PartialEq, Default)]

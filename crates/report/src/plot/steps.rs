@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::{LEFT, RIGHT, STYLE, TITLE, WIDTH, escaped, shortened};
-use dynid_text::number;
+use dynid_format::number;
 
 /// Errors over the models of a lineage.
 #[derive(Debug, Clone, PartialEq, Default)]

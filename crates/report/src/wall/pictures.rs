@@ -8,8 +8,8 @@ use crate::{
     plot::surface::Surface, plot::traces, plot::traces::Trace, plot::traces::Traces,
 };
 use dynid_control::{Law, Partition};
+use dynid_format::escaped;
 use dynid_haptics::wall::Contact;
-use dynid_text::escaped;
 
 /// How much of a contact is shown, before and after the first touch (s).
 const BEFORE_S: f64 = 0.1;

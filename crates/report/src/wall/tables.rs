@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use super::{Shown, WallReport, damping_in_words, densest, median, milli, number, plain, short};
 use dynid_control::{Law, LinearLaw, RuleTable, VirtualTool};
+use dynid_format::escaped;
 use dynid_haptics::{wall, wall::Measures};
-use dynid_text::escaped;
 
 /// The deepest tint of a cell of a rule table.
 const TINT: f64 = 0.55;

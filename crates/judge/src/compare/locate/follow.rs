@@ -7,17 +7,18 @@
 use std::f64::consts::TAU;
 
 use super::{
-    Finding, FindingKind, LEAST_SHARE,
+    Finding, FindingKind, LEAST_SHARE, OtherSignal, OwnSignal, RegressionStep, Regressor,
     trace::{Signals, Trace, command_rate},
 };
 use dynid_signal::statistics::{correlation_time, critical, effective_samples};
-use dynid_text::number;
 
 /// Regressors that are taken at most.
 const MOST_TAKEN: usize = 6;
 
 /// Others that explain at least this share of what the best one does are named with it.
 const NEARLY: f64 = 0.9;
+/// As many of them.
+const MOST_NAMED: usize = 3;
 
 /// Speeds below this share of the RMS speed smooth the sign of the speed; a numerical choice.
 const SIGN_WIDTH: f64 = 0.05;
@@ -30,18 +31,15 @@ const PER_PERIOD: f64 = 4.0;
 
 /// A signal, or a few, that the error may follow.
 struct Candidate {
-    kind: FindingKind,
-    other: Option<usize>,
-    /// As it is called when another one is reported.
-    name: String,
+    regressor: Regressor,
     columns: Vec<Vec<f64>>,
     /// How many alternatives this one is the best of.
     looked: usize,
-    words: Words,
+    found: Found,
 }
 
-/// Makes the sentence from the coefficients of the columns.
-type Words = Box<dyn Fn(&[f64]) -> String>;
+/// Makes what is found from the coefficients of the columns.
+type Found = Box<dyn Fn(&[f64]) -> FindingKind>;
 
 /// A candidate that was taken in.
 struct Taken {
@@ -50,7 +48,7 @@ struct Taken {
     /// By how much it lowered the sum of squares.
     gain: f64,
     /// Others that would have lowered it nearly as much.
-    nearly: Vec<String>,
+    nearly: Vec<Regressor>,
 }
 
 /// What the error of `trace` follows, in the order in which it was taken in.
@@ -74,22 +72,12 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
     let coefficients = together(trace, &reported);
     let mut findings: Vec<Finding> = Vec::new();
     for (taken, coefficients) in reported.into_iter().zip(coefficients) {
-        let Candidate { kind, other, name, columns, looked, words } = &taken.candidate;
+        let Candidate { columns, looked, found, .. } = &taken.candidate;
         let share = taken.gain / total;
         let expected = (columns.len() as f64 + 2.0 * (*looked as f64).ln()) / effective * fit.left() / total;
-        let (besides, more) = if findings.is_empty() { ("", "") } else { ("besides, ", "more ") };
-        let mut what = format!(
-            "{besides}the {} {}: {:.0} % {more}of the squared error ({:.1} % by chance)",
-            trace.error.name(),
-            words(&coefficients),
-            100.0 * share,
-            100.0 * expected
-        );
-        if !taken.nearly.is_empty() {
-            let nearly = &taken.nearly[..taken.nearly.len().min(3)];
-            what.push_str(&format!("; {} would explain nearly as much", nearly.join(", ")));
-        }
-        let found = Finding { other: *other, about: name.clone(), ..trace.finding(*kind, what, share, expected) };
+        let nearly = taken.nearly[..taken.nearly.len().min(MOST_NAMED)].to_vec();
+        let regression = Some(RegressionStep { order: findings.len() + 1, nearly });
+        let found = Finding { regression, ..trace.finding(found(&coefficients), share, expected) };
         // What was taken in later says how much more it explains, and stands behind what it was added to.
         let rank = findings.last().map_or(found.rank, |before| found.rank.min(before.rank));
         findings.push(Finding { rank, ..found });
@@ -115,7 +103,7 @@ fn together(trace: &Trace, reported: &[&Taken]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Takes candidates in, the best first, as long as one explains a share that is worth a sentence.
+/// Takes candidates in, the best first, as long as one explains a share that is worth telling.
 fn take_in(trace: &Trace, fit: &mut Regression) -> Vec<Taken> {
     let (n_used, total) = (trace.n_used() as f64, trace.power());
     let mut candidates = candidates(trace);
@@ -135,10 +123,10 @@ fn take_in(trace: &Trace, fit: &mut Regression) -> Vec<Taken> {
         }
         let nearly = (0..gains.len())
             .filter(|other| *other != best && gains[*other] >= NEARLY * gain)
-            .map(|other| candidates[other].name.clone())
+            .map(|other| candidates[other].regressor)
             .collect();
         let candidate = candidates.swap_remove(best);
-        candidates.retain(|candidate| candidate.kind != FindingKind::PeriodicPosition);
+        candidates.retain(|candidate| candidate.regressor != Regressor::Repetition);
         let Some(coefficients) = fit.take(&candidate.columns) else { break };
         taken.push(Taken { candidate, coefficients, gain, nearly });
     }
@@ -149,11 +137,6 @@ fn take_in(trace: &Trace, fit: &mut Regression) -> Vec<Taken> {
 fn is_significant(taken: &Taken, freedom: f64, left: f64) -> bool {
     let statistic = freedom * (taken.gain / left.max(f64::MIN_POSITIVE)).ln_1p();
     freedom >= 8.0 && statistic >= critical(taken.candidate.columns.len(), taken.candidate.looked)
-}
-
-/// `: 43 % of the squared error (0.2 % by chance)`
-fn shares(share: f64, expected: f64) -> String {
-    format!(": {:.0} % of the squared error ({:.1} % by chance)", 100.0 * share, 100.0 * expected)
 }
 
 /// The mean that the signals taken so far do not account for.
@@ -196,14 +179,7 @@ fn offset(trace: &Trace, fit: &Regression) -> Option<Finding> {
     if share < LEAST_SHARE || statistic < critical(1, 1) {
         return None;
     }
-    let what = format!(
-        "the {} has a constant part of {} {}{}",
-        trace.error.name(),
-        number(constant),
-        trace.unit,
-        shares(share, expected)
-    );
-    Some(trace.finding(FindingKind::Offset, what, share, expected))
+    Some(trace.finding(FindingKind::Offset { constant }, share, expected))
 }
 
 /// Least squares by an orthonormal basis that grows.
@@ -332,191 +308,96 @@ fn varies(values: &[f64]) -> bool {
 /// Everything that an error may follow but a repetition in position.
 fn candidates(trace: &Trace) -> Vec<Candidate> {
     let mut all = Vec::new();
-    let unit = trace.unit.clone();
-    let place = trace.position_unit.clone();
-    let mut add = |kind, other, name: &str, columns: Vec<Vec<f64>>, words: Words| {
+    let mut add = |regressor, columns: Vec<Vec<f64>>, found: Found| {
         if columns.iter().all(|column| varies(column)) {
-            all.push(Candidate { kind, other, name: name.to_owned(), columns, looked: 1, words });
+            all.push(Candidate { regressor, columns, looked: 1, found });
         }
     };
     // A mechanism answers late and long: its position error is not a function of its speed or torque at the time.
     let nothing = Signals { joint: trace.joint, ..Signals::default() };
     let own = if trace.is_local { &trace.own } else { &nothing };
-    let per = |what: &'static str, unit: String| -> Words {
-        Box::new(move |c: &[f64]| format!("follows {what}, {} {unit}", number(c[0])))
-    };
+    let rest = trace.rest;
     if !own.dq.is_empty() {
         let direction = sign(&own.dq);
         let squared: Vec<f64> = own.dq.iter().map(|dq| dq * dq.abs()).collect();
-        let (u, p) = (unit.clone(), place.clone());
+        let reach = own.q.iter().fold(0.0_f64, |reach, q| reach.max((q - rest).abs())).max(f64::MIN_POSITIVE);
+        let scaled: Vec<f64> = own.q.iter().map(|q| (q - rest) / reach).collect();
+        for (signal, column, unit) in [
+            (OwnSignal::SpeedSign, direction.clone(), 1.0),
+            (OwnSignal::Speed, own.dq.clone(), 1.0),
+            (OwnSignal::SpeedSquared, squared, 1.0),
+            (OwnSignal::Acceleration, own.ddq.clone(), 1.0),
+            (OwnSignal::Position, scaled.clone(), reach),
+        ] {
+            add(Regressor::Own { signal }, vec![column], follows(signal, unit));
+        }
         add(
-            FindingKind::Direction,
-            None,
-            "the sign of the speed",
-            vec![direction.clone()],
-            Box::new(move |c| format!("has the sign of the speed, {} {u}, as friction has", number(c[0]))),
-        );
-        add(FindingKind::Speed, None, "the speed", vec![own.dq.clone()], per("the speed", format!("{unit} per {p}/s")));
-        add(
-            FindingKind::SpeedSquared,
-            None,
-            "the speed squared",
-            vec![squared],
-            per("the speed squared, with its sign", format!("{unit} per ({p}/s)^2")),
-        );
-        add(
-            FindingKind::Acceleration,
-            None,
-            "the acceleration",
-            vec![own.ddq.clone()],
-            per("the acceleration, as inertia does", format!("{unit} per {p}/s^2")),
-        );
-        let reach = own.q.iter().fold(0.0_f64, |reach, q| reach.max((q - trace.rest).abs())).max(f64::MIN_POSITIVE);
-        let scaled: Vec<f64> = own.q.iter().map(|q| (q - trace.rest) / reach).collect();
-        let (u, p) = (unit.clone(), place.clone());
-        add(
-            FindingKind::Position,
-            None,
-            "the position",
-            vec![scaled.clone()],
-            Box::new(move |c| {
-                format!("grows with the position, {} {u} per {p}, as a spring does", number(c[0] / reach))
-            }),
-        );
-        let (u, p) = (unit.clone(), place);
-        add(
-            FindingKind::Position,
-            None,
-            "a smooth function of the position",
+            Regressor::SmoothPosition,
             vec![scaled.clone(), times(&scaled, &scaled), times(&scaled, &times(&scaled, &scaled))],
-            Box::new(move |c| {
-                format!(
-                    "is a smooth function of the position, ({}) d + ({}) d^2 + ({}) d^3 {u} with d in {p} from where the joint rests",
-                    number(c[0] / reach),
-                    number(c[1] / reach.powi(2)),
-                    number(c[2] / reach.powi(3))
-                )
+            Box::new(move |c| FindingKind::FollowsSmoothly {
+                coefficients: [c[0] / reach, c[1] / reach.powi(2), c[2] / reach.powi(3)],
+                rest,
             }),
         );
-        let below: Vec<f64> = own.q.iter().map(|q| if *q < trace.rest { 1.0 } else { 0.0 }).collect();
-        let (u, rest) = (unit.clone(), trace.rest);
+        let below: Vec<f64> = own.q.iter().map(|q| if *q < rest { 1.0 } else { 0.0 }).collect();
         add(
-            FindingKind::SidedFriction,
-            None,
-            "friction on one side of the rest position",
+            Regressor::SidedFriction,
             vec![times(&direction, &below)],
-            Box::new(move |c| {
-                format!(
-                    "has the sign of the speed, {} {u}, only below {}, where the joint rests",
-                    number(c[0]),
-                    number(rest)
-                )
-            }),
+            Box::new(move |c| FindingKind::HasSidedFriction { amplitude: c[0], rest }),
         );
         if varies(&own.command) {
             let size: Vec<f64> = own.command.iter().map(|value| value.abs()).collect();
-            let u = unit.clone();
-            add(
-                FindingKind::LoadFriction,
-                None,
-                "friction that grows with the load",
-                vec![times(&direction, &size)],
-                Box::new(move |c| {
-                    format!(
-                        "has the sign of the speed and the size of the commanded torque, {} {u} per unit of it",
-                        number(c[0])
-                    )
-                }),
-            );
+            let signal = OwnSignal::LoadFriction;
+            add(Regressor::Own { signal }, vec![times(&direction, &size)], follows(signal, 1.0));
         }
     }
     if varies(&own.command) {
-        let u = unit.clone();
-        add(
-            FindingKind::Load,
-            None,
-            "the commanded torque",
-            vec![own.command.clone()],
-            Box::new(move |c| format!("follows the commanded torque, {} {u} per unit of it", number(c[0]))),
-        );
-        let u = unit.clone();
-        add(
-            FindingKind::LoadSign,
-            None,
-            "the sign of the commanded torque",
-            vec![sign(&own.command)],
-            Box::new(move |c| {
-                format!("has the sign of the commanded torque, {} {u}, as after a dead zone", number(c[0]))
-            }),
-        );
-        let u = unit.clone();
-        let is_torque = trace.error == super::Signal::Torque;
-        add(
-            FindingKind::LoadRate,
-            None,
-            "a delay of the commanded torque",
-            vec![command_rate(own, trace.step)],
-            Box::new(move |c| {
-                let late = if is_torque && c[0] > 0.0 {
-                    format!(", as if it came {} s late", number(c[0]))
-                } else {
-                    String::new()
-                };
-                format!("follows the rate of the commanded torque, {} {u} s per unit of it{late}", number(c[0]))
-            }),
-        );
+        for (signal, column) in [
+            (OwnSignal::Command, own.command.clone()),
+            (OwnSignal::CommandSign, sign(&own.command)),
+            (OwnSignal::CommandRate, command_rate(own, trace.step)),
+        ] {
+            add(Regressor::Own { signal }, vec![column], follows(signal, 1.0));
+        }
     }
     for other in &trace.others {
         candidates_of(trace, other, &mut add);
     }
     let n = trace.residual.len() as f64;
-    let u = unit;
-    let span = n * trace.step;
+    let duration_s = n * trace.step;
     add(
-        FindingKind::Drift,
-        None,
-        "the time",
+        Regressor::Time,
         vec![(0..trace.residual.len()).map(|k| k as f64 / n - 0.5).collect()],
-        Box::new(move |c| format!("drifts by {} {u} during the {span:.0} s of the run", number(c[0]))),
+        Box::new(move |c| FindingKind::Drifts { change: c[0], duration_s }),
     );
     all
 }
 
+/// The error follows a signal whose column is in multiples of `unit`.
+fn follows(signal: OwnSignal, unit: f64) -> Found {
+    Box::new(move |c| FindingKind::Follows { signal, per_unit: c[0] / unit })
+}
+
 /// What it may follow of another joint.
-fn candidates_of(
-    trace: &Trace,
-    other: &Signals,
-    add: &mut impl FnMut(FindingKind, Option<usize>, &str, Vec<Vec<f64>>, Words),
-) {
+fn candidates_of(trace: &Trace, other: &Signals, add: &mut impl FnMut(Regressor, Vec<Vec<f64>>, Found)) {
     let joint = other.joint;
-    let unit = trace.unit.clone();
-    let mut one = |kind, what: String, column: Vec<f64>| {
-        let (u, reported) = (unit.clone(), what.clone());
-        add(
-            kind,
-            Some(joint),
-            &what,
-            vec![column],
-            Box::new(move |c| format!("follows {reported}, {} {u} per unit of it", number(c[0]))),
-        );
+    let mut one = |signal, column: Vec<f64>| {
+        let found = move |c: &[f64]| FindingKind::FollowsOther { joint, signal, per_unit: c[0] };
+        add(Regressor::Other { joint, signal }, vec![column], Box::new(found));
     };
     if varies(&other.command) {
-        one(FindingKind::OtherTorque, format!("joint {joint}'s commanded torque"), other.command.clone());
+        one(OtherSignal::Command, other.command.clone());
     }
     if other.dq.is_empty() {
         return;
     }
-    one(FindingKind::OtherMotion, format!("joint {joint}'s position"), other.q.clone());
-    one(FindingKind::OtherMotion, format!("joint {joint}'s speed"), other.dq.clone());
-    one(FindingKind::OtherMotion, format!("joint {joint}'s acceleration"), other.ddq.clone());
-    one(FindingKind::OtherMotion, format!("the sign of joint {joint}'s speed"), sign(&other.dq));
+    one(OtherSignal::Position, other.q.clone());
+    one(OtherSignal::Speed, other.dq.clone());
+    one(OtherSignal::Acceleration, other.ddq.clone());
+    one(OtherSignal::SpeedSign, sign(&other.dq));
     if !trace.own.dq.is_empty() {
         let sum: Vec<f64> = trace.own.dq.iter().zip(&other.dq).map(|(own, other)| own + other).collect();
-        one(
-            FindingKind::CommonDirection,
-            format!("the sign of the summed speed of joints {} and {joint}", trace.joint),
-            sign(&sum),
-        );
+        one(OtherSignal::SummedSpeedSign, sign(&sum));
     }
 }
 
@@ -548,21 +429,11 @@ fn repetition(trace: &Trace, fit: &Regression) -> Option<Candidate> {
         .map(|k| PERIODS.0 + k as f64 / PER_PERIOD)
         .map(|periods| (periods, fit.gain(&columns(periods))))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let (u, p) = (trace.unit.clone(), trace.position_unit.clone());
     let period = range / periods;
     Some(Candidate {
-        kind: FindingKind::PeriodicPosition,
-        other: None,
-        name: "a repetition in position".to_owned(),
+        regressor: Regressor::Repetition,
         columns: columns(periods),
         looked,
-        words: Box::new(move |c| {
-            let turns = if p == "rad" { format!(", {} times a turn", number(TAU / period)) } else { String::new() };
-            format!(
-                "repeats with the position every {} {p}{turns}, amplitude {} {u}",
-                number(period),
-                number(c[0].hypot(c[1]))
-            )
-        }),
+        found: Box::new(move |c| FindingKind::Repeats { period, amplitude: c[0].hypot(c[1]) }),
     })
 }

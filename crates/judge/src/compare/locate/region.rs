@@ -4,9 +4,8 @@
 //! `(e^2 / mean(e^2) - 1) (inside - share of samples)`, whose sum is zero in the mean when the error does not care; how
 //! uncertain the sum is, the spread of the squares within and without the region tells.
 
-use super::{Finding, FindingKind, trace::Trace};
+use super::{AlsoIn, Finding, FindingKind, Region, Side, Third, trace::Trace};
 use dynid_signal::statistics::standard_errors;
-use dynid_text::number;
 
 /// Surpluses below so many standard errors may be chance; more than a normal variable needs, for squares have long tails.
 const STANDARD_ERRORS: f64 = 5.0;
@@ -17,13 +16,10 @@ const DENSER: f64 = 1.3;
 /// Samples within this share of the typical time between reversals are near one.
 const NEAR_REVERSAL: f64 = 0.15;
 
-struct Region {
-    kind: FindingKind,
+/// A region with its samples.
+struct Samples {
+    region: Region,
     inside: Vec<bool>,
-    /// As in "lies ..".
-    place: String,
-    /// Which of several regions of the kind.
-    which: &'static str,
 }
 
 /// The regions that hold more of the squared error than chance gives them.
@@ -36,9 +32,9 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         .zip(&trace.used)
         .map(|(value, used)| if *used { value * value / mean_square - 1.0 } else { 0.0 })
         .collect();
-    let mut found: Vec<(Region, Finding)> = Vec::new();
-    for region in regions(trace) {
-        let counts = |k: &usize| trace.used[*k] && region.inside[*k];
+    let mut found: Vec<(Samples, Finding)> = Vec::new();
+    for samples in regions(trace) {
+        let counts = |k: &usize| trace.used[*k] && samples.inside[*k];
         let n_inside = (0..surplus.len()).filter(counts).count() as f64;
         if n_inside < 16.0 {
             continue;
@@ -50,7 +46,7 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         }
         let (inside, outside) = (share / expected - 1.0, (1.0 - share) / (1.0 - expected).max(1e-9) - 1.0);
         let spread: Vec<f64> = (0..surplus.len())
-            .map(|k| match (trace.used[k], region.inside[k]) {
+            .map(|k| match (trace.used[k], samples.inside[k]) {
                 (false, _) => 0.0,
                 (true, true) => (surplus[k] - inside) * (1.0 - expected),
                 (true, false) => (outside - surplus[k]) * expected,
@@ -59,41 +55,30 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         if standard_errors(n_used * (share - expected), &spread) < STANDARD_ERRORS {
             continue;
         }
-        let what = format!(
-            "{:.0} % of the squared {} lies {} ({:.0} % of the samples)",
-            100.0 * share,
-            trace.error.name(),
-            region.place,
-            100.0 * expected
-        );
-        let finding = Finding { about: region.which.to_owned(), ..trace.finding(region.kind, what, share, expected) };
-        found.push((region, finding));
+        let kind = FindingKind::LiesIn { region: samples.region.clone(), also: Vec::new() };
+        found.push((samples, trace.finding(kind, share, expected)));
     }
     grouped(trace, found)
 }
 
 /// The strongest first, with what only looks like it beside it: a region that outside of a stronger one holds no more than
 /// chance gives it is the same samples under another name, as reversals are slow.
-fn grouped(trace: &Trace, mut found: Vec<(Region, Finding)>) -> Vec<Finding> {
+fn grouped(trace: &Trace, mut found: Vec<(Samples, Finding)>) -> Vec<Finding> {
     found.sort_by(|a, b| b.1.surplus().total_cmp(&a.1.surplus()));
-    let mut reported: Vec<(Region, Finding, Vec<String>)> = Vec::new();
-    for (region, finding) in found {
-        let alike =
-            reported.iter_mut().find(|(stronger, ..)| !is_denser_outside(trace, &region.inside, &stronger.inside));
-        match alike {
-            Some((.., alike)) => alike.push(format!("{} ({:.0} %)", region.place, 100.0 * finding.share)),
-            None => reported.push((region, finding, Vec::new())),
+    let mut reported: Vec<(Samples, Finding)> = Vec::new();
+    for (samples, finding) in found {
+        let stronger =
+            reported.iter_mut().find(|(stronger, _)| !is_denser_outside(trace, &samples.inside, &stronger.inside));
+        match stronger {
+            Some((_, stronger)) => {
+                if let FindingKind::LiesIn { also, .. } = &mut stronger.kind {
+                    also.push(AlsoIn { region: samples.region, share: finding.share });
+                }
+            }
+            None => reported.push((samples, finding)),
         }
     }
-    reported
-        .into_iter()
-        .map(|(_, mut finding, alike)| {
-            if !alike.is_empty() {
-                finding.what.push_str(&format!("; that is also where it lies {}", alike.join(", and ")));
-            }
-            finding
-        })
-        .collect()
+    reported.into_iter().map(|(_, finding)| finding).collect()
 }
 
 /// Whether the squared error is denser within a region than elsewhere, among the samples outside of another region.
@@ -109,59 +94,46 @@ fn is_denser_outside(trace: &Trace, inside: &[bool], other: &[bool]) -> bool {
     within.0 * all.1 > DENSER * all.0 * within.1
 }
 
-fn regions(trace: &Trace) -> Vec<Region> {
+fn regions(trace: &Trace) -> Vec<Samples> {
     let mut regions = Vec::new();
     let own = &trace.own;
     let n = trace.residual.len();
     if !own.dq.is_empty() {
         regions.extend(reversals(trace));
         let speed: Vec<f64> = own.dq.iter().map(|dq| dq.abs()).collect();
-        let unit = format!("{}/s", trace.position_unit);
         let (slow, fast) = (quantile(trace, &speed, 0.2), quantile(trace, &speed, 0.8));
-        regions.push(Region {
-            kind: FindingKind::LowSpeed,
+        regions.push(Samples {
+            region: Region::LowSpeed { below: slow },
             inside: speed.iter().map(|speed| *speed < slow).collect(),
-            place: format!("at speeds below {} {unit}", number(slow)),
-            which: "",
         });
-        regions.push(Region {
-            kind: FindingKind::HighSpeed,
+        regions.push(Samples {
+            region: Region::HighSpeed { above: fast },
             inside: speed.iter().map(|speed| *speed > fast).collect(),
-            place: format!("at speeds above {} {unit}", number(fast)),
-            which: "",
         });
         let (low, high) = (quantile(trace, &own.q, 0.1), quantile(trace, &own.q, 0.9));
-        regions.push(Region {
-            kind: FindingKind::EndOfRange,
+        regions.push(Samples {
+            region: Region::EndOfRange { below: low, above: high },
             inside: own.q.iter().map(|q| *q < low || *q > high).collect(),
-            place: format!("below {} or above {} {}", number(low), number(high), trace.position_unit),
-            which: "",
         });
-        for (side, above) in [("below", false), ("above", true)] {
-            regions.push(Region {
-                kind: FindingKind::OneSide,
-                inside: own.q.iter().map(|q| (*q > trace.rest) == above).collect(),
-                place: format!("{side} {} {}, where the joint rests", number(trace.rest), trace.position_unit),
-                which: side,
+        for side in [Side::Below, Side::Above] {
+            regions.push(Samples {
+                region: Region::OneSide { side, rest: trace.rest },
+                inside: own.q.iter().map(|q| (*q > trace.rest) == (side == Side::Above)).collect(),
             });
         }
     }
     let load: Vec<f64> = own.command.iter().map(|value| value.abs()).collect();
     let large = quantile(trace, &load, 0.8);
     if large > 0.0 {
-        regions.push(Region {
-            kind: FindingKind::HighLoad,
+        regions.push(Samples {
+            region: Region::HighCommand { above: large },
             inside: load.iter().map(|load| *load > large).collect(),
-            place: format!("at commanded torques above {}", number(large)),
-            which: "",
         });
     }
-    for (part, name) in ["first", "second", "last"].iter().enumerate() {
-        regions.push(Region {
-            kind: FindingKind::PartOfRun,
+    for (part, third) in [Third::First, Third::Second, Third::Last].into_iter().enumerate() {
+        regions.push(Samples {
+            region: Region::PartOfRun { third },
             inside: (0..n).map(|k| 3 * k / n.max(1) == part).collect(),
-            place: format!("in the {name} third of the run"),
-            which: name,
         });
     }
     regions
@@ -169,7 +141,7 @@ fn regions(trace: &Trace) -> Vec<Region> {
 
 /// Samples near a change of sign of the speed. A change counts once the speed has left the band of its noise on the
 /// other side.
-fn reversals(trace: &Trace) -> Option<Region> {
+fn reversals(trace: &Trace) -> Option<Samples> {
     let dq = &trace.own.dq;
     let rms = (dq.iter().map(|dq| dq * dq).sum::<f64>() / dq.len() as f64).sqrt();
     let mut turns = Vec::new();
@@ -197,8 +169,7 @@ fn reversals(trace: &Trace) -> Option<Region> {
         let end = (turn + near).min(dq.len());
         inside[turn.saturating_sub(near)..end].fill(true);
     }
-    let place = format!("within {} s of its {} velocity reversals", number(near as f64 * trace.step), turns.len());
-    Some(Region { kind: FindingKind::Reversal, inside, place, which: "" })
+    Some(Samples { region: Region::Reversals { within_s: near as f64 * trace.step, count: turns.len() }, inside })
 }
 
 /// The value below which so large a share of the samples that count lies; 0 without samples.

@@ -7,7 +7,6 @@
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::{Finding, FindingKind, Signal, trace::Trace};
-use dynid_text::number;
 
 /// A band is reported when it holds this share of the squared error, ..
 const BAND_SHARE: f64 = 0.5;
@@ -55,17 +54,8 @@ pub fn findings(trace: &Trace) -> Vec<Finding> {
         let share = held(from, to);
         let expected = by_chance(trace, resolution, power.len(), n_seen, from, to);
         if share > DENSER * expected && n_seen >= 16 {
-            let [low, high] = [(from as f64 - 0.5) * resolution, (to as f64 + 0.5) * resolution];
-            let what = format!(
-                "{:.0} % of the squared {} lies between {} and {} Hz ({:.1} % by chance)",
-                100.0 * share,
-                trace.error.name(),
-                number(low),
-                number(high),
-                100.0 * expected
-            );
-            let finding = trace.finding(FindingKind::Band, what, share, expected);
-            findings.push(Finding { band_hz: Some([low, high]), ..finding });
+            let [low_hz, high_hz] = [(from as f64 - 0.5) * resolution, (to as f64 + 0.5) * resolution];
+            findings.push(trace.finding(FindingKind::LiesInBand { low_hz, high_hz }, share, expected));
         }
     }
     findings.extend(beat(trace, &power, total, resolution, n_seen));
@@ -80,23 +70,14 @@ fn beat(trace: &Trace, power: &[f64], total: f64, resolution: f64, n_seen: usize
     peaks.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
     let first = *peaks.first()?;
     let second = *peaks.iter().skip(1).find(|second| second.abs_diff(first) > 4)?;
-    let (low, high) = (first.min(second) as f64 * resolution, first.max(second) as f64 * resolution);
+    let (low_hz, high_hz) = (first.min(second) as f64 * resolution, first.max(second) as f64 * resolution);
     let chance = |k: usize| by_chance(trace, resolution, power.len(), n_seen, k.saturating_sub(2), k + 2);
     let (share, expected) = (line(first) + line(second), (chance(first) + chance(second)).min(1.0));
-    let is_beat = power[second] > SECOND_LINE * power[first] && high - low < NEAR * low;
+    let is_beat = power[second] > SECOND_LINE * power[first] && high_hz - low_hz < NEAR * low_hz;
     if !is_beat || share < BEAT_SHARE || share < DENSER * expected {
         return None;
     }
-    let what = format!(
-        "the {} beats: {} and {} Hz hold {:.0} % of its square ({:.1} % by chance) and meet every {} s",
-        trace.error.name(),
-        number(low),
-        number(high),
-        100.0 * share,
-        100.0 * expected,
-        number(1.0 / (high - low))
-    );
-    Some(Finding { band_hz: Some([low, high]), ..trace.finding(FindingKind::Beat, what, share, expected) })
+    Some(trace.finding(FindingKind::Beats { low_hz, high_hz }, share, expected))
 }
 
 /// The share of the power of noise that lies in bins `from..=to`.

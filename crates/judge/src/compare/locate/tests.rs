@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::{
-    Finding, FindingKind, Signal, between_runs, of_trace,
+    Finding, FindingKind, OtherSignal, OwnSignal, Region, Signal, Third, Twin, between_runs, of_trace,
     trace::{Signals, Trace},
 };
 use dynid_random::Random;
@@ -62,6 +62,16 @@ fn first(trace: &Trace) -> Finding {
     of_trace(trace).into_iter().next().expect("something is found")
 }
 
+/// Whether an error is proportional to that signal of its joint.
+fn follows(finding: &Finding, asked: OwnSignal) -> bool {
+    matches!(finding.kind, FindingKind::Follows { signal, .. } if signal == asked)
+}
+
+/// Whether an error lies at reversals or low speed, which are mostly the same samples.
+fn is_slow(finding: &Finding) -> bool {
+    matches!(finding.kind, FindingKind::LiesIn { region: Region::Reversals { .. } | Region::LowSpeed { .. }, .. })
+}
+
 #[test]
 fn noise_gives_nothing() {
     for seed in 0..20 {
@@ -78,8 +88,10 @@ fn noise_gives_nothing() {
             *value = smoother;
         }
         made.bandwidth_hz = 4.0;
-        let message: Vec<Finding> =
-            of_trace(&made).into_iter().filter(|finding| finding.kind != FindingKind::Band).collect();
+        let message: Vec<Finding> = of_trace(&made)
+            .into_iter()
+            .filter(|finding| !matches!(finding.kind, FindingKind::LiesInBand { .. }))
+            .collect();
         assert_eq!(message, [], "with memory, seed {seed}");
     }
 }
@@ -100,24 +112,23 @@ fn the_noise_of_accelerations_gives_nothing() {
 #[test]
 fn an_offset_is_reported_with_its_size() {
     let found = first(&trace(|_, _, _| 0.02, 0.005));
-    assert_eq!(found.kind, FindingKind::Offset);
-    assert!(found.what.contains("0.0200") && (found.share - 16.0 / 17.0).abs() < 0.01, "{found:?}");
+    let FindingKind::Offset { constant } = found.kind else { panic!("{found:?}") };
+    // four standard errors
+    assert!((constant - 0.02).abs() < 4.0 * 0.005 / (N as f64).sqrt(), "{constant}");
+    assert!((found.share - 16.0 / 17.0).abs() < 0.01, "{found:?}");
 }
 
 #[test]
 fn friction_is_reported_by_the_sign_of_the_speed() {
     let found = first(&trace(|own, _, k| 0.03 * (own.dq[k] / 1e-3).tanh(), 0.01));
-    assert_eq!(found.kind, FindingKind::Direction, "{found:?}");
+    assert!(follows(&found, OwnSignal::SpeedSign), "{found:?}");
     assert!(found.share > 0.85 && found.expected < 0.01, "{found:?}");
 }
 
 #[test]
 fn what_lies_at_reversals_is_reported_there() {
     let found = of_trace(&trace(|own, _, k| 0.05 * (-(own.dq[k] / 0.1).powi(2)).exp() * own.ddq[k].signum(), 0.003));
-    let reversal = found
-        .iter()
-        .find(|finding| matches!(finding.kind, FindingKind::Reversal | FindingKind::LowSpeed))
-        .expect("located");
+    let reversal = found.iter().find(|finding| is_slow(finding)).expect("located");
     assert!(reversal.share > 0.7 && reversal.expected < 0.3, "{found:?}");
 }
 
@@ -129,11 +140,10 @@ fn what_only_looks_like_another_place_is_named_beside_it() {
     let turning = made.own.dq.clone();
     made.residual = turning.iter().map(|dq| random.normal() * if dq.abs() < 0.15 { 3.0 } else { 0.3 }).collect();
     let found = of_trace(&made);
-    let first = &found[0];
-    assert!(matches!(first.kind, FindingKind::LowSpeed | FindingKind::Reversal), "{found:?}");
-    assert!(first.what.contains("that is also where it lies") && first.what.contains("reversals"), "{}", first.what);
-    let of_places = |kind: FindingKind| found.iter().filter(|finding| finding.kind == kind).count();
-    assert_eq!(of_places(FindingKind::LowSpeed) + of_places(FindingKind::Reversal), 1, "{found:?}");
+    let FindingKind::LiesIn { region, also } = &found[0].kind else { panic!("{found:?}") };
+    let is_turning = |region: &Region| matches!(region, Region::Reversals { .. } | Region::LowSpeed { .. });
+    assert!(is_turning(region) && also.iter().any(|also| is_turning(&also.region)), "{found:?}");
+    assert_eq!(found.iter().filter(|finding| is_slow(finding)).count(), 1, "{found:?}");
     // Two places that have nothing to do with each other remain two.
     let n = made.residual.len();
     let mut random = Random::new(24);
@@ -144,9 +154,12 @@ fn what_only_looks_like_another_place_is_named_beside_it() {
             random.normal() * if dq.abs() < 0.15 { 3.0 } else { 0.3 } * if 3 * k > 2 * n { 4.0 } else { 1.0 }
         })
         .collect();
-    let kinds: Vec<FindingKind> = of_trace(&made).iter().map(|finding| finding.kind).collect();
-    assert!(kinds.contains(&FindingKind::PartOfRun), "{kinds:?}");
-    assert!(kinds.contains(&FindingKind::LowSpeed) || kinds.contains(&FindingKind::Reversal), "{kinds:?}");
+    let found = of_trace(&made);
+    let is_late = |finding: &Finding| {
+        matches!(finding.kind, FindingKind::LiesIn { region: Region::PartOfRun { third: Third::Last }, .. })
+    };
+    assert!(found.iter().any(is_late), "{found:?}");
+    assert!(found.iter().any(is_slow), "{found:?}");
 }
 
 #[test]
@@ -158,7 +171,7 @@ fn what_both_errors_say_is_said_once() {
     let message = super::twins_together(vec![position, elsewhere.clone(), torque.clone()]);
     assert_eq!(message.len(), 2);
     assert_eq!((message[0].error, message[0].share), (Signal::Torque, torque.share));
-    assert!(message[0].what.ends_with("the position error says the same (40 % of its square)"), "{}", message[0].what);
+    assert_eq!(message[0].twin, Some(Twin { error: Signal::Position, share: 0.4 }));
     assert_eq!(message[1], elsewhere);
 }
 
@@ -166,16 +179,18 @@ fn what_both_errors_say_is_said_once() {
 fn what_differs_between_the_errors_is_said_twice() {
     let torque = first(&trace(|own, _, k| 0.03 * (own.dq[k] / 1e-3).tanh(), 0.01));
     let position = Finding { error: Signal::Position, ..torque.clone() };
-    let parts = ["first", "last"].map(|part| Finding {
-        kind: FindingKind::PartOfRun,
-        about: part.to_owned(),
-        error: if part == "first" { Signal::Torque } else { Signal::Position },
+    let parts = [Third::First, Third::Last].map(|third| Finding {
+        kind: FindingKind::LiesIn { region: Region::PartOfRun { third }, also: Vec::new() },
+        error: if third == Third::First { Signal::Torque } else { Signal::Position },
         ..torque.clone()
     });
     assert_eq!(super::twins_together(parts.to_vec()), parts);
     let runs = [torque.clone(), Finding { run_index: 1, ..position.clone() }];
     assert_eq!(super::twins_together(runs.to_vec()), runs, "two runs of one log");
-    let in_band = |finding: &Finding, band| Finding { kind: FindingKind::Band, band_hz: Some(band), ..finding.clone() };
+    let in_band = |finding: &Finding, [low_hz, high_hz]: [f64; 2]| Finding {
+        kind: FindingKind::LiesInBand { low_hz, high_hz },
+        ..finding.clone()
+    };
     let apart = [in_band(&torque, [1.0, 2.0]), in_band(&position, [5.0, 8.0])];
     assert_eq!(super::twins_together(apart.to_vec()), apart);
     let near = vec![in_band(&torque, [1.0, 2.0]), in_band(&position, [1.8, 3.0])];
@@ -185,43 +200,48 @@ fn what_differs_between_the_errors_is_said_twice() {
 #[test]
 fn a_repetition_in_position_is_reported_with_its_period() {
     let found = first(&trace(|own, _, k| 0.01 * (14.0 * own.q[k] + 0.3).sin(), 0.004));
-    assert_eq!(found.kind, FindingKind::PeriodicPosition, "{found:?}");
-    let period = TAU / 14.0;
-    let message: f64 =
-        found.what.split("every ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
-    assert!((message / period - 1.0).abs() < 0.06, "{message} {period}: {}", found.what);
+    let FindingKind::Repeats { period, amplitude } = found.kind else { panic!("{found:?}") };
+    assert!((period * 14.0 / TAU - 1.0).abs() < 0.06, "{period}");
+    assert!((amplitude / 0.01 - 1.0).abs() < 0.2, "{amplitude}");
 }
 
 #[test]
 fn a_spring_is_reported_by_position() {
     let found = first(&trace(|own, _, k| 0.05 * own.q[k].powi(3), 0.002));
-    assert_eq!(found.kind, FindingKind::Position, "{found:?}");
+    let FindingKind::FollowsSmoothly { coefficients, rest } = found.kind else { panic!("{found:?}") };
+    assert!((coefficients[2] - 0.05).abs() < 0.005 && rest == 0.0, "{found:?}");
 }
 
 #[test]
 fn another_joints_torque_is_reported_with_the_joint() {
     let found = first(&trace(|_, other, k| -0.2 * other.command[k], 0.02));
-    assert_eq!((found.kind, found.other), (FindingKind::OtherTorque, Some(5)), "{found:?}");
-    assert!(found.what.contains("\u{2212}0.199") || found.what.contains("\u{2212}0.200"), "{}", found.what);
+    let FindingKind::FollowsOther { joint: 5, signal: OtherSignal::Command, per_unit } = found.kind else {
+        panic!("{found:?}");
+    };
+    assert!((per_unit + 0.2).abs() < 0.002, "{per_unit}");
 }
 
 #[test]
 fn a_drift_and_an_end_are_reported() {
     let found = first(&trace(|_, _, k| 0.02 * (k as f64 / N as f64 - 0.5), 0.002));
-    assert_eq!(found.kind, FindingKind::Drift, "{found:?}");
+    let FindingKind::Drifts { change, duration_s } = found.kind else { panic!("{found:?}") };
+    assert!((change - 0.02).abs() < 4e-4 && (duration_s - STEP * N as f64).abs() < 1e-9, "{found:?}");
     let mut random = Random::new(3);
     let mut late = trace(|_, _, _| 0.0, 0.0);
     late.residual = (0..N).map(|k| random.normal() * if 3 * k > 2 * N { 3.0 } else { 0.5 }).collect();
-    assert_eq!(first(&late).kind, FindingKind::PartOfRun);
+    let region = Region::PartOfRun { third: Third::Last };
+    assert_eq!(first(&late).kind, FindingKind::LiesIn { region, also: Vec::new() });
 }
 
 #[test]
 fn two_causes_are_reported_one_after_the_other() {
     let found = of_trace(&trace(|own, other, k| 0.03 * (own.dq[k] / 1e-3).tanh() - 0.03 * other.command[k], 0.003));
-    let kinds: Vec<FindingKind> = found.iter().map(|finding| finding.kind).collect();
-    assert_eq!(kinds[0], FindingKind::Direction, "{found:?}");
-    assert!(kinds.contains(&FindingKind::OtherTorque), "{found:?}");
-    assert!(!kinds.contains(&FindingKind::Load) && !kinds.contains(&FindingKind::Offset), "{found:?}");
+    let other_command =
+        |found: &Finding| matches!(found.kind, FindingKind::FollowsOther { signal: OtherSignal::Command, .. });
+    assert!(follows(&found[0], OwnSignal::SpeedSign), "{found:?}");
+    assert!(found.iter().any(other_command), "{found:?}");
+    let is_constant = |found: &Finding| matches!(found.kind, FindingKind::Offset { .. });
+    assert!(!found.iter().any(|found| follows(found, OwnSignal::Command) || is_constant(found)), "{found:?}");
 }
 
 /// A fit without Coulomb friction makes the viscous friction too large: the error is the one minus too much of the other.
@@ -233,14 +253,17 @@ fn a_law_that_another_one_stood_in_for_is_reported_with_its_own_size() {
         own.iter().zip(e).map(|(dq, e)| dq * e).sum::<f64>() / own.iter().map(|dq| dq * dq).sum::<f64>();
     made.residual = own.iter().zip(e).map(|(dq, e)| e - stood_in * dq).collect();
     let found = of_trace(&made);
-    assert_eq!((found[0].kind, found[1].kind), (FindingKind::Direction, FindingKind::Speed), "{found:?}");
-    let size = |text: &str, before: &str| -> f64 {
-        let number = text.split(before).nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
-        number.replace('\u{2212}', "-").parse().unwrap()
+    let [
+        FindingKind::Follows { signal: OwnSignal::SpeedSign, per_unit: friction },
+        FindingKind::Follows { signal: OwnSignal::Speed, per_unit: viscous },
+    ] = [&found[0].kind, &found[1].kind]
+    else {
+        panic!("{found:?}");
     };
-    assert!((size(&found[0].what, "sign of the speed, ") - 0.03).abs() < 0.002, "{}", found[0].what);
-    assert!((size(&found[1].what, "follows the speed, ") + stood_in).abs() < 0.1 * stood_in, "{}", found[1].what);
-    assert!(found[1].what.starts_with("besides, "), "{}", found[1].what);
+    assert!((friction - 0.03).abs() < 0.002, "{friction}");
+    assert!((viscous + stood_in).abs() < 0.1 * stood_in, "{viscous}");
+    let orders = found[..2].iter().map(|found| found.regression.as_ref().map(|step| step.order));
+    assert!(orders.eq([Some(1), Some(2)]), "{found:?}");
 }
 
 #[test]
@@ -252,8 +275,13 @@ fn near_frequencies_beat() {
         },
         0.001,
     ));
-    let beat = found.iter().find(|finding| finding.kind == FindingKind::Beat).expect("it beats");
-    assert!(beat.what.contains("every 4.0") || beat.what.contains("every 3.9"), "{}", beat.what);
+    let beat = found.iter().find_map(|finding| match finding.kind {
+        FindingKind::Beats { low_hz, high_hz } => Some((low_hz, high_hz)),
+        _ => None,
+    });
+    let (low_hz, high_hz) = beat.expect("it beats");
+    // the lines are told to a bin of 1/60 Hz
+    assert!((low_hz - 2.1).abs() < 0.01 && ((high_hz - low_hz).recip() - 4.0).abs() < 0.15, "{low_hz} {high_hz}");
 }
 
 #[test]
@@ -271,7 +299,9 @@ fn means_that_differ_between_runs_are_reported() {
     traces[1].residual.iter_mut().for_each(|value| *value += 0.5);
     let found = between_runs(&traces);
     assert_eq!(found.len(), 1);
-    assert_eq!((found[0].run.as_str(), found[0].kind), ("1.csv", FindingKind::BetweenRuns));
+    assert_eq!(found[0].run, "1.csv");
+    let FindingKind::DiffersBetweenRuns { here, overall } = found[0].kind else { panic!("{found:?}") };
+    assert!((here - 0.5).abs() < 0.06 && (overall - 0.5 / 3.0).abs() < 0.04, "{found:?}");
 }
 
 /// A run with a large and slow error hardly knows its mean: that it is off tells nothing of the others.

@@ -74,10 +74,22 @@ impl Trace {
         self.residual.iter().zip(&self.used).map(|(value, used)| if *used { value - mean } else { 0.0 }).collect()
     }
 
-    pub fn finding(&self, kind: FindingKind, what: String, share: f64, expected: f64) -> Finding {
-        let (run, run_index, joint, error) = (self.run.clone(), self.run_index, self.joint, self.error);
-        let (other, about, band_hz, rank) = (None, String::new(), None, 0.0);
-        Finding { run, joint, what, kind, share, expected, error, other, about, band_hz, run_index, rank }.ranked()
+    pub fn finding(&self, kind: FindingKind, share: f64, expected: f64) -> Finding {
+        Finding {
+            run: self.run.clone(),
+            joint: self.joint,
+            error: self.error,
+            unit: self.unit.clone(),
+            position_unit: self.position_unit.clone(),
+            kind,
+            share,
+            expected,
+            regression: None,
+            twin: None,
+            run_index: self.run_index,
+            rank: 0.0,
+        }
+        .ranked()
     }
 }
 

@@ -7,7 +7,7 @@
 //! are fitted after all if another candidate explains the logs. `Work::is_beaten`, after fits: before an effect that does not
 //! reach the noise is named, the formula must not leave less than half of what it leaves.
 
-use super::{Refit, Rejected, Score, Scored, Work, discover, prescreening, verdict};
+use super::{Refit, RejectedCandidate, Rejection, Score, Scored, Work, discover, prescreening, verdict};
 use crate::DiagnoseError;
 use dynid_user_model::Model;
 
@@ -73,15 +73,9 @@ pub(super) fn without_hopeless(
 }
 
 /// Those that are hopeless and were not fitted, with the reason.
-pub(super) fn rejected(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<Item = Rejected> {
+pub(super) fn rejected(hopeless: Vec<Score>, fitted: &[Refit]) -> impl Iterator<Item = RejectedCandidate> {
     let unfitted = hopeless.into_iter().filter(|score| !super::is_fitted(&score.candidate, fitted));
-    unfitted.map(|score| Rejected {
-        candidate: score.candidate,
-        reason:
-            "far above the noise even where simulations are held to the logs, while a formula of one term leaves far less of \
-             the torque error than the screening finds that an effect would"
-                .to_owned(),
-    })
+    unfitted.map(|score| RejectedCandidate { candidate: score.candidate, reason: Rejection::BeatenByFormula })
 }
 
 #[cfg(test)]
@@ -105,7 +99,7 @@ mod tests {
         let (left, hopeless) = without_hopeless(waiting, true, &reported);
         assert_eq!((names(&left), names(&hopeless)), (vec!["sensor_offset", "viscous"], vec!["lugre", "coulomb"]));
         let fitted = Refit { candidate: Some(score("lugre").candidate), ..empty() };
-        let reported: Vec<Rejected> = rejected(hopeless, &[fitted]).collect();
+        let reported: Vec<RejectedCandidate> = rejected(hopeless, &[fitted]).collect();
         assert_eq!(reported.iter().map(|rejected| rejected.candidate.effect.as_str()).collect::<Vec<_>>(), ["coulomb"]);
     }
 }

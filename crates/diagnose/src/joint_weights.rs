@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::{screen::regular, view::Block};
+use super::{error_signal::Block, screen::regular};
 
 /// Rounds of weighing and taking out; a third changes little.
 const ROUNDS: usize = 2;

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::Candidate;
 use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample};
@@ -16,37 +17,92 @@ struct Trial {
     joint: usize,
     amplitude: f64,
     hz: f64,
-    /// A quarter period later or not.
-    phase: f64,
+    phase: SinePhase,
 }
 
-/// In words, what to play so that `own` and `others`, models that were fitted to `runs`, differ most from each other, in
-/// units of the noise; `None` where nothing that was tried tells them apart.
+/// What would tell an effect from another that fits as well.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum DistinguishingExperiment {
+    /// A sine at one joint.
+    Sine {
+        /// Joints to lock; the others are free.
+        locked: Vec<usize>,
+        /// The joint that is commanded.
+        joint: usize,
+        /// Of the command, in `unit`.
+        amplitude: f64,
+        /// Unit of the command.
+        unit: String,
+        /// Hz
+        frequency_hz: f64,
+        /// Where it begins.
+        phase: SinePhase,
+        /// What it tells the effect from.
+        from: Candidate,
+        /// By how many times the noise the two differ (root mean square at the joint that shows it most).
+        times_noise: f64,
+        /// Over so long (s).
+        duration_s: f64,
+    },
+    /// None of the sines that were tried tells the two apart.
+    NoneFound {
+        /// What it should be told from.
+        from: Candidate,
+        /// By how many times the noise the two differ at best.
+        times_noise: f64,
+    },
+}
+
+/// Where a sine begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SinePhase {
+    /// At zero, `sin(2 pi f t)`.
+    Zero,
+    /// A quarter period later, `cos(2 pi f t)`.
+    Quarter,
+}
+
+impl SinePhase {
+    /// In periods.
+    fn periods(self) -> f64 {
+        match self {
+            Self::Zero => 0.0,
+            Self::Quarter => 0.25,
+        }
+    }
+}
+
+/// What to play so that `own` and `others`, models that were fitted to `runs`, differ most from each other, in units of the
+/// noise; `None` where nothing can be tried.
 ///
 /// Tried are sines at each joint that an effect acts on, of several amplitudes and frequencies about those of the runs, in
 /// every configuration in which that joint is free and at most as many joints as in the runs.
-pub(super) fn experiment(own: &Model, others: &[(&Candidate, &Model)], runs: &[&Run]) -> Option<String> {
+pub(super) fn experiment(
+    own: &Model,
+    others: &[(&Candidate, &Model)],
+    runs: &[&Run],
+) -> Option<DistinguishingExperiment> {
+    /// Models that differ by fewer noises are not told apart.
+    const LEAST: f64 = 3.0;
     let (candidate, other) = others.first()?;
-    let (noises, Trial { free, joint, amplitude, hz, phase }) = best(own, candidate, other, runs)?;
-    let unit = &own.device.joints[joint].command_unit;
-    let wave = if phase == 0.0 { "sin" } else { "cos" };
-    let locked: Vec<String> =
-        (0..own.device.joints.len()).filter(|joint| !free.contains(joint)).map(|joint| joint.to_string()).collect();
-    let lock = if locked.is_empty() {
-        "leave all joints free".to_owned()
-    } else {
-        format!("lock the joints {}", locked.join(", "))
-    };
-    if noises < 3.0 {
-        return Some(format!(
-            "none of the sines tried tells it from {candidate}: at best they differ by {noises:.1} times the noise"
-        ));
+    let (times_noise, Trial { free, joint, amplitude, hz, phase }) = best(own, candidate, other, runs)?;
+    let from = Candidate::clone(candidate);
+    if times_noise < LEAST {
+        return Some(DistinguishingExperiment::NoneFound { from, times_noise });
     }
-    Some(format!(
-        "{lock} and command {} {unit} * {wave}(2 pi * {hz:.2} Hz * t) at joint {joint}: there it differs from {candidate} by \
-         {noises:.0} times the noise (root mean square over {DURATION_S} s)",
-        dynid_text::number(amplitude)
-    ))
+    Some(DistinguishingExperiment::Sine {
+        locked: (0..own.device.joints.len()).filter(|joint| !free.contains(joint)).collect(),
+        joint,
+        amplitude,
+        unit: own.device.joints[joint].command_unit.clone(),
+        frequency_hz: hz,
+        phase,
+        from,
+        times_noise,
+        duration_s: DURATION_S,
+    })
 }
 
 /// The trial that tells most, and by how many noises the models differ there.
@@ -82,7 +138,7 @@ fn trials(model: &Model, candidate: &Candidate, runs: &[&Run]) -> Vec<Trial> {
             }
             for share in [0.2, 0.5, 1.0, 1.5] {
                 for hz in [0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0] {
-                    for phase in [0.0, 0.25] {
+                    for phase in [SinePhase::Zero, SinePhase::Quarter] {
                         trials.push(Trial { free: free.clone(), joint, amplitude: share * size, hz, phase });
                     }
                 }
@@ -102,7 +158,7 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Optio
     let time: Vec<f64> = (0..samples).map(|k| k as f64 * SAMPLE_S).collect();
     let mut command = vec![0.0; samples * n_joints];
     for (k, t) in time.iter().enumerate() {
-        command[k * n_joints + trial.joint] = trial.amplitude * (TAU * (trial.hz * t + trial.phase)).sin();
+        command[k * n_joints + trial.joint] = trial.amplitude * (TAU * (trial.hz * t + trial.phase.periods())).sin();
     }
     let middle = |joint: usize| runs.first().map_or(0.0, |run| run.log.mean_position(joint));
     let start: Vec<f64> = trial.free.iter().map(|joint| middle(*joint)).collect();
@@ -173,7 +229,7 @@ mod tests {
     fn played(model: &Model, trial: &Trial, substeps: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
         let time: Vec<f64> = (0..(DURATION_S / SAMPLE_S) as usize).map(|k| k as f64 * SAMPLE_S).collect();
         let command: Vec<f64> =
-            time.iter().map(|t| trial.amplitude * (TAU * (trial.hz * t + trial.phase)).sin()).collect();
+            time.iter().map(|t| trial.amplitude * (TAU * (trial.hz * t + trial.phase.periods())).sin()).collect();
         let system = model.system(&[0], |_| 0.0).expect("a system");
         let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
         let options = simulate::Options { substeps, ..simulate::Options::default() };
@@ -184,7 +240,7 @@ mod tests {
     #[test]
     fn what_is_proposed_tells_more_than_what_was_fitted() {
         let [own, other] = models();
-        let fitted = Trial { free: vec![0], joint: 0, amplitude: FORCE, hz: 1.0, phase: 0.0 };
+        let fitted = Trial { free: vec![0], joint: 0, amplitude: FORCE, hz: 1.0, phase: SinePhase::Zero };
         let (t, tau, q) = played(&own, &fitted, 20);
         let mut random = Random::new(5);
         let q: Vec<f64> = q.iter().map(|q| q + NOISE * random.normal()).collect();
@@ -207,7 +263,23 @@ mod tests {
         assert!((again / noises - 1.0).abs() < 0.02, "{again} {noises}");
         let farthest = one.iter().fold(0.0_f64, |farthest, q| farthest.max(q.abs()));
         assert!(farthest < 1.6 * FORCE, "nothing is asked for beyond what the run has seen: {farthest}");
-        let reported = experiment(&own, &[(&candidate, &other)], &runs).expect("a trial");
-        assert!(reported.contains(&format!("by {noises:.0} times the noise")), "{reported}");
+        let reported = experiment(&own, &[(&candidate, &other)], &runs);
+        assert_eq!(
+            reported,
+            Some(DistinguishingExperiment::Sine {
+                locked: Vec::new(),
+                joint: 0,
+                amplitude: trial.amplitude,
+                unit: own.device.joints[0].command_unit.clone(),
+                frequency_hz: trial.hz,
+                phase: trial.phase,
+                from: candidate.clone(),
+                times_noise: noises,
+                duration_s: DURATION_S,
+            })
+        );
+        // A model is not told from itself.
+        let same = experiment(&own, &[(&candidate, &own)], &runs);
+        assert_eq!(same, Some(DistinguishingExperiment::NoneFound { from: candidate, times_noise: 0.0 }));
     }
 }

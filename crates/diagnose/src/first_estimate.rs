@@ -7,7 +7,7 @@ use super::{
     Candidate, MUCH, ObserverView, Probe, Screen, Sizes, TorqueView, probes, screen::Scored, screening_substeps,
     shortlist,
 };
-use dynid_identify::identify::ErrorKind;
+use dynid_identify::identify::ErrorSignal;
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_user_model::{EffectInstance, Model};
 
@@ -17,7 +17,7 @@ pub(super) struct Screening<'a> {
     torque: TorqueView,
     sizes: Vec<Sizes>,
     typical: Sizes,
-    error: ErrorKind,
+    error: ErrorSignal,
 }
 
 /// Rate of the observer that holds simulations to the log [1/s].
@@ -36,7 +36,7 @@ pub(super) fn moving(base: &Model) -> Vec<(String, Parameter)> {
 
 impl<'a> Screening<'a> {
     /// Of those of `runs` that are for fitting.
-    pub(super) fn new(model: &Model, runs: &[&'a Run], error: ErrorKind) -> Self {
+    pub(super) fn new(model: &Model, runs: &[&'a Run], error: ErrorSignal) -> Self {
         let runs: Vec<&Run> = runs.iter().copied().filter(|run| run.role == Role::Fit).collect();
         let motions: Vec<Option<Motion>> = runs.par_iter().map(|run| Motion::of(run).ok()).collect();
         let (with_motion, motions): (Vec<&Run>, Vec<Motion>) =
@@ -72,7 +72,7 @@ impl<'a> Screening<'a> {
     ) -> Vec<Scored> {
         let moving = moving(base);
         let torque = Screen::new(&self.torque, base, &moving);
-        let view = (self.error == ErrorKind::Position).then(|| observed(base, &self.runs)).flatten();
+        let view = (self.error == ErrorSignal::Position).then(|| observed(base, &self.runs)).flatten();
         let observed = view.as_ref().and_then(|view| Screen::new(view, base, &moving));
         candidates
             .par_iter()
@@ -118,7 +118,7 @@ pub struct FirstEstimates {
 /// fitting.
 ///
 /// The estimate is the one that a screening finds ([`Screen`]); where it finds none the effect stays.
-pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorKind) -> FirstEstimates {
+pub fn with_first_estimates(model: &Model, runs: &[&Run], error: ErrorSignal) -> FirstEstimates {
     let mut found = FirstEstimates { model: model.clone(), others: Vec::new(), is_narrow: false, labels: Vec::new() };
     let new: Vec<EffectInstance> = model.effects.iter().filter(|own| vanishes(own)).cloned().collect();
     if new.is_empty() {

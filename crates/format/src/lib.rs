@@ -29,6 +29,16 @@ pub fn number(value: f64) -> String {
     text.replace('-', "\u{2212}")
 }
 
+/// The first six names, and how many more there are.
+pub fn listed(names: &[String]) -> String {
+    const NAMED: usize = 6;
+    let shown = names[..names.len().min(NAMED)].join(", ");
+    match names.len().saturating_sub(NAMED) {
+        0 => shown,
+        more => format!("{shown} and {more} more"),
+    }
+}
+
 /// A name that nothing has: a device, an effect, a parameter.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown {kind} `{name}`; {help}")]

@@ -14,7 +14,7 @@ use crate::workspace::{self, Member};
 const LAYERS: &[&[(&str, &str)]] = &[
     &[
         ("dynid-random", "random numbers from a stated seed"),
-        ("dynid-vocabulary", "words that the reader of models and the runtime share"),
+        ("dynid-signal-chain", "where an effect sits between command and log, and the symbols of links"),
     ],
     &[
         ("dynid-model", "devices, effects and inputs as data, and their reader"),
@@ -25,7 +25,7 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-files", "reading and writing whole files"),
         ("dynid-lower", "named equations and effects to Rust"),
         ("dynid-plant", "an independent derivation, which tests are made of"),
-        ("dynid-text", "how numbers and names are written for people"),
+        ("dynid-format", "how numbers and names are written for people"),
     ],
     &[
         ("dynid-derive", "a device to its equations, by computer algebra"),
@@ -47,10 +47,9 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-identify", "from a model and logs to a fitted model"),
     ],
     &[("dynid-judge", "how far a model is from logs, and where")],
-    &[
-        ("dynid-diagnose", "which physical effect a model lacks, and where"),
-        ("dynid-report", "results for people: pictures and pages"),
-    ],
+    &[("dynid-diagnose", "which physical effect a model lacks, and where")],
+    &[("dynid-sentences", "findings as sentences, for text, page and JSON")],
+    &[("dynid-report", "results for people: pictures and pages")],
     &[("dynid", "the library that users see, and the program"), ("xtask", "the project's own commands")],
 ];
 
@@ -91,17 +90,19 @@ fn out_of_order(members: &[Member], layers: &[&[(&str, &str)]]) -> Vec<String> {
     for (layer, crates) in layers.iter().enumerate() {
         for (name, _) in *crates {
             if layer_of.insert(*name, layer).is_some() {
-                wrong.push(format!("xtask/src/order.rs names `{name}` twice; keep one of its places"));
+                wrong.push(format!("xtask/src/crate_order.rs names `{name}` twice; keep one of its places"));
             }
             if !members.iter().any(|member| member.name == *name) {
-                wrong.push(format!("xtask/src/order.rs names `{name}`, which the workspace does not have; remove it"));
+                wrong.push(format!(
+                    "xtask/src/crate_order.rs names `{name}`, which the workspace does not have; remove it"
+                ));
             }
         }
     }
     for member in members {
         let Some(layer) = layer_of.get(member.name.as_str()) else {
             wrong.push(format!(
-                "`{}` has no place in the order of crates; name it in xtask/src/order.rs, above all that it needs",
+                "`{}` has no place in the order of crates; name it in xtask/src/crate_order.rs, above all that it needs",
                 member.name
             ));
             continue;
@@ -111,7 +112,7 @@ fn out_of_order(members: &[Member], layers: &[&[(&str, &str)]]) -> Vec<String> {
             if other >= layer {
                 wrong.push(format!(
                     "{}: `{}` needs `{}` ([{}]), which is {} it; move what is shared to a crate below both, or change \
-                     the order in xtask/src/order.rs",
+                     the order in xtask/src/crate_order.rs",
                     workspace::shown(&member.manifest),
                     member.name,
                     dependency.package,

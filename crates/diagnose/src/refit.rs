@@ -90,7 +90,8 @@ pub struct JointResidual {
     pub squares: f64,
     /// Samples.
     pub samples: f64,
-    /// Successive samples that share one independent error.
+    /// Successive samples that share one independent error, counted as for a mean: position errors are slow, and that is the
+    /// more careful of the two counts for them.
     pub correlation: f64,
     /// Sum of squares that noise alone would leave; `None` where it is not known.
     pub noise_squares: Option<f64>,

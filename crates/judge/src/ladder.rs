@@ -4,7 +4,7 @@
 //! of the runs to fit to (Schwarz 1978) for Gaussian errors of unknown size,
 //! `BIC = sum_j n_j ln(e_j^2) + k ln(sum_j n_j)`,
 //! with the mean squared error `e_j^2` of joint j, its number of *independent* samples `n_j` (errors have memory: see
-//! [`correlation_time`]) and the number `k` of free parameters. Models are compared with the `n_j` of the one that leaves
+//! [`effective_samples`]) and the number `k` of free parameters. Models are compared with the `n_j` of the one that leaves
 //! least, for the errors of the others have the memory of what those lack. Only differences mean something; below -10 is
 //! strong.
 
@@ -14,7 +14,7 @@ use crate::CompareError;
 use crate::{compare::Comparison, compare::compare};
 use dynid_identify::position::FitRun;
 use dynid_logs::{experiment::Role, experiment::Run};
-use dynid_signal::statistics::correlation_time;
+use dynid_signal::statistics::effective_samples;
 use dynid_user_model::{Added, EffectError, EffectInstance, Model};
 
 /// Models of one device, one after the other, on the same runs.
@@ -423,8 +423,7 @@ fn judge(ladder: &mut Ladder, runs: &[&Run]) {
                 .map(|joint| {
                     let own = || errors.iter().filter(move |(other, _)| *other == joint).map(|(_, values)| values);
                     let samples: usize = own().map(Vec::len).sum();
-                    let independent: f64 =
-                        own().map(|values| values.len() as f64 / correlation_time(values, values.len())).sum();
+                    let independent: f64 = own().map(|values| effective_samples(values, values.len())).sum();
                     (joint, own().map(|values| square(values)).sum::<f64>() / samples.max(1) as f64, independent)
                 })
                 .collect()

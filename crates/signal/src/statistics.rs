@@ -5,8 +5,9 @@
 //! 27-41):
 //! - a mean, a sum, or an estimate whose regressors are slower than the error, has the variance of white noise times
 //!   `1 + 2 sum rho(k)`: [`correlation_time`];
-//! - the correlation with another signal of like bandwidth, and what a regressor of that bandwidth takes away of a sum of
-//!   squares by chance, has it times `1 + 2 sum rho(k)^2`: [`effective_samples`].
+//! - the correlation with another signal of like bandwidth, what a regressor of that bandwidth takes away of a sum of squares
+//!   by chance, and so the degrees of freedom of a squared error, have it times `1 + 2 sum rho(k)^2`: [`effective_samples`].
+//!   The torque error is filtered to a band and swings: its `rho` nearly cancel in the first sum, and their squares do not.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 

@@ -143,7 +143,7 @@ fn the_terms_of_the_torque_add_up_to_the_command() {
     let experiment =
         dynid_logs::experiment::Experiment::read_with(&folder.path().join("experiment.toml"), dynid_model::devices())
             .unwrap();
-    let mut model = dynid_user_model::Model::load(&folder.path().join("believed.toml")).unwrap();
+    let mut model = dynid_user_model::Model::load(folder.path().join("believed.toml")).unwrap();
     model.add_effect("input_coupling", Some(4), Some(5)).unwrap();
     model.set_value("joint.4.input_coupling.5.gain", -0.3).unwrap();
     model.add_effect("coulomb", Some(5), None).unwrap();

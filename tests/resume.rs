@@ -27,7 +27,7 @@ fn position() -> FitTask {
 fn fitted(folder: &Path, how: &FitTask, every: usize) -> (String, usize, usize) {
     let experiment = experiment(folder);
     let runs: Vec<&Run> = experiment.runs.iter().collect();
-    let model = Model::load(&folder.join("believed.toml")).unwrap();
+    let model = Model::load(folder.join("believed.toml")).unwrap();
     let path = folder.join("out.toml.checkpoint");
     let identity = Identity::new(&model, &experiment, &runs, how);
     let mut state = State::default();
@@ -81,7 +81,7 @@ fn a_checkpoint_of_another_fit_is_refused() {
     let folder = folder();
     let experiment = experiment(folder.path());
     let runs: Vec<&Run> = experiment.runs.iter().collect();
-    let mut model = Model::load(&folder.path().join("believed.toml")).unwrap();
+    let mut model = Model::load(folder.path().join("believed.toml")).unwrap();
     let how = position();
     let path = folder.path().join("out.toml.checkpoint");
     let identity = Identity::new(&model, &experiment, &runs, &how);

@@ -92,7 +92,7 @@ fn walk(
 
     let fitted = fit(&prior, &experiment, stop)?;
     put(FITTED, &fitted.model.to_toml())?;
-    let fitted_model = Model::load(&partial.join(FITTED))?;
+    let fitted_model = Model::load(partial.join(FITTED))?;
 
     let Compared { errors: comparison, findings } = progress::counted("runs compared", stop, |reported| {
         dynid::compare(&fitted_model, &experiment, &CompareSettings::default(), reported)
@@ -111,7 +111,7 @@ fn walk(
     let Candidate { effect, joint, from } = best.candidate.clone();
     let (better, _) = dynid::add(&fitted_model, &Addition { effect, joint, from, values: Vec::new() })?;
     put(BETTER, &better.to_toml())?;
-    let better = Model::load(&partial.join(BETTER))?;
+    let better = Model::load(partial.join(BETTER))?;
     let better_fitted = fit(&better, &experiment, stop)?;
     put(BETTER_FITTED, &better_fitted.model.to_toml())?;
 

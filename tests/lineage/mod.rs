@@ -39,7 +39,7 @@ pub fn lineage() -> TempDir {
     }
     let fit = |from: &str, to: &str| message(folder.path(), &["fit", "experiment.toml", "--model", from, "--out", to]);
     fit("believed.toml", "fitted.toml");
-    let mut model = Model::load(&folder.path().join("fitted.toml")).unwrap();
+    let mut model = Model::load(folder.path().join("fitted.toml")).unwrap();
     model.add_effect("input_coupling", Some(4), Some(5)).unwrap();
     fs::write(folder.path().join("better.toml"), model.to_toml()).unwrap();
     fit("better.toml", "better-fitted.toml");

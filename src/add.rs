@@ -26,11 +26,12 @@ pub struct Addition {
 ///
 /// ```
 /// use dynid::{Addition, Model};
-/// let model = Model::of_device(dynid::device("planar2r").expect("a shipped device"));
-/// let addition = Addition { effect: "coulomb".to_owned(), joint: Some(1), ..Addition::default() };
+/// # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/src/tour");
+/// let model = Model::load(format!("{folder}/believed.toml"))?;
+/// let addition = Addition { effect: "coulomb".to_owned(), joint: Some(4), ..Addition::default() };
 /// let (better, added) = dynid::add(&model, &addition)?;
-/// assert_eq!(added.label, "`coulomb` at joint 1");
-/// assert_eq!(better.parameter("joint.1.coulomb.Fc").map(|own| own.value), Some(0.0));
+/// assert_eq!(added.label, "`coulomb` at joint 4");
+/// assert_eq!(better.parameter("joint.4.coulomb.Fc").map(|own| own.value), Some(0.0));
 /// # Ok::<(), dynid::Error>(())
 /// ```
 pub fn add(model: &Model, addition: &Addition) -> Result<(Model, Added), Error> {

@@ -21,7 +21,7 @@ pub struct DiagnoseSettings {
     pub depth: usize,
     /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
     pub refits: usize,
-    /// Fits that an earlier, stopped diagnosis of the same told ([`Event::Refitted`]): it goes on from them to the same answer.
+    /// Fits that an earlier, stopped diagnosis of the same reported ([`Event::Refitted`]): it goes on from them to the same answer.
     pub finished: Finished,
 }
 
@@ -44,7 +44,7 @@ impl DiagnoseSettings {
 pub enum DiagnoseProgress<'a> {
     /// Something began or was done.
     Event(&'a Event<'a>),
-    /// It works on; told often, so that a stop is heard soon.
+    /// It works on; sent often, so that a stop is heard soon.
     Working,
 }
 

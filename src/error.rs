@@ -100,7 +100,7 @@ pub enum Error {
         known: String,
     },
     /// A value outside its bounds.
-    #[error("{name} = {} lies outside its bounds {} and {}", number(*value), number(*lower), number(*upper))]
+    #[error("{name} lies between {} and {}, not at {}", number(*lower), number(*upper), number(*value))]
     OutsideBounds {
         /// The parameter.
         name: String,

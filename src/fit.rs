@@ -129,11 +129,12 @@ const COST_OF_NOISE: f64 = 0.5 * 1.1 * 1.1;
 /// [`ErrorSignal`]).
 ///
 /// An effect that stands where it vanishes starts from a first estimate by the logs; where that leads nowhere, or to one of
-/// many minima, the next best estimates are tried. `progress` hears of every iteration and may stop the fit.
+/// many minima, the next best estimates are tried. `progress` hears of every iteration and may stop the fit: that of the position
+/// error after an iteration, that of the torque error, which takes seconds, at its end.
 ///
 /// # Errors
 /// Settings that do not go together; no run to fit to; nothing to fit; a start that is not allowed or cannot be simulated; a
-/// checkpoint that cannot be used or written; stopped by `progress` ([`Error::interrupted_after`]).
+/// checkpoint that cannot be used or written; stopped by `progress` ([`Error::interrupted_after`], [`Error::Stopped`]).
 ///
 /// ```
 /// use std::ops::ControlFlow;
@@ -161,12 +162,12 @@ pub fn fit(
         .as_ref()
         .map(|checkpoint| Kept { checkpoint, identity: Identity::new(model, &experiment, &runs, &task) });
     let state = kept.as_ref().map_or_else(|| Ok(State::default()), Kept::begin)?;
+    let mut stopped = progress(FitProgress::Search(task.error)).is_break();
     let first = with_first_estimates(model, &runs, task.error);
     for label in &first.labels {
-        // A stop is heard by the search.
-        let _ = progress(FitProgress::FirstEstimate(label));
+        stopped |= progress(FitProgress::FirstEstimate(label)).is_break();
     }
-    let mut searches = Searches { experiment: &experiment, runs: &runs, progress, stopped: false };
+    let mut searches = Searches { experiment: &experiment, runs: &runs, progress, stopped };
     let mut found = searches.first(&first.model, &task, state, kept.as_ref())?;
     let cost_per_sample = |found: &Result<FitResult, FitError>| cost(found) / samples(&runs) as f64;
     // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
@@ -182,6 +183,9 @@ pub fn fit(
         }
     }
     let mut found = found?;
+    if searches.stopped && task.error == ErrorSignal::Torque {
+        return Err(Error::Stopped);
+    }
     let may_fall_back = settings.error.is_none() && task.method.is_none() && task.error != ErrorSignal::Torque;
     if !found.status.may_update_model() && may_fall_back {
         let by_torque = FitTask { error: ErrorSignal::Torque, ..task };
@@ -287,7 +291,6 @@ impl Searches<'_> {
         kept: Option<&Kept<'_>>,
     ) -> Result<Result<FitResult, FitError>, Error> {
         let mut unsaved = None;
-        self.begin(task);
         let found = identify::identify_as(start, self.experiment, self.runs, task, state, &mut |reported, state| {
             self.hear(reported);
             if let (Some(kept), Some(state)) = (kept, state)

@@ -48,13 +48,19 @@ pub use progress::Done;
 pub use report::{Report, ReportSettings, report};
 pub use simulate::{SimulateSettings, Simulated, simulate};
 
-pub use dynid_diagnose::{Candidate, Diagnosis, Ranked, Verdict};
+pub use dynid_diagnose::{
+    Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, Refit, RejectedCandidate, Rejection, Statement,
+    Verdict,
+};
 pub use dynid_identify::FitStatus;
-pub use dynid_identify::identify::{ErrorSignal, FitResult, FittedParameter};
+pub use dynid_identify::identify::{ErrorSignal, FitResult, FittedParameter, Progress};
 pub use dynid_identify::sequence::Weighting;
-pub use dynid_judge::compare::{Comparison, Finding};
+pub use dynid_judge::compare::{Comparison, Finding, FindingKind};
 pub use dynid_judge::ladder::{Ladder, Rung};
 pub use dynid_logs::experiment::{Experiment, Role, Run};
+/// Findings as sentences for people, and as JSON for programs.
+pub use dynid_sentences as sentences;
+
 pub use dynid_model::{Device, device, devices};
 pub use dynid_user_model::{Added, Model};
 

@@ -22,7 +22,7 @@ use crate::{Error, LadderSettings, ladder};
 /// What stands on the page beside what models and logs say.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ReportSettings {
-    /// A diagnosis as `dynid diagnose --json` prints it; one of any version will do.
+    /// A diagnosis as `dynid diagnose --json` prints it ([`dynid_sentences::diagnosis::json`]); one of any version will do.
     pub diagnosis: Option<Value>,
     /// The commands that led here.
     pub commands: Vec<String>,
@@ -48,7 +48,7 @@ pub struct ReportSettings {
 pub fn report<'a>(
     models: &'a [(String, Model)],
     experiment: &'a Experiment,
-    settings: &'a ReportSettings,
+    settings: &ReportSettings,
     progress: &(dyn Fn(Done) -> ControlFlow<()> + Sync),
 ) -> Result<Report<'a>, Error> {
     if models.is_empty() {
@@ -67,11 +67,11 @@ pub struct Report<'a> {
     findings: Vec<Finding>,
     /// Of the model before it.
     findings_before: Vec<Finding>,
-    diagnosis: Option<&'a Value>,
+    diagnosis: Option<Value>,
     terms: TorqueTerms,
     occurs: Vec<bool>,
     quality: DataQuality,
-    commands: &'a [String],
+    commands: Vec<String>,
 }
 
 impl<'a> Report<'a> {
@@ -79,7 +79,7 @@ impl<'a> Report<'a> {
     fn new(
         models: &'a [(String, Model)],
         experiment: &'a Experiment,
-        settings: &'a ReportSettings,
+        settings: &ReportSettings,
         ladder: Ladder,
     ) -> Result<Self, Error> {
         let runs: Vec<&Run> = experiment.runs.iter().collect();
@@ -111,11 +111,11 @@ impl<'a> Report<'a> {
             ladder,
             findings,
             findings_before,
-            diagnosis: settings.diagnosis.as_ref(),
+            diagnosis: settings.diagnosis.clone(),
             terms,
             occurs,
             quality,
-            commands: &settings.commands,
+            commands: settings.commands.clone(),
         })
     }
 
@@ -193,7 +193,7 @@ impl<'a> Report<'a> {
                 (None, None) => format!("It has {} models before it.", self.models.len() - 1),
             });
         }
-        let reported = self.diagnosis.and_then(answer);
+        let reported = self.diagnosis.as_ref().and_then(answer);
         sentences.push(match (reported, self.findings.first()) {
             (Some(reported), _) => reported,
             (None, Some(finding)) => {
@@ -238,8 +238,8 @@ impl<'a> Report<'a> {
         let means = page::Sentences { title: "What is left, in words".to_owned(), sentences: means };
         let sheet = Sheet { model: subject, occurs: self.occurs.clone() };
         let mut provenance = Provenance::of_models(self.experiment, self.models);
-        provenance.commands = self.commands.to_vec();
-        let ranking = self.diagnosis.map(|diagnosis| Ranking { diagnosis });
+        provenance.commands.clone_from(&self.commands);
+        let ranking = self.diagnosis.as_ref().map(|diagnosis| Ranking { diagnosis });
         let mut sections: Vec<&dyn Section> = vec![&verdict, &ladder, &place];
         if let Some(ranking) = &ranking {
             sections.push(ranking);

@@ -89,7 +89,9 @@ fn what_cannot_be_is_one_error() {
     run(&["coulomb"]).stderr(predicate::str::contains("acts on one joint"));
     run(&["input_coupling", "--joint", "0"]).stderr(predicate::str::contains("acts on a pair of joints"));
     run(&["viscous", "--joint", "0"]).stderr(predicate::str::contains("already"));
-    run(&["coulomb", "--joint", "0", "--set", "Fq=1"]).stderr(predicate::str::contains("has no `Fq`"));
-    run(&["coulomb", "--joint", "0", "--set", "Fc=-1"]).stderr(predicate::str::contains("lies between 0 and"));
+    run(&["coulomb", "--joint", "0", "--set", "Fq=1"])
+        .stderr(predicate::str::contains("--set Fq=1: `coulomb` at joint 0 has no `Fq`"));
+    run(&["coulomb", "--joint", "0", "--set", "Fc=-1"])
+        .stderr(predicate::str::contains("--set Fc=-1: joint.0.coulomb.Fc lies between 0 and"));
     assert!(!folder.path().join("no.toml").exists(), "nothing is written beside an error");
 }

@@ -81,8 +81,8 @@ fn fit_and_compare_speak_to_programs() {
 #[test]
 fn simulate_writes_logs_that_can_be_compared_with() {
     let folder = folder();
-    let message = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
-    assert_eq!(message["runs"][0]["joints"][0]["joint"], 1);
+    let answer = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
+    assert_eq!(answer["runs"][0]["joints"][0]["joint"], 1);
     let log = fs::read_to_string(folder.path().join("simulated/one.csv")).unwrap();
     assert_eq!(log.lines().next(), Some("t,tau0,tau1,q0,q1"));
     assert_eq!(log.lines().count(), 402);
@@ -113,7 +113,7 @@ fn a_run_with_a_controller_is_in_closed_loop() {
     }
     let simulated = json(folder.path(), &["simulate", "experiment.toml", "--out-dir", "simulated"]);
     let compared = json(folder.path(), &["compare", "experiment.toml"]);
-    let rmse = |message: &Value| message["runs"][0]["joints"][0]["rmse"].as_f64().unwrap();
+    let rmse = |answer: &Value| answer["runs"][0]["joints"][0]["rmse"].as_f64().unwrap();
     assert!((rmse(&simulated) / rmse(&compared) - 1.0).abs() < 1e-3, "{simulated} {compared}");
     let log = fs::read_to_string(folder.path().join("simulated/one.csv")).unwrap();
     let torques = log.lines().skip(1).map(|row| row.split(',').nth(2).unwrap().parse::<f64>().unwrap());

@@ -102,7 +102,7 @@ fn answer(
 
 /// Cables were laid anew after the first run: the spring is stiffer in the other two. No effect is missing.
 #[test]
-fn what_moved_between_runs_is_reported_from_what_is_missing() {
+fn what_moved_between_runs_is_distinguished_from_what_is_missing() {
     let case = case(Kind::Nothing, "freedom6s-5-coulomb", 8.0);
     let folder = played(&case);
     let mut later = case.truth.clone();
@@ -150,15 +150,15 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let folder = arm(&format!("[parameters]\n{VISCOUS}{coulomb}"), SWINGS);
     fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{VISCOUS}")).unwrap();
     let options = Options { error: Some(ErrorSignal::Torque), refits: 4, ..Options::default() };
-    let message: Mutex<Vec<String>> = Mutex::default();
+    let keys: Mutex<Vec<String>> = Mutex::default();
     let hear = |event: &Event<'_>| {
         if let Event::Refitted(key, _) = event {
-            message.lock().unwrap().push((*key).to_owned());
+            keys.lock().unwrap().push((*key).to_owned());
         }
     };
     let whole = answer(folder.path(), &options, &Finished::new(), &hear, &|| false).unwrap();
     assert_eq!(whole.verdict, Verdict::MissingEffect, "{:#?}", whole.statements);
-    let all = message.lock().unwrap().len();
+    let all = keys.lock().unwrap().len();
 
     let kept: Mutex<Finished> = Mutex::default();
     let asked = AtomicBool::new(false);
@@ -177,17 +177,17 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let mut read: BTreeMap<String, Finished> = toml::from_str(&text).unwrap();
     let finished = read.remove("fits").unwrap();
 
-    message.lock().unwrap().clear();
+    keys.lock().unwrap().clear();
     let again = answer(folder.path(), &options, &finished, &hear, &|| false).unwrap();
     let json = |found: &Diagnosis| serde_json::to_string_pretty(found).unwrap();
     assert_eq!(json(&again), json(&whole));
-    assert_eq!(message.lock().unwrap().len(), all - kept.len(), "what was done is not done again");
+    assert_eq!(keys.lock().unwrap().len(), all - kept.len(), "what was done is not done again");
 }
 
 /// Stopped while candidates are compared with an observer and gone on with, and at any number of threads, a diagnosis by the position
 /// error ends at the same answer.
 #[test]
-fn comparing_candidates_on_a_observer_changes_with_neither_threads_nor_a_stop() {
+fn comparing_candidates_with_an_observer_changes_with_neither_threads_nor_a_stop() {
     let stribeck = "[[effect]]\nid = \"stribeck\"\njoint = 1\nFc = 0.1\nFs = 0.2\nvs = 0.1\nv_eps = 0.01\n";
     let folder = arm(&format!("[parameters]\n{VISCOUS}{stribeck}"), SWINGS);
     let experiment = fs::read_to_string(folder.path().join("experiment.toml")).unwrap();

@@ -19,8 +19,8 @@ fn fitted() -> &'static (TempDir, Value) {
 fn fit() -> (TempDir, Value) {
     let folder = wrist::folder();
     let fit = ["fit", "experiment.toml", "--model", "believed.toml", "--method", "isolated", "--substeps", "20"];
-    let message = json(folder.path(), &[&fit[..], &["--starts", "2", "--out", "fitted.toml"]].concat());
-    (folder, message)
+    let answer = json(folder.path(), &[&fit[..], &["--starts", "2", "--out", "fitted.toml"]].concat());
+    (folder, answer)
 }
 
 fn dynid(folder: &Path, arguments: &[&str]) -> String {
@@ -41,15 +41,15 @@ fn stands_alone(page: &str) {
 
 #[test]
 fn a_fit_along_a_method_is_reported_whole() {
-    let (folder, message) = fitted();
-    let numbers = |key: &str| message[key].as_array().unwrap().clone();
+    let (folder, answer) = fitted();
+    let numbers = |key: &str| answer[key].as_array().unwrap().clone();
 
     let steps = numbers("steps");
     assert_eq!(steps.len(), 1, "the logs are of one configuration: {steps:?}");
     assert_eq!((&steps[0]["configuration"], &steps[0]["free"]), (&Value::from(1), &serde_json::json!([4])));
-    assert!(message["notes"][0].as_str().unwrap().contains("without a run to fit to"), "{}", message["notes"]);
+    assert!(answer["notes"][0].as_str().unwrap().contains("without a run to fit to"), "{}", answer["notes"]);
     assert_eq!(numbers("starts").len(), 2);
-    assert!(numbers("starts")[0]["cost"].as_f64().is_some_and(f64::is_finite), "{}", message["starts"]);
+    assert!(numbers("starts")[0]["cost"].as_f64().is_some_and(f64::is_finite), "{}", answer["starts"]);
     for pair in numbers("correlations") {
         let value = pair["value"].as_f64().unwrap();
         assert!((0.5..=1.0 + 1e-9).contains(&value.abs()), "{pair}");
@@ -79,9 +79,9 @@ fn a_fit_along_a_method_is_reported_whole() {
 
 #[test]
 fn the_table_and_the_page_show_it() {
-    let (folder, message) = fitted();
+    let (folder, answer) = fitted();
     let table = json(folder.path(), &["table", "believed.toml", "fitted.toml", "--out", "table.html"]);
-    let fitted = message["parameters"].as_array().unwrap();
+    let fitted = answer["parameters"].as_array().unwrap();
     let rows = table["parameters"].as_array().unwrap();
     assert_eq!(rows.len(), fitted.len());
     for parameter in fitted {

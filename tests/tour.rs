@@ -42,11 +42,11 @@ fn it_finds_what_is_hidden_and_writes_a_page_that_stands_alone() {
     let refused = String::from_utf8(refused).unwrap();
     assert!(refused.contains("fitted.toml exists already"), "{refused}");
     let output = tour(&folder, &["--json"]).success().get_output().stdout.clone();
-    let message: Value = serde_json::from_slice(&output).unwrap();
-    assert_eq!(message["verdict"], "missing_effect");
-    assert_eq!(message["found"], serde_json::json!({ "effect": "input_coupling", "joint": 4, "from": 5 }));
-    assert_eq!((&message["where"]["joint"], &message["where"]["other"]), (&4.into(), &5.into()));
-    let ladder = &message["ladder"];
+    let answer: Value = serde_json::from_slice(&output).unwrap();
+    assert_eq!(answer["verdict"], "missing_effect");
+    assert_eq!(answer["found"], serde_json::json!({ "effect": "input_coupling", "joint": 4, "from": 5 }));
+    assert_eq!((&answer["where"]["joint"], &answer["where"]["other"]), (&4.into(), &5.into()));
+    let ladder = &answer["ladder"];
     let noise = ladder["noise_floor"].as_f64().unwrap();
     let rungs = ladder["rungs"].as_array().unwrap();
     let held_out: Vec<f64> = rungs.iter().map(|rung| rung["rmse_validate"].as_f64().unwrap()).collect();
@@ -69,7 +69,7 @@ fn it_finds_what_is_hidden_and_writes_a_page_that_stands_alone() {
         assert!(!page.contains(outside), "the page contains `{outside}`");
     }
     assert!(page.contains("input_coupling at joint 4 from 5") && page.contains("<h2>The ladder</h2>"));
-    let commands = message["commands"].as_array().unwrap();
+    let commands = answer["commands"].as_array().unwrap();
     assert_eq!(commands.len(), 7);
     for command in commands.iter().filter(|command| command.as_str().unwrap().contains(" add ")) {
         let arguments: Vec<&str> = command.as_str().unwrap().split(' ').skip(1).chain(["--force"]).collect();

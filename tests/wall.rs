@@ -15,8 +15,8 @@ fn dynid() -> Command {
 fn compared(arguments: &[&str]) -> Vec<serde_json::Value> {
     let all = [&["wall", "compare", "--json"], arguments].concat();
     let output = dynid().args(all).assert().success().get_output().stdout.clone();
-    let message: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
-    message["cases"].as_array().expect("cases").clone()
+    let answer: serde_json::Value = serde_json::from_slice(&output).expect("JSON");
+    answer["cases"].as_array().expect("cases").clone()
 }
 
 fn of<'a>(cases: &'a [serde_json::Value], controller: &str) -> Vec<&'a serde_json::Value> {
@@ -238,13 +238,13 @@ fn a_still_hand_settles_where_the_springs_balance() {
     let wall = Wall::new(Law::Linear(law), scale, setting.sample_s, setting.torque_limit).expect("a wall");
     let approach = Approach { name: "steady".to_owned(), peak: 1.0, hold: Some(0.3) };
     let contact = contact(&model, &setting, &wall, &setting.hand, &approach).expect("a contact");
-    let message = Measures::of(&contact, &wall).expect("it is met");
+    let measures = Measures::of(&contact, &wall).expect("it is met");
     // wall * q + grip * (q - place) = 0 and grip * (q - place) - arm * place - hold = 0
     let (stiffness, grip, arm) = (scale * law.k1, setting.hand.grip_stiffness, setting.hand.arm_stiffness);
     let place = |q: f64| q * (stiffness + grip) / grip;
     let q = -0.3 / (stiffness + arm * place(1.0));
-    assert!((message.settled_position - q).abs() < 1e-4, "{} for {q}", message.settled_position);
-    assert!(message.energy_out < 1e-3 && message.outside == 0.0, "{message:?}");
+    assert!((measures.settled_position - q).abs() < 1e-4, "{} for {q}", measures.settled_position);
+    assert!(measures.energy_out < 1e-3 && measures.outside == 0.0, "{measures:?}");
 }
 
 /// A tuning tries its start first and gives back nothing worse, and its file names the command that makes it.
@@ -257,11 +257,11 @@ fn a_tuning_is_never_worse_than_its_start() {
         let run = || {
             let output =
                 dynid().current_dir(folder.path()).args(arguments).args(more).arg("--force").assert().success();
-            let message: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).expect("JSON");
-            (message, std::fs::read_to_string(folder.path().join("new.toml")).expect("written"))
+            let answer: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).expect("JSON");
+            (answer, std::fs::read_to_string(folder.path().join("new.toml")).expect("written"))
         };
-        let (message, file) = run();
-        assert!(message["cost"].as_f64() <= message["cost_at_start"].as_f64(), "{message}");
+        let (answer, file) = run();
+        assert!(answer["cost"].as_f64() <= answer["cost_at_start"].as_f64(), "{answer}");
         let command = format!(
             "`dynid wall tune --law {law} --hands 2 --start pd_tuned --stiffness 7 --evaluations 3 --out new.toml`"
         );

@@ -15,7 +15,7 @@ fn run(folder: &Path, arguments: &[&str], threads: &str) -> Output {
     command.arg("wall").args(arguments).env("RAYON_NUM_THREADS", threads).current_dir(folder).output().unwrap()
 }
 
-fn message(folder: &Path, arguments: &[&str]) -> Value {
+fn answered(folder: &Path, arguments: &[&str]) -> Value {
     let output = run(folder, &[arguments, &["--json"]].concat(), "2");
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
@@ -33,7 +33,7 @@ fn refused(folder: &Path, arguments: &[&str]) -> String {
 fn the_page_holds_everything_and_reaches_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let walls = ["--wall", "pd,fuzzy", "--hands", "3"];
-    let json = message(folder.path(), &[&["report"], &walls[..], &["--out", "page.html"]].concat());
+    let json = answered(folder.path(), &[&["report"], &walls[..], &["--out", "page.html"]].concat());
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     opens_with_no_network(&page);
     is_well_formed(&page);
@@ -70,7 +70,7 @@ fn the_page_holds_everything_and_reaches_nothing() {
         assert!(page.contains(&format!("<dt>wall {name}</dt><dd>sha256 {digest}</dd>")), "{name}");
     }
     // the cases are those of `compare`, and the sentences are made of them
-    let compared = message(folder.path(), &[&["compare"], &walls[..]].concat());
+    let compared = answered(folder.path(), &[&["compare"], &walls[..]].concat());
     assert_eq!(json["cases"], compared["cases"]);
     let cases = compared["cases"].as_array().unwrap();
     let worst = cases
@@ -95,7 +95,7 @@ fn the_page_holds_everything_and_reaches_nothing() {
 #[test]
 fn a_page_without_rules_has_no_sections_about_them() {
     let folder = tempfile::tempdir().unwrap();
-    let json = message(folder.path(), &["report", "--wall", "pd", "--hands", "1", "--out", "page.html"]);
+    let json = answered(folder.path(), &["report", "--wall", "pd", "--hands", "1", "--out", "page.html"]);
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     is_well_formed(&page);
     assert_eq!(json["sentences"].as_array().unwrap().len(), 2, "nothing to compare with: {json}");
@@ -106,7 +106,7 @@ fn a_page_without_rules_has_no_sections_about_them() {
 #[test]
 fn laws_of_other_kinds_stand_beside() {
     let folder = tempfile::tempdir().unwrap();
-    let json = message(folder.path(), &["report", "--hands", "1", "--out", "page.html"]);
+    let json = answered(folder.path(), &["report", "--hands", "1", "--out", "page.html"]);
     let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
     is_well_formed(&page);
     opens_with_no_network(&page);
@@ -119,7 +119,7 @@ fn laws_of_other_kinds_stand_beside() {
     // Colgate & Schenkel's bound is that of a spring and damper, and the device's damping stands beside it only.
     assert_eq!(page.matches("Colgate &amp; Schenkel").count(), 2, "pd and pd_tuned");
     assert!(page.contains("of its own (joint.0.lugre.sigma2)"));
-    message(folder.path(), &["report", "--wall", "leaky,fuzzy", "--hands", "1", "--out", "other.html"]);
+    answered(folder.path(), &["report", "--wall", "leaky,fuzzy", "--hands", "1", "--out", "other.html"]);
     let page = fs::read_to_string(folder.path().join("other.html")).unwrap();
     assert!(!page.contains("Colgate") && !page.contains("of its own (joint.0.lugre.sigma2)"));
 }

@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     for joint in joints {
         let addition =
             Addition { effect: arguments.effect.clone(), joint, from: arguments.from, values: values.clone() };
-        let (better, added) = dynid::add(&model, &addition)?;
+        let (better, added) = dynid::add(&model, &addition).map_err(|error| of_option(error, &arguments.set))?;
         model = better;
         let _ = writeln!(text, "added: {}", added.label);
         for replaced in &added.replaced {
@@ -82,6 +82,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let _ = writeln!(text, "written: {}; `dynid fit` finds its values", arguments.out.display());
     let json = json!({ "added": reported, "out": arguments.out.display().to_string() });
     Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// An error about a value, said of the option that gave it.
+fn of_option(error: dynid::Error, settings: &[String]) -> anyhow::Error {
+    let symbol = match &error {
+        dynid::Error::NoSuchSymbol { symbol, .. } => symbol.as_str(),
+        dynid::Error::OutsideBounds { name, .. } => name.rsplit('.').next().unwrap_or(name),
+        _ => return error.into(),
+    };
+    let is_its = |setting: &&String| setting.split('=').next().is_some_and(|own| own.trim() == symbol);
+    match settings.iter().find(is_its) {
+        Some(setting) => anyhow!("--set {setting}: {error}"),
+        None => error.into(),
+    }
 }
 
 /// Symbols and values of `SYMBOL=VALUE`.

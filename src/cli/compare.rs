@@ -28,8 +28,8 @@ Examples:
 
 Two errors are reported where they can be computed. Position: measured minus simulated from the commanded torque; `noise`
 is the log's own, so an RMS error near it leaves nothing to explain, and `white` says that the rest has no pattern.
-Torque: commanded minus what the measured, filtered motion needs, as a share of the torque. Where the two part is reported
-below the table: shares of the squared error beside what chance would give, and only what differs from chance.
+Torque: commanded minus what the measured, filtered motion needs, as a share of the torque. Where model and logs differ is
+said below the table: shares of the squared error beside what chance would give, and only what differs from chance.
 Judge a fitted model by the runs whose role is `validate`: it has not seen them.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
@@ -85,8 +85,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let runs: Vec<&Run> = experiment.runs_with_free(arguments.free.as_deref())?;
     let settings = CompareSettings { free: arguments.free.clone() };
-    let Compared { errors: comparison, findings: found } = progress::counted("runs compared", &|| false, |reported| {
-        dynid::compare(&model, &experiment, &settings, reported)
+    let Compared { errors: comparison, findings: found } = progress::counted("runs compared", &|| false, |progress| {
+        dynid::compare(&model, &experiment, &settings, progress)
     })?;
     let mut text = table(&comparison, arguments.error);
     text.push_str(&summary(&comparison));

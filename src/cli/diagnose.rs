@@ -113,8 +113,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             let _ = kept.write(&so_far);
         }
     };
-    let found = progress::of_diagnosis(&hear, &|| interrupt.is_asked(), |reported| {
-        dynid::diagnose(&model, &experiment, &settings, reported)
+    let found = progress::of_diagnosis(&hear, &|| interrupt.is_asked(), |progress| {
+        dynid::diagnose(&model, &experiment, &settings, progress)
     });
     if found.as_ref().is_err_and(|error| error.interrupted_after().is_some()) {
         let so_far = so_far.into_inner().unwrap_or_default();

@@ -149,7 +149,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         deaf.is_some() || interrupt.as_ref().is_some_and(Interrupt::is_asked)
     };
-    let found = progress::of_fit(&mut stop, |reported| dynid::fit(&model, &experiment, &settings, reported));
+    let found = progress::of_fit(&mut stop, |progress| dynid::fit(&model, &experiment, &settings, progress));
     if let Some(error) = deaf {
         return Err(error);
     }

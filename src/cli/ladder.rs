@@ -58,8 +58,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let experiment = inputs::experiment(&arguments.experiment)?;
     let models = models(&arguments.models, &experiment)?;
     let settings = LadderSettings { free: arguments.free.clone() };
-    let ladder = progress::counted("models compared", &|| false, |reported| {
-        dynid::ladder(&models, &experiment, &settings, reported)
+    let ladder = progress::counted("models compared", &|| false, |progress| {
+        dynid::ladder(&models, &experiment, &settings, progress)
     })?;
     let mut text = as_text(&ladder);
     if let Some(out) = &arguments.out {

@@ -60,7 +60,7 @@ impl Reach {
 
     fn json(&self, model: &Model) -> (Value, Value) {
         let reported: Vec<String> =
-            self.base.combinations.iter().map(|combination| self.base.reported(combination)).collect();
+            self.base.combinations.iter().map(|combination| self.base.formula(combination)).collect();
         let base = json!({
             "rank": self.base.rank(),
             "rank_at_one_pose": self.base.rank_at_one_pose.iter().max(),
@@ -151,7 +151,7 @@ fn base_as_text(model: &Model, base: &BaseParameters, all: bool) -> String {
     if all {
         text.push_str("\nBase parameters:\n\n");
         for combination in &base.combinations {
-            text.push_str(&format!("  {}\n", base.reported(combination)));
+            text.push_str(&format!("  {}\n", base.formula(combination)));
         }
         text.push_str(
             "\nmx = m*x; J is the inertia about the origin of the link's frame: Jxx = Ixx + m*(y^2 + z^2), Jxy = Ixy - m*x*y, ..\n",

@@ -46,8 +46,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let models = ladder::models(&arguments.models, &experiment)?;
     let diagnosis = arguments.diagnosis.as_deref().map(read_diagnosis).transpose()?;
     let settings = ReportSettings { diagnosis, commands: commands(arguments) };
-    let report = progress::counted("models compared", &|| false, |reported| {
-        dynid::report(&models, &experiment, &settings, reported)
+    let report = progress::counted("models compared", &|| false, |progress| {
+        dynid::report(&models, &experiment, &settings, progress)
     })?;
     write_new(&arguments.out, &report.page(), overwrite)?;
     let verdict = report.sentences();

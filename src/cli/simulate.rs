@@ -50,8 +50,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         targets.iter().try_for_each(|target| check_output(target, overwrite))?;
     }
     let settings = SimulateSettings { substeps: arguments.substeps };
-    let simulated = progress::counted("runs simulated", &|| false, |reported| {
-        dynid::simulate(&model, &experiment, &settings, reported)
+    let simulated = progress::counted("runs simulated", &|| false, |progress| {
+        dynid::simulate(&model, &experiment, &settings, progress)
     })?;
     std::fs::create_dir_all(&arguments.out_dir)
         .map_err(|error| anyhow!("cannot make the folder {}: {error}", arguments.out_dir.display()))?;

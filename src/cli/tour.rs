@@ -94,13 +94,13 @@ fn walk(
     put(FITTED, &fitted.model.to_toml())?;
     let fitted_model = Model::load(partial.join(FITTED))?;
 
-    let Compared { errors: comparison, findings } = progress::counted("runs compared", stop, |reported| {
-        dynid::compare(&fitted_model, &experiment, &CompareSettings::default(), reported)
+    let Compared { errors: comparison, findings } = progress::counted("runs compared", stop, |progress| {
+        dynid::compare(&fitted_model, &experiment, &CompareSettings::default(), progress)
     })?;
 
     let settings = DiagnoseSettings::default();
-    let diagnosis = progress::of_diagnosis(&|_| (), stop, |reported| {
-        dynid::diagnose(&fitted_model, &experiment, &settings, reported)
+    let diagnosis = progress::of_diagnosis(&|_| (), stop, |progress| {
+        dynid::diagnose(&fitted_model, &experiment, &settings, progress)
     })?;
     let diagnosis_json = sentences::diagnosis::json(&diagnosis)?;
     put(DIAGNOSIS, &format!("{}\n", serde_json::to_string_pretty(&diagnosis_json)?))?;
@@ -117,14 +117,14 @@ fn walk(
 
     let paths = ["believed.toml", FITTED, BETTER_FITTED].map(|name| partial.join(name));
     let models = ladder_verb::models(&paths, &experiment)?;
-    let ladder = progress::counted("models compared", stop, |reported| {
-        dynid::ladder(&models, &experiment, &LadderSettings::default(), reported)
+    let ladder = progress::counted("models compared", stop, |progress| {
+        dynid::ladder(&models, &experiment, &LadderSettings::default(), progress)
     })?;
     put(LADDER, &steps::standalone(&report::ladder_pictures(&ladder)))?;
     let commands = commands(best).map(|(_, command)| command).into();
     let settings = ReportSettings { diagnosis: Some(diagnosis_json), commands };
-    let report = progress::counted("models compared", stop, |reported| {
-        dynid::report(&models, &experiment, &settings, reported)
+    let report = progress::counted("models compared", stop, |progress| {
+        dynid::report(&models, &experiment, &settings, progress)
     })?;
     put(REPORT, &report.page())?;
 
@@ -147,7 +147,7 @@ fn walk(
 /// Only a fit that ends at a minimum goes on.
 fn fit(model: &Model, experiment: &Experiment, stop: &(dyn Fn() -> bool + Sync)) -> anyhow::Result<FitResult> {
     let settings = FitSettings::default();
-    let found = progress::of_fit(&mut |_| stop(), |reported| dynid::fit(model, experiment, &settings, reported))?;
+    let found = progress::of_fit(&mut |_| stop(), |progress| dynid::fit(model, experiment, &settings, progress))?;
     if !found.status.may_update_model() {
         bail!(
             "a fit of the tour ended before its minimum ({}); this is a mistake of the program",
@@ -180,15 +180,15 @@ fn commands(best: &Ranked) -> [(&'static str, String); 7] {
 
 /// Moves what was made to where it belongs.
 fn settle(partial: &Path, folder: &Path) -> anyhow::Result<()> {
-    let reported = |error: std::io::Error| anyhow!("cannot write {}: {error}", folder.display());
+    let unwritable = |error: std::io::Error| anyhow!("cannot write {}: {error}", folder.display());
     if !folder.exists() {
-        return fs::rename(partial, folder).map_err(reported);
+        return fs::rename(partial, folder).map_err(unwritable);
     }
-    for entry in fs::read_dir(partial).map_err(reported)? {
-        let entry = entry.map_err(reported)?;
-        fs::rename(entry.path(), folder.join(entry.file_name())).map_err(reported)?;
+    for entry in fs::read_dir(partial).map_err(unwritable)? {
+        let entry = entry.map_err(unwritable)?;
+        fs::rename(entry.path(), folder.join(entry.file_name())).map_err(unwritable)?;
     }
-    fs::remove_dir(partial).map_err(reported)
+    fs::remove_dir(partial).map_err(unwritable)
 }
 
 /// Where to write, and the name that was taken, if another had to be found.

@@ -35,7 +35,7 @@ const LAYERS: &[&[(&str, &str)]] = &[
     &[
         ("dynid-control", "what a real-time loop links"),
         ("dynid-logs", "experiments and their logs"),
-        ("dynid-user-model", "what a user believes of a robot"),
+        ("dynid-user-model", "the user's model: effects, values, and the record of its fit"),
     ],
     &[
         ("dynid-haptics", "virtual walls under simulated hands"),

@@ -222,7 +222,7 @@ mod tests {
         assert_eq!(reported(2), [(0.0, Role::Fit, 120), (2.0, Role::Validate, 0)]);
     }
 
-    /// What a model leaves whose fit was given up is reported of as many samples as what a fitted one leaves.
+    /// What a model leaves whose fit was given up is counted over as many samples as what a fitted one leaves.
     #[test]
     fn a_model_as_it_is_is_judged_by_all_blocks() {
         let mut run = run(600);

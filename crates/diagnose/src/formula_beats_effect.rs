@@ -89,7 +89,7 @@ mod tests {
 
     /// `viscous` comes far nearer than the model alone, and no observer tells of the sensor.
     #[test]
-    fn what_stays_far_on_a_observer_is_set_apart_but_for_the_first_of_all() {
+    fn what_stays_far_with_an_observer_is_set_apart_but_for_the_first_of_all() {
         let reported = reached(Some(130.0), &[("lugre", 90.0), ("coulomb", 80.0), ("viscous", 7.0)]);
         let mut waiting = ["sensor_offset", "lugre", "coulomb", "viscous"].map(score).to_vec();
         waiting.iter_mut().for_each(|score| score.others = vec![score.estimate.clone()]);

@@ -531,7 +531,7 @@ impl Work<'_> {
         let again = format!("{depth}: again, {}", path.join(" > "));
         let prior = format!("{depth}: believed, {}", path.join(" > "));
         let mut reached = prescreening::Reached::default();
-        let mut may_ask_belief = self.judge.error == ErrorSignal::Position;
+        let mut may_ask_prior = self.judge.error == ErrorSignal::Position;
         // Which is fitted first: where the model's own fit strayed, what comes near the logs with an observer, or what does so from
         // the prior values; else what is plainer than the most promising and leaves only noise with the observer.
         let mut is_order_settled = false;
@@ -541,7 +541,7 @@ impl Work<'_> {
             is_order_settled = self.prescreening(base, &waiting, &mut reached)?;
             waiting = prescreening::ordered(waiting, &reached, &unknowns);
             if reached.all_stay_far() {
-                may_ask_belief = false;
+                may_ask_prior = false;
                 self.at_prior(&screening, (base, false), &mut fitted, &mut failed, &prior)?;
                 waiting.retain(|score| !has_explained(&score.candidate, &fitted));
                 self.keep_rivals(&mut waiting, &fitted, &mut failed, (&scored, &reached), &unknowns);
@@ -606,7 +606,7 @@ impl Work<'_> {
         }
         failed.extend(formula_beats_effect::rejected(hopeless, &fitted));
         self.again(&screening, base, &shortlist, &mut fitted, &mut failed, &again)?;
-        if may_ask_belief && !fitted.iter().any(verdict::explains) {
+        if may_ask_prior && !fitted.iter().any(verdict::explains) {
             self.at_prior(&screening, (base, refit.is_minimum()), &mut fitted, &mut failed, &prior)?;
             // A law that was found only from there may have rivals that are found only from there, too. (Until a law explains
             // the logs the first call has done nothing, so that the key is free.)
@@ -659,8 +659,8 @@ impl Work<'_> {
 
     /// Another start for laws no larger than the best one (smaller, where that leaves only noise) that fell far short of it at
     /// its joint, with an observer or in a fit, and for those whose fit came to nothing: a search that has lost its way comes to
-    /// the same as a law that is wrong. They start from the best one's values of the model's own parameters, then from those
-    /// that are the prior values.
+    /// the same as a law that is wrong. They start from the best one's values of the model's own parameters, then from the
+    /// prior values.
     fn again(
         &self,
         screening: &Screening<'_>,
@@ -865,7 +865,7 @@ impl Work<'_> {
     }
 }
 
-/// Whether a fit has led an effect's parameter far from the prior. (Links' parameters move far along what the
+/// Whether a fit has led an effect's parameter far from its prior value. (Links' parameters move far along what the
 /// logs do not determine, which means nothing.)
 fn has_wandered(prior: &Model, fitted: &Model) -> bool {
     /// Share of the larger of both values.

@@ -28,7 +28,7 @@ pub(super) struct Reached {
     /// Whether any candidate's was asked.
     is_asked: bool,
     /// Those of candidates that came to anything. An observer pulls what a sensor shows wrongly away from where it is, so that none
-    /// is reported of sensors.
+    /// is kept for sensors.
     candidates: BTreeMap<Candidate, f64>,
 }
 

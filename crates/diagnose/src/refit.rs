@@ -661,7 +661,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_rival_of_what_leaves_only_noise_is_stopped_where_a_observer_does_not_bring_it_near() {
+    fn a_rival_of_what_leaves_only_noise_is_stopped_where_an_observer_does_not_bring_it_near() {
         let cost_limits = CostLimits { reached: Some(0.5), only_noise: true, ..CostLimits::default() };
         let stopped = |cost_limits, reported: &[(f64, f64)]| {
             heard(&mut Watcher::new(None, cost_limits, false), reported)
@@ -688,7 +688,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn many_joints_that_do_not_follow_their_logs_on_a_observer_are_given_up() {
+    fn many_joints_that_do_not_follow_their_logs_with_an_observer_are_given_up() {
         let reported = [(100.0, 150.0), (30.0, 5000.0), (10.0, 20_000.0)];
         let last = |limits: SearchLimits, has_many_joints: bool| {
             let mut watcher = Watcher::new(Some(limits), CostLimits::default(), has_many_joints);

@@ -268,8 +268,8 @@ impl<'a> Search<'a> {
         let excess = (self.load(&motion) - 1.0).max(0.0);
         let log_det = self.information.log_det(&motion.path(&self.time), self.noise);
         // A motion that tells nothing is worse than any that does; the penalty outweighs what more torque would tell.
-        let reported = if log_det.is_finite() { log_det } else { -1e6 };
-        -reported + 20.0 * self.width() as f64 * excess
+        let finite = if log_det.is_finite() { log_det } else { -1e6 };
+        -finite + 20.0 * self.width() as f64 * excess
     }
 
     /// The motion itself, or as much of it as the torque limits allow.
@@ -343,16 +343,16 @@ mod tests {
         let limits = limits(f64::INFINITY);
         let regressor = BaseRegressor::new(&model, &system);
         let time = times(5.0, 0.01);
-        let reported = |path: &Path| regressor.expected(path, &NOISE).log_det;
+        let log_det_of = |path: &Path| regressor.expected(path, &NOISE).log_det;
         let best = optimised(&model, &system, &limits, &NOISE, &OPTIONS).unwrap();
         check_limits(&best, &system, &limits);
-        let optimised_reported = reported(&best.path(&time));
-        let random_reported = (0..200).map(|seed| {
+        let optimised = log_det_of(&best.path(&time));
+        let random = (0..200).map(|seed| {
             let motion = random(&model, &system, &limits, &NOISE, &Options { seed, ..OPTIONS }).unwrap();
-            reported(&motion.path(&time))
+            log_det_of(&motion.path(&time))
         });
-        let random_reported = random_reported.fold(f64::NEG_INFINITY, f64::max);
-        assert!(optimised_reported > random_reported + 1.0, "{optimised_reported} {random_reported}");
+        let random = random.fold(f64::NEG_INFINITY, f64::max);
+        assert!(optimised > random + 1.0, "{optimised} {random}");
         // a chirp over the same frequencies, as large as position and speed allow
         let waves = Wave::Chirp { from: 0.2, to: 0.8 }.values(2, &time, 5.0).unwrap();
         let highest = 2.0 * PI * 0.8;
@@ -363,8 +363,8 @@ mod tests {
             };
             vec![place(0), place(1)]
         });
-        let chirp_reported = reported(&Path::of_positions(&time, q.collect()));
-        assert!(optimised_reported > chirp_reported + 1.0, "{optimised_reported} {chirp_reported}");
+        let chirp = log_det_of(&Path::of_positions(&time, q.collect()));
+        assert!(optimised > chirp + 1.0, "{optimised} {chirp}");
     }
 
     #[test]

@@ -91,7 +91,7 @@ impl Identity {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             data: sha256_hex(data.as_bytes()),
-            // A search may start again from what was believed.
+            // A search may start again from the prior values.
             model: sha256_hex(format!("{} {:?}", model.digest(), model.prior).as_bytes()),
             options: request(how),
         }
@@ -116,7 +116,7 @@ fn request(how: &FitTask) -> String {
         text.push_str(&format!(" --starts {} --seed {}", starts.count, starts.seed));
     }
     if !starts.prior {
-        text.push_str(" (not from what was believed)");
+        text.push_str(" (not from the prior values)");
     }
     if !tell_start {
         text.push_str(" (without the cost at the start)");

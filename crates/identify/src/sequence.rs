@@ -19,7 +19,7 @@ use dynid_user_model::{ErrorShare, Model};
 /// What is to be fitted, in which order.
 #[derive(Debug, Clone, Copy)]
 pub struct Sequence<'a> {
-    /// What is believed before any data: the centre of the weak prior.
+    /// The values before any data: the centre of the weak prior.
     pub prior: &'a Model,
     /// Where the search starts.
     pub start: &'a Model,

@@ -126,7 +126,7 @@ mod tests {
         assert_ne!(draw(&model, &all, 8, 1).digest(), draw(&model, &all, 7, 1).digest(), "another seed, other starts");
     }
 
-    /// What the runs do not depend on would stay at its draw: the fitted link might be no body with the believed rest.
+    /// What the runs do not depend on would stay at its draw: the fitted link might be no body with the rest of its values.
     #[test]
     fn what_the_runs_do_not_depend_on_stays() {
         let model = Model::of_device(dynid_model::device("freedom6s").unwrap());

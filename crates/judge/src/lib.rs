@@ -8,7 +8,8 @@
 //! - [`ladder::ladder`]: the models of a lineage on the same runs, with BIC; [`ladder::Lineage`] is what the digests in `[fit]`
 //!   say of their descent.
 //!
-//! Findings and the BIC count independent samples by one function, `effective_samples` of `dynid-signal`.
+//! Regressions, correlations and the ladder's BIC count independent samples by `effective_samples` of `dynid-signal`; means,
+//! sums and shares of regions by its `correlation_time`.
 
 pub mod compare;
 mod error;

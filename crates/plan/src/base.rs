@@ -220,7 +220,7 @@ impl BaseParameters {
     }
 
     /// `link.2.Jzz + L2^2*link.3.m - ...`
-    pub fn reported(&self, combination: &Combination) -> String {
+    pub fn formula(&self, combination: &Combination) -> String {
         let others = combination.others.iter().map(|(other, factor)| factor.times(&self.names[*other]));
         self.names[combination.leading].clone() + &others.collect::<String>()
     }
@@ -310,7 +310,7 @@ mod tests {
         let mut model = model("planar2r");
         model.effects.clear();
         let base = base_parameters(&model, &all_configurations(&model)).unwrap();
-        let reported: Vec<String> = base.combinations.iter().map(|combination| base.reported(combination)).collect();
+        let reported: Vec<String> = base.combinations.iter().map(|combination| base.formula(combination)).collect();
         assert_eq!(
             reported,
             [
@@ -351,8 +351,7 @@ mod tests {
             let numbers = all_configurations(&model);
             let analysis = Analysis::new(&model, &numbers).unwrap();
             let base = analysis.base();
-            let reported: Vec<String> =
-                base.combinations.iter().map(|combination| base.reported(combination)).collect();
+            let reported: Vec<String> = base.combinations.iter().map(|combination| base.formula(combination)).collect();
             assert!(base.is_exact(), "{}: {reported:#?}", device.id);
             let mut random = Random::new(101);
             let mut other = model.clone();

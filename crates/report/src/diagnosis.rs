@@ -40,7 +40,7 @@ fn texts(value: &Value) -> Vec<String> {
     list(value).iter().filter_map(|entry| entry.as_str().map(str::to_owned)).collect()
 }
 
-fn reported(value: &Value) -> String {
+fn as_number(value: &Value) -> String {
     number(value.as_f64().unwrap_or(f64::NAN))
 }
 
@@ -83,7 +83,7 @@ impl Section for Ranking<'_> {
                 "{} in {}: {} standard errors",
                 entry["parameter"].as_str().unwrap_or("?"),
                 entry["run"].as_str().unwrap_or("?"),
-                reported(&entry["change_in_std_errors"])
+                as_number(&entry["change_in_std_errors"])
             )
         });
         html.push_str(&listed("Parameters that moved between runs", moved));
@@ -114,8 +114,8 @@ fn table(ranking: &[Value]) -> String {
              <td class=\"word\">{}</td></tr>",
             index + 1,
             escaped(&placed(entry)),
-            reported(&entry["rmse_validate_before"]),
-            reported(&entry["rmse_validate_after"]),
+            as_number(&entry["rmse_validate_before"]),
+            as_number(&entry["rmse_validate_after"]),
             percent(&entry["torque_percent_before"]),
             percent(&entry["torque_percent_after"]),
             percent(&entry["delta_bic"]).replace('-', "\u{2212}"),
@@ -151,7 +151,7 @@ fn evidence(index: usize, entry: &Value) -> String {
         .map(|own| {
             let error =
                 own["std_error"].as_f64().map_or_else(String::new, |error| format!(" \u{b1} {}", number(error)));
-            format!("{} = {}{error}", own["name"].as_str().unwrap_or("?"), reported(&own["value"]))
+            format!("{} = {}{error}", own["name"].as_str().unwrap_or("?"), as_number(&own["value"]))
         })
         .collect();
     if !values.is_empty() {

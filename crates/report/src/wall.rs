@@ -266,7 +266,7 @@ impl<'a> WallReport<'a> {
             sections.push(part("Fuzzy sets", self.memberships()));
             sections.push(part("Rules", self.rules()));
         }
-        sections.push(part("The setting", self.reported_setting()));
+        sections.push(part("The setting", self.setting_in_words()));
         sections
     }
 

@@ -182,12 +182,12 @@ pub fn note(note: &Note) -> String {
         }
         Note::FitGivenUp { values } => {
             let values = match values {
-                KeptValues::Given => "it was given",
-                KeptValues::Prior => "are the prior values",
+                KeptValues::Given => "the values that it was given",
+                KeptValues::Prior => "the prior values",
             };
             format!(
                 "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing \
-                 is looked for at the values that {values}, and what it leaves is reported of those"
+                 is looked for at {values}, and what it leaves is stated for those"
             )
         }
         Note::LinksNotDetermined { links } => format!(

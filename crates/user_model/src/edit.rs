@@ -170,7 +170,7 @@ impl Model {
         Ok(())
     }
 
-    /// What a fit found holds for the model that it was given; what was believed before it stays so.
+    /// What a fit found holds for the model that it was given; the prior values stay.
     fn forget_fit(&mut self) {
         self.fit = None;
         let names = self.names();

@@ -60,9 +60,9 @@ pub struct Model {
     pub effects: Vec<EffectInstance>,
     /// How the values were found, if a fit found them.
     pub fit: Option<FitRecord>,
-    /// What each parameter that a fit has moved was believed to be before the first fit of a series.
+    /// The value that each fitted parameter had before the first fit of a series.
     pub prior: BTreeMap<String, f64>,
-    /// What a person should be reported about the file, e.g. values outside the device's bounds.
+    /// What a person should know about the file, e.g. values outside the device's bounds.
     pub notes: Vec<String>,
     /// Text that the model was read from, kept so that writing it keeps its comments.
     origin: Option<String>,
@@ -120,7 +120,7 @@ impl Model {
         self.place(name).map(|place| *self.at(place))
     }
 
-    /// What the parameter of that name was believed to be before the first fit of a series; its value where none was fitted.
+    /// The value that the parameter of that name had before the first fit of a series; its own where none was fitted.
     pub fn prior(&self, name: &str) -> Option<f64> {
         self.prior.get(name).copied().or_else(|| self.parameter(name).map(|parameter| parameter.value))
     }

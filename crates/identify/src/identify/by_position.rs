@@ -1,4 +1,4 @@
-//! Fits of the position error, of all runs at once or along a method's sequence, told like every other.
+//! Fits of the position error, of all runs at once or along a method's sequence, reported like every other.
 
 use dynid_model::Device;
 use rayon::prelude::*;
@@ -109,7 +109,7 @@ pub(super) fn by_position(
         sequence::budget(&sequence, &steps, &joint, &how.options)?
     };
     let cost_before = how.tell_start.then(|| cost_at(model, &used, &how.options)).transpose()?;
-    let mut found = reported(model, joint, cost_before);
+    let mut found = result(model, joint, cost_before);
     found.best_start = start;
     found.tried = if state.tried.len() > 1 { state.tried } else { Vec::new() };
     found.steps = steps.iter().map(|step| step_summary(model.device, step)).collect();
@@ -199,7 +199,7 @@ pub(super) fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
     runs.iter().copied().filter(|run| run.role == Role::Fit)
 }
 
-fn reported(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitResult {
+fn result(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitResult {
     let model = fit.applied_to(before);
     let correlations = correlations(&fit);
     let PositionFit { status, parameters, undetermined, iterations, needs_every_step, runs, .. } = fit;

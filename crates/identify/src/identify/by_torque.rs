@@ -1,4 +1,4 @@
-//! A fit of the torque error, told like every other.
+//! A fit of the torque error, reported like every other.
 
 use super::{ErrorSignal, FitResult, FittedParameter, Progress};
 use crate::FitError;

@@ -304,7 +304,7 @@ fn eliminate_initial(hessian: &DMatrix<f64>, n: usize) -> DMatrix<f64> {
 
 /// Eigenvectors of the information, in units of the ranges, along which the data leave most of the range open.
 fn undetermined(problem: &PositionProblem, information: &DMatrix<f64>, spread: &DVector<f64>) -> Vec<Direction> {
-    /// Components below this share of a direction are not told.
+    /// Components below this share of a direction are not reported.
     const SMALL: f64 = 0.1;
     let n = spread.len();
     let scaled = DMatrix::from_fn(n, n, |row, column| information[(row, column)] * spread[row] * spread[column]);

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{
     LEFT, RIGHT, TITLE, WIDTH, escaped,
-    steps::{marker, reported, ticks},
+    steps::{label, marker, ticks},
 };
 use dynid_format::number;
 
@@ -60,7 +60,7 @@ fn draw(svg: &mut String, dots: &Dots, low: f64, high: f64) {
             y(tick),
             LEFT - 6.0,
             y(tick) + 4.0,
-            reported(tick)
+            label(tick)
         );
     }
     let _ = writeln!(

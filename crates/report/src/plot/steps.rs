@@ -86,7 +86,7 @@ fn draw(svg: &mut String, picture: &Steps) {
              text-anchor=\"end\">{}</text>",
             LEFT - 6.0,
             at + 4.0,
-            reported(tick)
+            label(tick)
         );
     }
     let middle = TITLE + 0.5 * HEIGHT;
@@ -202,7 +202,7 @@ pub(super) fn ticks(low: f64, high: f64) -> Vec<f64> {
 }
 
 /// A tick as short as it can be written.
-pub(super) fn reported(tick: f64) -> String {
+pub(super) fn label(tick: f64) -> String {
     let power = (tick.log10() + 1e-9).floor() as i32;
     let text = if (-3..4).contains(&power) {
         format!("{tick:.*}", (-power).max(0) as usize)
@@ -244,8 +244,8 @@ mod tests {
 
     #[test]
     fn ticks_of_a_logarithmic_axis_are_round() {
-        let reported: Vec<String> = ticks(-1.3, 0.4).into_iter().map(reported).collect();
-        assert_eq!(reported, ["0.1", "0.2", "0.5", "1", "2"]);
-        assert_eq!(super::reported(2e-4), "2e\u{2212}4");
+        let labels: Vec<String> = ticks(-1.3, 0.4).into_iter().map(label).collect();
+        assert_eq!(labels, ["0.1", "0.2", "0.5", "1", "2"]);
+        assert_eq!(super::label(2e-4), "2e\u{2212}4");
     }
 }

@@ -64,8 +64,12 @@ impl WallReport<'_> {
         }
         html.push_str("<dl>\n");
         for own in &self.walls {
-            let _ =
-                writeln!(html, "<dt><code>{}</code></dt><dd>{}</dd>", escaped(&own.name), escaped(&self.reported(own)));
+            let _ = writeln!(
+                html,
+                "<dt><code>{}</code></dt><dd>{}</dd>",
+                escaped(&own.name),
+                escaped(&self.description(own))
+            );
         }
         html.push_str("</dl>\n");
         html
@@ -97,7 +101,7 @@ impl WallReport<'_> {
     }
 
     /// What a wall is.
-    fn reported(&self, own: &Shown) -> String {
+    fn description(&self, own: &Shown) -> String {
         let scale = own.wall.scale();
         let law = match own.wall.law() {
             Law::Linear(law) | Law::Leaky { linear: law, .. } => {
@@ -177,7 +181,7 @@ impl WallReport<'_> {
         html
     }
 
-    pub(super) fn reported_setting(&self) -> String {
+    pub(super) fn setting_in_words(&self) -> String {
         let own = self.setting;
         let (position, torque) = (self.unit.position, self.unit.torque);
         let hand = &own.hand;

@@ -213,12 +213,12 @@ fn every_note_is_said() {
         (
             Note::FitGivenUp { values: KeptValues::Given },
             "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing is \
-             looked for at the values that it was given, and what it leaves is reported of those",
+             looked for at the values that it was given, and what it leaves is stated for those",
         ),
         (
             Note::FitGivenUp { values: KeptValues::Prior },
             "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing is \
-             looked for at the values that are the prior values, and what it leaves is reported of those",
+             looked for at the prior values, and what it leaves is stated for those",
         ),
         (
             Note::LinksNotDetermined { links: 1 },

@@ -261,7 +261,7 @@ impl BaseParameters {
         matrix
     }
 
-    /// As [`Self::reported`], the effects left out.
+    /// As [`Self::formula`], the effects left out.
     pub fn links_in_words(&self, combination: &Combination) -> String {
         let others = combination.others.iter().filter(|(other, _)| *other < self.n_link);
         let reported = others.map(|(other, factor)| factor.times(&self.names[*other]));

@@ -21,8 +21,6 @@ mod error;
 mod expression;
 #[path = "src/identifier.rs"]
 mod identifier;
-#[path = "src/inertia.rs"]
-mod inertia;
 #[path = "src/input.rs"]
 mod input;
 #[path = "src/instance.rs"]
@@ -31,6 +29,8 @@ mod instance;
 mod parameter;
 #[path = "src/parser.rs"]
 mod parser;
+#[path = "src/physical_consistency.rs"]
+mod physical_consistency;
 #[path = "src/shipped.rs"]
 mod shipped;
 #[path = "src/unit.rs"]

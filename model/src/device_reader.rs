@@ -11,9 +11,9 @@ use crate::{
     effect::Effect,
     error::{ModelError, Source, did_you_mean},
     identifier::read_id,
-    inertia::{Impossible, check_body},
     instance::{check_instances, read_instance},
     parameter::Parameter,
+    physical_consistency::{Impossible, check_body},
     unit::Unit,
 };
 

@@ -35,12 +35,12 @@ mod effect_reader;
 pub mod error;
 pub mod expression;
 mod identifier;
-pub mod inertia;
 pub mod input;
 pub mod instance;
 pub mod library;
 pub mod parameter;
 pub mod parser;
+pub mod physical_consistency;
 mod shipped;
 pub mod unit;
 

@@ -12,19 +12,19 @@
 //! takes no lock and does not panic (`tests/real_time.rs` counts allocations).
 
 mod compensation;
-mod estimator;
 mod hand_stability;
+mod motion_estimator;
 mod partition;
 mod plane;
 mod rules;
-mod velocity;
+mod wall_velocity;
 mod walls;
 
 pub use compensation::{Compensation, CompensationError, CompensationRatios};
-pub use estimator::Estimator;
 pub use hand_stability::{Holding, largest_inertia_share};
+pub use motion_estimator::Estimator;
 pub use partition::{Partition, PartitionError};
 pub use plane::{Plane, PlaneError, PlaneWall};
 pub use rules::{LinearLaw, RuleTable, RuleTableError};
-pub use velocity::FilteredVelocity;
+pub use wall_velocity::FilteredVelocity;
 pub use walls::{Law, VirtualTool, Wall, WallError};

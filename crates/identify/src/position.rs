@@ -12,8 +12,8 @@
 
 mod assemble;
 mod evaluate;
-mod inertia;
 mod motion;
+mod physical_links;
 mod result;
 mod searches;
 
@@ -24,8 +24,8 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 pub use evaluate::{first_state, noise_of};
-pub use inertia::made_physical;
 pub use motion::{RunMotion, motions};
+pub use physical_links::made_physical;
 pub use result::{Direction, Estimate, PositionFit, RunError};
 
 use dynid_dynamics::{
@@ -526,11 +526,11 @@ fn keep_what_occurs(problem: &mut PositionProblem) {
 /// by, within the bounds. Says which links were moved.
 fn make_physical(problem: &mut PositionProblem) -> Vec<usize> {
     let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
-    let bodies = inertia::bodies(&names, &problem.known);
+    let bodies = physical_links::bodies(&names, &problem.known);
     let column = |of: fn(&Unknown) -> f64| problem.unknowns.iter().map(of).collect::<Vec<f64>>();
     let (mut x, lower, upper) =
         (column(|unknown| unknown.value), column(|unknown| unknown.lower), column(|unknown| unknown.upper));
-    let moved = inertia::make_physical(&bodies, &mut x, &lower, &upper);
+    let moved = physical_links::make_physical(&bodies, &mut x, &lower, &upper);
     for (unknown, value) in problem.unknowns.iter_mut().zip(&x) {
         unknown.value = *value;
     }

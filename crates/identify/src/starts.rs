@@ -1,7 +1,7 @@
 //! Starts of a fit, drawn at random within the bounds: a search that ends at one cost from many of them has met no local
 //! minimum on its way.
 
-use dynid_model::{Parameter, inertia::check_body};
+use dynid_model::{Parameter, physical_consistency::check_body};
 
 use super::orders;
 use dynid_random::Random;

@@ -4,7 +4,7 @@
 //! the kernel's lumps) and in most parameters of the effects; the others, and the gain that the error is divided by, are
 //! linearised anew in every iteration (Gauss-Newton). Rows are weighted by the standard deviation of their joint's
 //! residual, which is found along with the parameters (iteratively reweighted, Gautier & Poignet 2001). Links stay
-//! physical and parameters in their bounds ([`dynid_optimise::physical`]).
+//! physical and parameters in their bounds ([`dynid_optimise::pseudo_inertia`]).
 //!
 //! Directions that the data do not see are pulled towards the start by a prior of a hundred natural sizes, weak
 //! enough to be far below what the data say about the others; they are named in the result.
@@ -22,7 +22,7 @@ use dynid_optimise::{
     barrier::{Cost, Ending, Interior, is_inside, minimise},
     body::Body,
     identifiability::{Compressed, NO_EFFECT, Standing, standing},
-    physical,
+    pseudo_inertia,
     quadratic::Quadratic,
     region::{Entry, HalfSpace, Region},
 };
@@ -442,7 +442,7 @@ impl Layout {
     }
 
     fn phi(&self, x: &[f64]) -> DVector<f64> {
-        let links = self.links.iter().flat_map(|link| physical::standard(&link.at(x)));
+        let links = self.links.iter().flat_map(|link| pseudo_inertia::standard(&link.at(x)));
         let effects = self.effects.iter().map(|effect| effect.value.at(x));
         DVector::from_iterator(self.n_phi(), links.chain(effects))
     }
@@ -451,7 +451,7 @@ impl Layout {
     fn jacobian(&self, x: &[f64]) -> DMatrix<f64> {
         let mut jacobian = DMatrix::zeros(self.n_phi(), x.len());
         for (block, link) in self.links.iter().enumerate() {
-            let by = physical::standard_jacobian(&link.at(x));
+            let by = pseudo_inertia::standard_jacobian(&link.at(x));
             for (symbol, index) in link.unknowns() {
                 (0..10).for_each(|row| jacobian[(10 * block + row, index)] = by[row][symbol]);
             }
@@ -489,7 +489,7 @@ impl Layout {
                 let inertia: [f64; 6] = std::array::from_fn(|entry| inertial[4 + entry]);
                 let moments = link.inertia().into_iter().filter_map(Entry::index);
                 let size = moments.map(|index| self.scale[index]).fold(0.0, f64::max);
-                let inside = physical::inside(&inertia, margin * size);
+                let inside = pseudo_inertia::inside(&inertia, margin * size);
                 for (entry, value) in link.inertia().into_iter().zip(inside) {
                     if let Entry::Unknown(index) = entry {
                         point[index] = value;
@@ -520,7 +520,7 @@ impl Layout {
         let link = self
             .links
             .iter()
-            .find(|link| link.has_unknown_inertia() && physical::body_barrier_value(&link.at(x)).is_none());
+            .find(|link| link.has_unknown_inertia() && pseudo_inertia::body_barrier_value(&link.at(x)).is_none());
         Err(link.map_or(TorqueFitError::NoRoom, |link| TorqueFitError::NoBody { link: link.link }))
     }
 }
@@ -910,7 +910,7 @@ fn conclude(
 fn at_limit(inertial: &[f64; 10]) -> bool {
     let inertia: [f64; 6] = std::array::from_fn(|entry| inertial[4 + entry]);
     let trace = inertia[0] + inertia[3] + inertia[5];
-    physical::inside(&inertia, HELD * trace) != inertia
+    pseudo_inertia::inside(&inertia, HELD * trace) != inertia
 }
 
 fn named(standing: &Standing, names: &[String]) -> Vec<Vec<(String, f64)>> {

@@ -11,7 +11,7 @@ use nalgebra::DVector;
 
 use super::{
     body::Body,
-    physical::{self, BodyBarrier, body_barrier, body_barrier_value},
+    pseudo_inertia::{self, BodyBarrier, body_barrier, body_barrier_value},
     quadratic::Quadratic,
     region::Region,
 };
@@ -57,12 +57,12 @@ impl Interior {
         let mut moved: Vec<f64> = x.iter().zip(step).map(|(x, step)| x + step).collect();
         for link in &self.bodies {
             let here = link.at(x);
-            let jacobian = physical::standard_jacobian(&here);
-            let mut standard = physical::standard(&here);
+            let jacobian = pseudo_inertia::standard_jacobian(&here);
+            let mut standard = pseudo_inertia::standard(&here);
             for (symbol, index) in link.unknowns() {
                 standard.iter_mut().zip(&jacobian).for_each(|(value, row)| *value += row[symbol] * step[index]);
             }
-            let there = physical::inertial(&standard);
+            let there = pseudo_inertia::inertial(&standard);
             for (symbol, index) in link.unknowns() {
                 moved[index] = if standard[0] > 0.0 { there[symbol] } else { f64::NAN };
             }
@@ -226,7 +226,7 @@ fn merit(interior: &Interior, cost: &dyn Cost, weight: f64, x: &[f64]) -> Option
     for link in interior.bodies.iter().filter(|body| body.has_unknown_inertia()) {
         let inertial = link.at(x);
         let BodyBarrier { gradient: by, hessian: by_by, .. } = body_barrier(&inertial)?;
-        let jacobian = physical::standard_jacobian(&inertial);
+        let jacobian = pseudo_inertia::standard_jacobian(&inertial);
         for (symbol, index) in link.unknowns() {
             gradient[index] += weight * (0..10).map(|row| jacobian[row][symbol] * by[row]).sum::<f64>();
             let half: [f64; 10] = std::array::from_fn(|row| (0..10).map(|k| by_by[row][k] * jacobian[k][symbol]).sum());

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use super::{
-    physical::{ENTRIES, second_moment, symmetric},
+    pseudo_inertia::{ENTRIES, second_moment, symmetric},
     region::{Entry, HalfSpace},
 };
 

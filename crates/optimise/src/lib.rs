@@ -12,7 +12,7 @@ pub mod body;
 pub mod cma_es;
 pub mod identifiability;
 pub mod matrix;
-pub mod physical;
+pub mod pseudo_inertia;
 pub mod quadratic;
 pub mod region;
 pub mod sqp;

@@ -11,7 +11,7 @@ use dynid_generated::Kernel;
 use nalgebra::DMatrix;
 
 use dynid_dynamics::{system::Linear, system::System, system::SystemError};
-use dynid_optimise::physical::standard;
+use dynid_optimise::pseudo_inertia::standard;
 use dynid_random::Random;
 use dynid_user_model::Model;
 

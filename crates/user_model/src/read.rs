@@ -8,8 +8,8 @@ use dynid_model::{
     devices, did_you_mean,
     document::{self, Table},
     effects,
-    inertia::check_body,
     instance::{check_instances, read_instance},
+    physical_consistency::check_body,
 };
 
 use super::{BASE_SYMBOLS, EffectInstance, FitRecord, Model, default_parameter, fit_record::numbers, widened};

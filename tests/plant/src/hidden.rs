@@ -664,7 +664,7 @@ fn true_model(plan: &Plan, device: &Device, truth: &Recipe) -> String {
 
 #[cfg(test)]
 mod tests {
-    use dynid_model::inertia::check_body;
+    use dynid_model::physical_consistency::check_body;
 
     use super::*;
     use crate::effects::outside;

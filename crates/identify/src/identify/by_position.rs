@@ -290,7 +290,7 @@ mod tests {
     use super::*;
     use crate::{identify::FitResult, identify::identify};
     use dynid_logs::experiment::Experiment;
-    use dynid_model::inertia::check_body;
+    use dynid_model::physical_consistency::check_body;
 
     /// A wrist's logs fitted from a handle that turns too heavily for its own shape.
     fn fitted_from(izz: f64) -> FitResult {

@@ -4,7 +4,7 @@ use dynid_logs::noise::noise_of_log;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{FitRun, PositionFitError, PositionProblem, inertia, motion::RunMotion};
+use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links};
 use crate::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_dynamics::{
     simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError, system::System,
@@ -78,7 +78,7 @@ impl<'a> Evaluator<'a> {
             n += run.n_initial();
         }
         let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
-        let bodies = inertia::bodies(&names, &problem.known);
+        let bodies = physical_links::bodies(&names, &problem.known);
         let start: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
         if let Some(body) = bodies.iter().find(|body| !body.is_physical(&start)) {
             return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&start) });

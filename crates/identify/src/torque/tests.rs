@@ -302,7 +302,7 @@ proptest! {
                 let found = value(&fit, &name);
                 if found.is_nan() { start } else { found }
             });
-            let least = physical::pseudo_inertia(&inertial).symmetric_eigenvalues().min();
+            let least = pseudo_inertia::pseudo_inertia(&inertial).symmetric_eigenvalues().min();
             prop_assert!(least > -1e-12, "link {number}: {inertial:?} {least}");
         }
     }

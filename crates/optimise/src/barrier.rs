@@ -1,7 +1,7 @@
 //! Least squares within bounds and among physical bodies: a primal interior-point method.
 //!
 //! Minimises `cost(x) + mu B(x)` for falling `mu` by damped Newton steps, where `B` is minus the logarithm of every
-//! distance to a bound and `-log det P` of every link's pseudo-inertia (see [`super::physical`]). Steps run straight in
+//! distance to a bound and `-log det P` of every link's pseudo-inertia (see [`super::pseudo_inertia`]). Steps run straight in
 //! the standard parameters `(m, m c, J)` of the links: there the cost is quadratic and the barrier self-concordant, while
 //! in mass, centroid and inertia, which the bounds are about, combinations that the cost does not see are curved. At the end the cost is within
 //! `mu` times the number of constraints of the constrained minimum (Boyd & Vandenberghe, Convex Optimization,

@@ -1,7 +1,7 @@
 //! A link's ten inertial parameters, of which some are sought, and how to keep them those of a body.
 //!
 //! With mass m and inertia I about the centroid, a body of that mass distribution exists if and only if `m >= 0` and
-//! `S = tr(I)/2 - I >= 0` (see [`super::physical`]). S is linear in I, so every direction v gives a half-space
+//! `S = tr(I)/2 - I >= 0` (see [`super::pseudo_inertia`]). S is linear in I, so every direction v gives a half-space
 //! `v' S v >= 0`, and the eigenvectors of negative eigenvalues give those that an impossible inertia breaks.
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};

@@ -2,7 +2,7 @@
 //!
 //! - [`sqp`]: sequential quadratic programming with a Gauss-Newton Hessian, for position errors;
 //! - [`barrier`]: linear least squares with bounds and physically consistent links, by an interior-point method;
-//! - [`physical`]: which inertial parameters a rigid body can have;
+//! - [`pseudo_inertia`]: which inertial parameters a rigid body can have;
 //! - [`cma_es`]: search without derivatives;
 //! - [`identifiability`]: rank, null space and standard errors of a regressor;
 //! - [`matrix`]: how a matrix is written to a file.

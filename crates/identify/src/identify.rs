@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use dynid_format::UnknownName;
 
+pub use crate::torque::FittedParameter;
+
 use crate::FitError;
 use crate::{
     FitStatus, position::Options, position::PositionProblem, sequence, sequence::Weighting, starts::Starts, stays_near,
@@ -91,23 +93,6 @@ pub struct StepSummary {
     pub iterations: usize,
     /// Root mean square of the position error over its runs, per free joint, before the fit of all runs.
     pub rmse: Vec<f64>,
-}
-
-/// A fitted parameter.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FittedParameter {
-    /// Its name.
-    pub name: String,
-    /// Where it started.
-    pub start: f64,
-    /// Where it ended.
-    pub value: f64,
-    /// One standard deviation; `None` where there is none to state.
-    pub std_error: Option<f64>,
-    /// Whether the data determine it by itself.
-    pub identifiable: bool,
-    /// Whether a bound holds it.
-    pub held: bool,
 }
 
 /// A pair of parameters that move together.

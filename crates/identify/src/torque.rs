@@ -92,7 +92,7 @@ pub struct TorqueFit {
     pub links_at_physical_limit: Vec<usize>,
 }
 
-/// One parameter of a fit.
+/// A fitted parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FittedParameter {
     /// Its name.
@@ -101,7 +101,8 @@ pub struct FittedParameter {
     pub start: f64,
     /// Where it ended; the start where it is not identifiable and nothing pushed it.
     pub value: f64,
-    /// One standard deviation, from the residual and its autocorrelation; `None` where it is held or not identifiable.
+    /// One standard deviation, from the residual and its autocorrelation; `None` where there is none to state: held, or not
+    /// identifiable.
     pub std_error: Option<f64>,
     /// Whether the data determine it by itself.
     pub identifiable: bool,

@@ -1,6 +1,6 @@
 //! A fit of the torque error, reported like every other.
 
-use super::{ErrorSignal, FitResult, FittedParameter, Progress};
+use super::{ErrorSignal, FitResult, Progress};
 use crate::FitError;
 use crate::{orders, torque, torque::TorqueFit, torque::TorqueRun};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
@@ -33,20 +33,9 @@ pub(super) fn by_torque(
             progress(&Progress { iteration, cost, step: None, observer: 0.0, configuration: None, start: 0 });
         })?;
     let mut fitted = model.clone();
-    let parameters: Vec<FittedParameter> = parameters
-        .into_iter()
-        .map(|parameter| {
-            fitted.set_value(&parameter.name, parameter.value)?;
-            Ok(FittedParameter {
-                name: parameter.name,
-                start: parameter.start,
-                value: parameter.value,
-                std_error: parameter.std_error,
-                identifiable: parameter.identifiable,
-                held: parameter.held,
-            })
-        })
-        .collect::<Result<_, FitError>>()?;
+    for parameter in &parameters {
+        fitted.set_value(&parameter.name, parameter.value)?;
+    }
     Ok(FitResult {
         model: fitted,
         error: ErrorSignal::Torque,

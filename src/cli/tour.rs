@@ -88,9 +88,9 @@ fn walk(
         put(name, text)?;
     }
     let experiment = inputs::experiment(&partial.join("experiment.toml"))?;
-    let prior = inputs::model(Some(&partial.join("believed.toml")), &experiment)?;
+    let start = inputs::model(Some(&partial.join("believed.toml")), &experiment)?;
 
-    let fitted = fit(&prior, &experiment, stop)?;
+    let fitted = fit(&start, &experiment, stop)?;
     put(FITTED, &fitted.model.to_toml())?;
     let fitted_model = Model::load(partial.join(FITTED))?;
 
@@ -131,7 +131,7 @@ fn walk(
     let seconds = started.elapsed().as_secs_f64();
     let tour = Tour {
         experiment: &experiment,
-        prior: &prior,
+        start: &start,
         fitted,
         comparison,
         findings,
@@ -219,7 +219,7 @@ fn folder(arguments: &Arguments, overwrite: Overwrite) -> anyhow::Result<(PathBu
 
 struct Tour<'a> {
     experiment: &'a Experiment,
-    prior: &'a Model,
+    start: &'a Model,
     fitted: FitResult,
     comparison: Comparison,
     findings: Vec<Finding>,
@@ -287,7 +287,7 @@ impl Tour<'_> {
 
     /// Robot, logs, what is believed.
     fn setting(&self, text: &mut String) {
-        let device = self.prior.device;
+        let device = self.start.device;
         let free: Vec<String> = self
             .experiment
             .runs
@@ -314,7 +314,7 @@ impl Tour<'_> {
                 }
             );
         }
-        let effects: Vec<String> = self.prior.effects.iter().map(|effect| effect.label()).collect();
+        let effects: Vec<String> = self.start.effects.iter().map(|effect| effect.label()).collect();
         let _ = writeln!(text, "believed  {}", effects.join(", "));
         text.push_str(
             "          The logs were made by an independent simulator (tests/plant), with one effect more.\n",
@@ -371,7 +371,7 @@ impl Tour<'_> {
             let value = |model: &Model| as_text(model.parameter(name).map(|own| own.value));
             table.row([
                 name.clone(),
-                value(self.prior),
+                value(self.start),
                 value(&self.fitted.model),
                 number(parameter.value),
                 as_text(parameter.std_error),

@@ -136,13 +136,18 @@ pub struct Survey {
     pub joints: Vec<JointImpedance>,
 }
 
-/// Feels `plant` with the joints `free`, bare and carried by `prior`, and by models that are off `prior` by its standard
+/// Feels `plant` with the joints `free`, bare and carried by `controller_model`, and by models that are off `controller_model` by its standard
 /// errors, where a fit stated some.
 ///
 /// # Errors
 /// Models without equations for these joints; a share or drive path that [`Compensation::new`] refuses; options out of
 /// range.
-pub fn survey(plant: &Model, prior: &Model, free: &[usize], options: &Options) -> Result<Survey, ImpedanceError> {
+pub fn survey(
+    plant: &Model,
+    controller_model: &Model,
+    free: &[usize],
+    options: &Options,
+) -> Result<Survey, ImpedanceError> {
     options.check(plant.device.joints.len())?;
     let system = |model: &Model| model.system(free, |joint| options.pose[joint]);
     let shares = CompensationRatios { inertia: options.inertia_share, friction: options.friction_share };
@@ -150,12 +155,12 @@ pub fn survey(plant: &Model, prior: &Model, free: &[usize], options: &Options) -
         Ok(Compensation::new(system(model)?, shares, options.sample_s)?)
     };
     let plant = system(plant)?;
-    let mut carriers = vec![None, Some(carry(prior)?)];
-    let has_errors = prior.fit.as_ref().is_some_and(|fit| !fit.std_error.is_empty());
+    let mut carriers = vec![None, Some(carry(controller_model)?)];
+    let has_errors = controller_model.fit.as_ref().is_some_and(|fit| !fit.std_error.is_empty());
     if has_errors {
         let mut random = Random::new(options.seed);
         for _ in 0..options.draws {
-            carriers.push(Some(carry(&prior.off_by_errors(&mut random))?));
+            carriers.push(Some(carry(&controller_model.off_by_errors(&mut random))?));
         }
     }
     let n_frequencies = options.frequencies.len();

@@ -75,19 +75,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         check_output(out, overwrite)?;
     }
     let setting = Setting::shipped()?;
-    let prior = match &arguments.model {
+    let controller_model = match &arguments.model {
         Some(path) => Model::load(path)?,
         None => Model::of_device(setting.device),
     };
     let plant = match &arguments.plant {
         Some(path) => {
             let model = Model::load(path)?;
-            of_device(&model, path, prior.device, "the model that the controller believes")?;
+            of_device(&model, path, controller_model.device, "the model that the controller believes")?;
             model
         }
-        None => prior.clone(),
+        None => controller_model.clone(),
     };
-    let device = prior.device;
+    let device = controller_model.device;
     let largest = device.configurations.iter().map(|configuration| &configuration.free).max_by_key(|free| free.len());
     let mut free = match (&arguments.free, largest) {
         (Some(free), _) => free.clone(),
@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         seed: arguments.seed,
         ..usual
     };
-    let survey = survey(&plant, &prior, &free, &options)?;
+    let survey = survey(&plant, &controller_model, &free, &options)?;
     let borne = (setting.device.id == device.id).then(|| borne(&survey, &setting)).flatten();
     let mut text = as_text(&survey);
     if let Some((typical, worst)) = borne {

@@ -77,16 +77,17 @@ fn a_share_leaves_the_rest() {
 /// 25 ms before and after, in rad/s.
 fn trembling(off: f64, seed: u64) -> f64 {
     let device = dynid_model::device("freedom6s").unwrap();
-    let prior = Model::of_device(device);
+    let controller_model = Model::of_device(device);
     let mut random = Random::new(seed);
-    let mut truth = prior.clone();
-    for (name, known) in prior.parameters().into_iter().filter(|(name, _)| !name.starts_with("base.")) {
+    let mut truth = controller_model.clone();
+    for (name, known) in controller_model.parameters().into_iter().filter(|(name, _)| !name.starts_with("base.")) {
         truth.set_value(&name, known.value * (1.0 + off * random.between(-1.0, 1.0))).unwrap();
     }
     let free = [0, 1, 2, 3, 4, 5];
     let system = |model: &Model| model.system(&free, |_| 0.0).unwrap();
     let (plant, options) = (system(&truth), Options::new(6));
-    let carrier = Compensation::new(system(&prior), CompensationRatios::default(), options.sample_s).unwrap();
+    let carrier =
+        Compensation::new(system(&controller_model), CompensationRatios::default(), options.sample_s).unwrap();
     let mut controller = Controller::new(&carrier, &options);
     let mut x = plant.rest(&[0.05, 0.1, 0.0, 0.2, -0.2, -0.3]);
     x[6..12].copy_from_slice(&[0.5, -0.4, 0.5, 1.0, -1.0, 1.0]);

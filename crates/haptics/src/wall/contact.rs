@@ -41,15 +41,15 @@ impl Plant {
         Self::taken_for(model, model, setting)
     }
 
-    /// A device that is as `model` says, in the hands of a controller that takes it to be as `prior` says.
+    /// A device that is as `model` says, in the hands of a controller that takes it to be as `controller_model` says.
     ///
     /// # Errors
     /// As [`Plant::new`].
-    pub(super) fn taken_for(prior: &Model, model: &Model, setting: &Setting) -> Result<Self, WallError> {
+    pub(super) fn taken_for(controller_model: &Model, model: &Model, setting: &Setting) -> Result<Self, WallError> {
         let of = |model: &Model| model.system(&[setting.joint], |joint| setting.posture[joint]);
         let system = of(model)?;
         refuse_delays(&system)?;
-        let inverse = of(prior)?.inverse_drive().map_err(|_| WallError::NoDrive { joint: setting.joint })?;
+        let inverse = of(controller_model)?.inverse_drive().map_err(|_| WallError::NoDrive { joint: setting.joint })?;
         Ok(Self { system, gain: 1.0 / inverse[0] })
     }
 

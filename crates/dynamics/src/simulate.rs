@@ -5,8 +5,10 @@
 
 pub mod control;
 mod late;
+mod predictor;
 
 pub use late::Commands;
+pub use predictor::{Gains, Predictor};
 
 use crate::{system::Scratch, system::System};
 
@@ -195,6 +197,32 @@ pub fn simulate_from(
     x0: &[f64],
     options: &Options,
 ) -> Result<Trajectory, SimulationError> {
+    sample_by_sample(system, input, x0, options, |_, _, _| ())
+}
+
+/// One-step predictions of a log: as [`simulate`], but once a sample is compared its prediction's error corrects the motion that
+/// is simulated on from there. The trajectory holds the predictions.
+pub fn predict(
+    system: &System,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    options: &Options,
+) -> Result<Trajectory, SimulationError> {
+    check(system, input, q0)?;
+    sample_by_sample(system, input, &system.rest(q0), options, |sample, shown, x| {
+        predictor.correct(system, input.time, sample, shown, x);
+    })
+}
+
+/// Simulates; `after` sees each sample, what is logged of it, and the state, which it may change.
+fn sample_by_sample(
+    system: &System,
+    input: &Input<'_>,
+    x0: &[f64],
+    options: &Options,
+    mut after: impl FnMut(usize, &[f64], &mut [f64]),
+) -> Result<Trajectory, SimulationError> {
     check(system, input, x0.get(..system.n_free()).unwrap_or(&[]))?;
     if x0.len() != system.n_states() {
         return Err(SimulationError::Length { what: "initial state", found: x0.len(), expected: system.n_states() });
@@ -203,6 +231,7 @@ pub fn simulate_from(
     let mut recorder = Recorder::new(system, input.time.len());
     let mut stepper = Stepper::new(system, x0);
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
+    after(0, recorder.last(), &mut stepper.x);
     let grid = Grid::new(input.time, options.substeps);
     for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
         let (now, next) = rows.split_at(n_joints);
@@ -214,6 +243,7 @@ pub fn simulate_from(
             Intersample::FirstOrder => stepper.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
         }
         recorder.take(system, end, &stepper.x, options)?;
+        after(sample + 1, recorder.last(), &mut stepper.x);
     }
     Ok(recorder.finish(stepper.x))
 }
@@ -300,6 +330,12 @@ impl Recorder {
         }
         self.trajectory.dq.extend_from_slice(&x[n..2 * n]);
         Ok(())
+    }
+
+    /// What is logged of the last sample.
+    fn last(&self) -> &[f64] {
+        let n_free = self.trajectory.n_free;
+        &self.trajectory.q[self.trajectory.q.len() - n_free..]
     }
 
     fn finish(mut self, last: Vec<f64>) -> Trajectory {

@@ -13,7 +13,7 @@
 mod assemble;
 mod evaluate;
 mod motion;
-mod physical_links;
+pub(crate) mod physical_links;
 mod result;
 mod searches;
 
@@ -24,6 +24,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 pub use evaluate::{first_state, noise_of};
+pub(crate) use evaluate::start_of;
 pub use motion::{RunMotion, motions};
 pub use physical_links::made_physical;
 pub use result::{Direction, Estimate, PositionFit, RunError};

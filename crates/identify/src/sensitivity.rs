@@ -15,8 +15,8 @@
 use dynid_generated::{LANES, Lanes, Scalar};
 
 use dynid_dynamics::{
-    simulate::Commands, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Observer, simulate::Options,
-    simulate::SimulationError, simulate::check, simulate::check_state, simulate::interpolate, simulate::step_bounds,
+    simulate::Commands, simulate::Gains, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Observer,
+    simulate::Options, simulate::Predictor, simulate::SimulationError, simulate::check, simulate::check_state, simulate::interpolate, simulate::step_bounds,
     system::Linear, system::NONE, system::Scratch, system::Switch, system::System,
 };
 
@@ -37,6 +37,7 @@ pub struct Columns {
     first_lump: usize,
     n_lumps: usize,
     n_initial: usize,
+    n_rates: usize,
     width: usize,
 }
 
@@ -59,7 +60,7 @@ impl Columns {
         let n_lumps = if lumps == Lumps::Wanted { system.kernel().n_lumps } else { 0 };
         let n_initial = system.n_free();
         let width = (count + n_lumps + n_initial).next_multiple_of(BLOCK);
-        Self { of_effect, first_lump: count, n_lumps, n_initial, width }
+        Self { of_effect, first_lump: count, n_lumps, n_initial, n_rates: 0, width }
     }
 
     /// With columns for the initial speeds of the `n_free` joints too.
@@ -68,6 +69,13 @@ impl Columns {
         let n_initial = 2 * n_free;
         let width = (self.first_lump + self.n_lumps + n_initial).next_multiple_of(BLOCK);
         Self { n_initial, width, ..self }
+    }
+
+    /// With columns for the rates of a [`Predictor`] of `n_free` joints too.
+    #[must_use]
+    pub fn predicting(self, n_free: usize) -> Self {
+        let width = (self.initial().end + n_free).next_multiple_of(BLOCK);
+        Self { n_rates: n_free, width, ..self }
     }
 
     /// Column of an effect parameter, by its index in [`System::effect_parameters`].
@@ -86,9 +94,15 @@ impl Columns {
         first..first + self.n_initial
     }
 
+    /// Columns of the rates of a predictor.
+    pub fn rates(&self) -> std::ops::Range<usize> {
+        let first = self.initial().end;
+        first..first + self.n_rates
+    }
+
     /// Number of columns in use.
     pub fn count(&self) -> usize {
-        self.initial().end
+        self.rates().end
     }
 
     /// Length of a row of S: [`Columns::count`], padded.
@@ -116,6 +130,31 @@ pub fn simulate(
     observer: Option<&Observer<'_>>,
     q0: &[f64],
     options: &Options,
+    observe: impl FnMut(usize, &[f64], &[f64]),
+) -> Result<(), SimulationError> {
+    along(system, columns, input, (observer, None), q0, options, observe)
+}
+
+/// One-step predictions and their derivatives, those by the predictor's rates included: as [`simulate`].
+pub fn predict(
+    system: &System,
+    columns: &Columns,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    options: &Options,
+    observe: impl FnMut(usize, &[f64], &[f64]),
+) -> Result<(), SimulationError> {
+    along(system, columns, input, (None, Some(predictor)), q0, options, observe)
+}
+
+fn along(
+    system: &System,
+    columns: &Columns,
+    input: &Input<'_>,
+    (observer, predictor): (Option<&Observer<'_>>, Option<&Predictor<'_>>),
+    q0: &[f64],
+    options: &Options,
     mut observe: impl FnMut(usize, &[f64], &[f64]),
 ) -> Result<(), SimulationError> {
     check(system, input, q0)?;
@@ -123,7 +162,17 @@ pub fn simulate(
     let mut motion = Variation::new(system, columns, q0);
     let mut view = View::new(system, columns);
     check_state(system, 0.0, &motion.x, options)?;
-    view.show(system, columns, input.time.first().copied().unwrap_or(0.0), &motion, 0, &mut observe);
+    let mut show = |motion: &mut Variation, sample: usize, t: f64| {
+        view.show(system, columns, t, motion, sample, &mut |sample, position, rows| {
+            observe(sample, position, rows);
+        });
+        if let Some(predictor) = predictor.filter(|predictor| predictor.compares(sample)) {
+            let (position, rows) = view.shown(system, motion);
+            let (position, rows) = (position.to_vec(), rows.to_vec());
+            motion.correct(system, columns, predictor, (input.time, sample), &position, &rows);
+        }
+    };
+    show(&mut motion, 0, input.time.first().copied().unwrap_or(0.0));
     let grid = Grid::new(input.time, options.substeps);
     for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
         let (now, next) = rows.split_at(n_joints);
@@ -151,7 +200,7 @@ pub fn simulate(
             }
         }
         check_state(system, span.end, &motion.x, options)?;
-        view.show(system, columns, span.end, &motion, sample + 1, &mut observe);
+        show(&mut motion, sample + 1, span.end);
     }
     Ok(())
 }
@@ -230,6 +279,16 @@ impl View {
             observe(sample, &self.position, &self.by_column);
         } else {
             observe(sample, &motion.x[..n], rows);
+        }
+    }
+
+    /// The positions last shown and their derivatives.
+    fn shown<'m>(&'m self, system: &System, motion: &'m Variation) -> (&'m [f64], &'m [f64]) {
+        let n = system.n_free();
+        if system.has_sensors() {
+            (&self.position, &self.by_column)
+        } else {
+            (&motion.x[..n], &motion.s[..n * motion.s.len() / motion.x.len()])
         }
     }
 }
@@ -376,6 +435,35 @@ impl Variation {
             }
         }
         false
+    }
+
+    /// Corrects states and sensitivities after a sample of which the positions `shown` were predicted, with derivatives `rows`.
+    fn correct(
+        &mut self,
+        system: &System,
+        columns: &Columns,
+        predictor: &Predictor<'_>,
+        (time, sample): (&[f64], usize),
+        shown: &[f64],
+        rows: &[f64],
+    ) {
+        let (n, width, span) = (system.n_free(), columns.width, predictor.span(time, sample));
+        predictor.correct(system, time, sample, shown, &mut self.x);
+        for (slot, row) in rows.chunks_exact(width).enumerate() {
+            let gains = Gains::of(predictor.rates[slot], span);
+            let error = predictor.error(sample, slot, shown);
+            let at_speed = system.states_at_speed().iter().filter(|(_, at)| *at == slot).map(|(state, _)| *state);
+            let by_speed = std::iter::once(n + slot).chain(at_speed).map(|state| (state, gains.speed, gains.speed_by_rate));
+            for (state, gain, by_rate) in std::iter::once((slot, gains.position, gains.position_by_rate)).chain(by_speed) {
+                let sensitivities = &mut self.s[state * width..(state + 1) * width];
+                for (sensitivity, by) in sensitivities.iter_mut().zip(row) {
+                    *sensitivity -= gain * by;
+                }
+                if let Some(column) = columns.rates().nth(slot) {
+                    sensitivities[column] += by_rate * error;
+                }
+            }
+        }
     }
 
     /// Whether the last step passed this switch, and then whether upwards.

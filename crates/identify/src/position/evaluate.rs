@@ -5,29 +5,16 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links};
-use crate::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
+use crate::{run_unknowns::RunUnknowns, sensitivity};
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError, system::System,
+    simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError,
 };
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
-
-/// Where an unknown enters a run.
-#[derive(Debug, Clone, Copy)]
-enum Role {
-    /// Index among the kernel's parameters.
-    Link(usize),
-    /// Index among the system's effect parameters.
-    Effect(usize),
-}
 
 /// A run, ready to be evaluated at any unknowns.
 struct Ready<'a> {
     run: &'a FitRun,
-    columns: Columns,
-    /// Unknown and its role; unknowns without one do not occur here.
-    roles: Vec<(usize, Role)>,
-    /// Index of the run's first initial position among all unknowns.
-    first_initial: usize,
+    unknowns: RunUnknowns,
     /// Factor on each free joint's error: weight over noise.
     weights: Vec<f64>,
     /// Where each free joint started and the weight of that, if the log's transient is cut; else none.
@@ -106,13 +93,7 @@ impl<'a> Evaluator<'a> {
     pub(super) fn start(&self, problem: &PositionProblem) -> Vec<f64> {
         let mut x: Vec<f64> = problem.unknowns.iter().map(|unknown| unknown.value).collect();
         for run in &problem.runs {
-            let slots = 0..run.system.n_free();
-            if run.moving {
-                let lines: Vec<[f64; 2]> = slots.map(|slot| first_line(run, slot)).collect();
-                x.extend(lines.iter().map(|line| line[0]).chain(lines.iter().map(|line| line[1])));
-            } else {
-                x.extend(slots.map(|slot| first_position(run, slot)));
-            }
+            x.extend(start_of(run));
         }
         x
     }
@@ -198,6 +179,16 @@ impl<'a> Evaluator<'a> {
     }
 }
 
+/// Where a run starts by its first samples: positions of the free joints, then speeds where it begins in motion.
+pub(crate) fn start_of(run: &FitRun) -> Vec<f64> {
+    let slots = 0..run.system.n_free();
+    if !run.moving {
+        return slots.map(|slot| first_position(run, slot)).collect();
+    }
+    let lines: Vec<[f64; 2]> = slots.map(|slot| first_line(run, slot)).collect();
+    lines.iter().map(|line| line[0]).chain(lines.iter().map(|line| line[1])).collect()
+}
+
 /// Median of a joint's first samples.
 fn first_position(run: &FitRun, slot: usize) -> f64 {
     /// At rest the first samples differ by noise only; later ones show motion.
@@ -214,22 +205,8 @@ const START_OF_CUT_LOG: f64 = 0.02;
 
 impl<'a> Ready<'a> {
     fn new(problem: &PositionProblem, run: &'a FitRun, first_initial: usize) -> Self {
-        let system = &run.system;
-        let mut roles = Vec::new();
-        for (unknown, entry) in problem.unknowns.iter().enumerate() {
-            let name = entry.name.as_str();
-            if let Some(index) = system.kernel().parameters.iter().position(|known| *known == name) {
-                roles.push((unknown, Role::Link(index)));
-            } else if let Some(index) = system.effect_names().iter().position(|known| known == name) {
-                roles.push((unknown, Role::Effect(index)));
-            }
-        }
-        let lumps =
-            if roles.iter().any(|(_, role)| matches!(role, Role::Link(_))) { Lumps::Wanted } else { Lumps::Known };
-        let wanted = |name: &str| problem.unknowns.iter().any(|unknown| unknown.name == name);
-        let columns = Columns::new(system, wanted, lumps);
-        let columns = if run.moving { columns.moving(system.n_free()) } else { columns };
-        let n_free = system.n_free();
+        let unknowns = RunUnknowns::new(run, &problem.unknowns, first_initial);
+        let n_free = run.system.n_free();
         // What is cut says nothing of the noise either.
         let first = run.first_sample();
         let weights = (0..n_free).map(|slot| run.weights[slot] / noise_of(&run.measured(slot)[first..])).collect();
@@ -240,26 +217,7 @@ impl<'a> Ready<'a> {
         };
         let is_cut = run.time.first().is_some_and(|first| *first < run.from_s);
         let starts = if is_cut { (0..n_free).map(start).collect() } else { Vec::new() };
-        Self { run, columns, roles, first_initial, weights, starts }
-    }
-
-    /// The run's system with the values of `x`.
-    fn system(&self, x: &[f64]) -> System {
-        let mut system = self.run.system.clone();
-        let mut links = system.link_parameters().to_vec();
-        let mut effects = system.effect_parameters().to_vec();
-        for &(unknown, role) in &self.roles {
-            match role {
-                Role::Link(index) => links[index] = x[unknown],
-                Role::Effect(index) => effects[index] = x[unknown],
-            }
-        }
-        system.set_parameters(&links, &effects);
-        system
-    }
-
-    fn initial<'x>(&self, x: &'x [f64]) -> &'x [f64] {
-        &x[self.first_initial..self.first_initial + self.run.n_initial()]
+        Self { run, unknowns, weights, starts }
     }
 
     fn input(&self, resolution: Resolution) -> Input<'a> {
@@ -270,10 +228,10 @@ impl<'a> Ready<'a> {
 
     fn simulate(&self, x: &[f64], resolution: Resolution) -> Result<Vec<f64>, SimulationError> {
         let options = Options { substeps: resolution.substeps, ..Options::default() };
-        let (system, input) = (self.system(x), self.input(resolution));
+        let (system, input) = (self.unknowns.system(self.run, x), self.input(resolution));
         let trajectory = match self.observer(resolution) {
-            Some(observer) => simulate::simulate_with_observer(&system, &input, &observer, self.initial(x), &options),
-            None => simulate::simulate(&system, &input, self.initial(x), &options),
+            Some(observer) => simulate::simulate_with_observer(&system, &input, &observer, self.unknowns.initial(x), &options),
+            None => simulate::simulate(&system, &input, self.unknowns.initial(x), &options),
         };
         trajectory.map(|trajectory| trajectory.q)
     }
@@ -296,16 +254,16 @@ impl<'a> Ready<'a> {
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
         let weight = |index: usize| self.weight(index / n_free, index % n_free);
         let of_start: f64 =
-            self.starts.iter().zip(self.initial(x)).map(|((q0, weight), q)| ((q - q0) * weight).powi(2)).sum();
+            self.starts.iter().zip(self.unknowns.initial(x)).map(|((q0, weight), q)| ((q - q0) * weight).powi(2)).sum();
         Ok(0.5 * (errors.map(|(index, (y, q))| ((y - q) * weight(index)).powi(2)).sum::<f64>() + of_start))
     }
 
     /// Cost, gradient and Hessian by this run's own unknowns.
     fn quadratic(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Option<Quadratic> {
-        let system = self.system(x);
+        let system = self.unknowns.system(self.run, x);
         let n_free = system.n_free();
-        let count = self.columns.count();
-        let width = self.columns.width();
+        let count = self.unknowns.columns().count();
+        let width = self.unknowns.columns().width();
         let first = self.run.first_sample();
         let options = Options { substeps: resolution.jacobian_substeps, ..Options::default() };
         let finer = if resolution.jacobian_substeps == resolution.substeps {
@@ -340,15 +298,15 @@ impl<'a> Ready<'a> {
         };
         let input = self.input(resolution);
         let observer = self.observer(resolution);
-        let initial = self.initial(x);
-        sensitivity::simulate(&system, &self.columns, &input, observer.as_ref(), initial, &options, observe).ok()?;
-        let by_unknown = self.chain(&system);
+        let initial = self.unknowns.initial(x);
+        sensitivity::simulate(&system, self.unknowns.columns(), &input, observer.as_ref(), initial, &options, observe).ok()?;
+        let by_unknown = self.unknowns.chain(&system);
         let gradient = DVector::from_fn(count, |k, _| gradient[k]);
         let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
         let mut gradient = by_unknown.transpose() * gradient;
         let mut hessian = by_unknown.transpose() * hessian * &by_unknown;
         for (slot, ((q0, weight), q)) in self.starts.iter().zip(initial).enumerate() {
-            let place = self.roles.len() + slot;
+            let place = self.unknowns.n_parameters() + slot;
             cost += 0.5 * ((q - q0) * weight).powi(2);
             gradient[place] += (q - q0) * weight * weight;
             hessian[(place, place)] += weight * weight;
@@ -359,8 +317,8 @@ impl<'a> Ready<'a> {
     /// `sum(j' j)` over the samples that count for each free joint, `j` being the derivative of its simulated position by this run's
     /// unknowns.
     fn motion(&self, x: &[f64], substeps: usize) -> Option<Vec<DMatrix<f64>>> {
-        let system = self.system(x);
-        let (count, width) = (self.columns.count(), self.columns.width());
+        let system = self.unknowns.system(self.run, x);
+        let (count, width) = (self.unknowns.columns().count(), self.unknowns.columns().width());
         let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
         let first = self.run.first_sample();
         let observe = |sample: usize, _: &[f64], rows: &[f64]| {
@@ -374,44 +332,9 @@ impl<'a> Ready<'a> {
         };
         let all = Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample };
         let options = Options { substeps, ..Options::default() };
-        sensitivity::simulate(&system, &self.columns, &all, None, self.initial(x), &options, observe).ok()?;
-        let by_unknown = self.chain(&system);
+        sensitivity::simulate(&system, self.unknowns.columns(), &all, None, self.unknowns.initial(x), &options, observe).ok()?;
+        let by_unknown = self.unknowns.chain(&system);
         Some(sums.into_iter().map(|sum| by_unknown.transpose() * sum * &by_unknown).collect())
-    }
-
-    /// Derivative of the columns by this run's unknowns: parameters in the order of `roles`, then initial positions.
-    fn chain(&self, system: &System) -> DMatrix<f64> {
-        let kernel = system.kernel();
-        let n_links = kernel.parameters.len();
-        let mut by_link = vec![0.0; kernel.prepared.len() * n_links];
-        if !self.columns.lumps().is_empty() {
-            (kernel.prepare_gradient)(system.link_parameters(), system.locked(), &mut by_link);
-        }
-        let mut chain = DMatrix::zeros(self.columns.count(), self.roles.len() + self.run.n_initial());
-        for (own, (_, role)) in self.roles.iter().enumerate() {
-            match role {
-                Role::Link(index) => {
-                    for (lump, column) in self.columns.lumps().enumerate() {
-                        chain[(column, own)] = by_link[lump * n_links + index];
-                    }
-                }
-                Role::Effect(index) => {
-                    if let Some(column) = self.columns.effect(*index) {
-                        chain[(column, own)] = 1.0;
-                    }
-                }
-            }
-        }
-        for (slot, column) in self.columns.initial().enumerate() {
-            chain[(column, self.roles.len() + slot)] = 1.0;
-        }
-        chain
-    }
-
-    /// Index among all unknowns of each of this run's own.
-    fn places(&self) -> Vec<usize> {
-        let initial = self.first_initial..self.first_initial + self.run.n_initial();
-        self.roles.iter().map(|(unknown, _)| *unknown).chain(initial).collect()
     }
 }
 
@@ -483,7 +406,7 @@ impl At<'_, '_> {
         };
         // In the order of the runs, whichever thread was first: the same bits every time.
         for (ready, part) in evaluator.ready.iter().zip(parts?) {
-            let places = ready.places();
+            let places = ready.unknowns.places();
             total.cost += part.cost;
             for (own, place) in places.iter().enumerate() {
                 total.gradient[*place] += part.gradient[own];
@@ -506,7 +429,7 @@ impl At<'_, '_> {
                 let starts: Vec<f64> = ready.starts.iter().map(|(_, weight)| *weight).collect();
                 let samples = ready.run.time.len() - ready.run.first_sample();
                 let n = self.evaluator.n_parameters;
-                Some(RunMotion::new(n, &ready.places(), (&ready.weights, &starts), samples, &by_slot))
+                Some(RunMotion::new(n, &ready.unknowns.places(), (&ready.weights, &starts), samples, &by_slot))
             })
             .collect()
     }

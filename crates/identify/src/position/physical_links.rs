@@ -10,7 +10,7 @@ use crate::link_parameter;
 
 /// The links that have an unknown moment of inertia or mass. Links of which not all values are given are left out; where
 /// their centroids are does not matter.
-pub(super) fn bodies(unknowns: &[&str], known: &BTreeMap<String, f64>) -> Vec<Body> {
+pub(crate) fn bodies(unknowns: &[&str], known: &BTreeMap<String, f64>) -> Vec<Body> {
     let matters = |symbol: usize| symbol == 0 || symbol >= 4;
     let parts = unknowns.iter().filter_map(|name| link_parameter(name));
     let mut links: Vec<usize> = parts.filter(|(_, symbol)| matters(*symbol)).map(|(link, _)| link).collect();
@@ -38,7 +38,7 @@ pub(super) fn bodies(unknowns: &[&str], known: &BTreeMap<String, f64>) -> Vec<Bo
 }
 
 /// Moves those of `bodies` that cannot exist to ones near by, within the bounds; their links.
-pub(super) fn make_physical(bodies: &[Body], x: &mut [f64], lower: &[f64], upper: &[f64]) -> Vec<usize> {
+pub(crate) fn make_physical(bodies: &[Body], x: &mut [f64], lower: &[f64], upper: &[f64]) -> Vec<usize> {
     let moved = bodies.iter().filter(|body| !body.is_physical(x) && body.make_physical(x, lower, upper));
     moved.map(|body| body.link).collect()
 }

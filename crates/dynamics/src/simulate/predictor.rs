@@ -1,0 +1,100 @@
+//! The steady-state observer of the prediction-error method.
+
+use crate::system::System;
+
+/// Corrects a simulation at each sample by the error of its prediction (innovation), and so makes one-step predictions of it.
+///
+/// The gains are those of the stationary Kalman filter of a joint whose acceleration is disturbed by white noise (Kalata 1984,
+/// *The tracking index*; Ljung, *System Identification*, section 7.4 for the method): with `r = exp(-rate T)` a sample moves the
+/// position by `1 - r^2` of the error and the speed by `2 (1 - r)^2 / T` of it. `rate` [1/s] says how little the model is trusted:
+/// at 0 the simulation runs free. The correction is causal: no sample has a part in its own prediction.
+#[derive(Debug, Clone, Copy)]
+pub struct Predictor<'a> {
+    /// Measured positions of the free joints [rad or m], one row a sample.
+    pub position: &'a [f64],
+    /// Rate of each free joint [1/s].
+    pub rates: &'a [f64],
+    /// Only one of so many samples is compared, and corrects.
+    pub every: usize,
+}
+
+/// How much of a prediction's error goes into the state, and how that changes with the rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gains {
+    /// Onto the position.
+    pub position: f64,
+    /// Onto the speed [1/s].
+    pub speed: f64,
+    /// Derivative of the first by the rate [s].
+    pub position_by_rate: f64,
+    /// Derivative of the second by the rate.
+    pub speed_by_rate: f64,
+}
+
+impl Gains {
+    /// Of a rate [1/s] and the time between samples (s).
+    pub fn of(rate: f64, sample_s: f64) -> Self {
+        let r = (-rate * sample_s).exp();
+        Self {
+            position: 1.0 - r * r,
+            speed: 2.0 * (1.0 - r).powi(2) / sample_s,
+            position_by_rate: 2.0 * sample_s * r * r,
+            speed_by_rate: 4.0 * (1.0 - r) * r,
+        }
+    }
+}
+
+impl Predictor<'_> {
+    /// Whether this sample is compared.
+    pub fn compares(&self, sample: usize) -> bool {
+        sample % self.every == 0
+    }
+
+    /// The time that a prediction of this sample spans (s).
+    pub fn span(&self, time: &[f64], sample: usize) -> f64 {
+        let last = sample.max(self.every).min(time.len() - 1);
+        time[last] - time[last.saturating_sub(self.every)]
+    }
+
+    /// Error of the prediction `shown` of one free joint.
+    pub fn error(&self, sample: usize, slot: usize, shown: &[f64]) -> f64 {
+        self.position[sample * shown.len() + slot] - shown[slot]
+    }
+
+    /// Corrects the state `x` after a sample of which `shown` was predicted. States that begin at their joint's speed (the drive
+    /// side of a transmission) are corrected as that is.
+    pub fn correct(&self, system: &System, time: &[f64], sample: usize, shown: &[f64], x: &mut [f64]) {
+        if !self.compares(sample) {
+            return;
+        }
+        let (n, span) = (system.n_free(), self.span(time, sample));
+        for slot in 0..n {
+            let (gains, error) = (Gains::of(self.rates[slot], span), self.error(sample, slot, shown));
+            x[slot] += gains.position * error;
+            x[n + slot] += gains.speed * error;
+            for &(state, _) in system.states_at_speed().iter().filter(|(_, at)| *at == slot) {
+                x[state] += gains.speed * error;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Gains;
+
+    #[test]
+    fn gains_are_those_of_the_stationary_filter_and_their_derivatives_differences() {
+        for (rate, sample_s) in [(0.0, 0.01), (3.0, 0.01), (150.0, 0.005), (40.0, 0.05)] {
+            let gains = Gains::of(rate, sample_s);
+            // Kalata's relation between the two gains.
+            let beta = gains.speed * sample_s;
+            let kalata = 2.0 * (2.0 - gains.position) - 4.0 * (1.0 - gains.position).sqrt();
+            assert!((beta - kalata).abs() < 1e-12);
+            let step = 1e-5;
+            let (more, less) = (Gains::of(rate + step, sample_s), Gains::of(rate - step, sample_s));
+            assert!(((more.position - less.position) / (2.0 * step) - gains.position_by_rate).abs() < 1e-7);
+            assert!(((more.speed - less.speed) / (2.0 * step) - gains.speed_by_rate).abs() < 1e-7);
+        }
+    }
+}

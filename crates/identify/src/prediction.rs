@@ -1,0 +1,223 @@
+//! The prediction-error method: the likelihood of a log under a model, from the errors of its one-step predictions (Ljung, *System
+//! Identification*, chapter 7; Kristensen, Madsen and Jorgensen 2004).
+//!
+//! A [`Predictor`] corrects the simulation at every sample by a gain that follows from one *rate* per joint: how little the model
+//! is trusted. The errors of its predictions (innovations) `e` are compared with one standard deviation `s` per joint:
+//!
+//! ```text
+//! -2 log L = sum over joints, runs and samples of  log s^2 + e^2 / s^2
+//! ```
+//!
+//! Rates and standard deviations are estimated with the parameters. At a rate of 0 the criterion is that of a free simulation
+//! (output error), at a large rate that of the torque error (equation error), and the likelihood finds what lies between: a model that
+//! lacks an effect is fitted at a large rate, where its errors do not pile up, and one that lacks nothing comes to 0. With the best
+//! `s`, the criterion is `n log(mean e^2)` of every joint; its gradient is exact, its Hessian Gauss and Newton's.
+
+mod evaluate;
+mod result;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::position::{FitRun, PositionFitError, Unknown};
+use dynid_dynamics::system::SystemError;
+use dynid_logs::experiment::Run;
+use dynid_model::Link;
+use dynid_optimise::region::{Entry, HalfSpace, Region};
+use dynid_optimise::sqp::{self, Ended, Limits, SearchControl};
+use dynid_user_model::Model;
+
+use evaluate::Evaluator;
+pub use result::{Innovations, JointInnovations, PredictionFit};
+
+/// Logs, and what is unknown of the model that is to predict them.
+#[derive(Debug, Clone)]
+pub struct PredictionProblem {
+    /// The logs.
+    pub runs: Vec<FitRun>,
+    /// What may move; may be empty: initial positions and rates are always unknown.
+    pub unknowns: Vec<Unknown>,
+    /// Standard deviation of each unknown's prior about what is expected of it.
+    pub spreads: Vec<f64>,
+    /// Values of the parameters that do not move.
+    pub known: BTreeMap<String, f64>,
+    /// `(larger, smaller)`: parameters of which one must not fall below the other (thesis Eq. 4.1).
+    pub inequalities: Vec<(String, String)>,
+    /// Where the rate of each joint of the device begins [1/s]; of joints that it does not name, the best of a few.
+    pub rates: BTreeMap<usize, f64>,
+    /// Whether the rates stay where they begin.
+    pub keeps_rates: bool,
+}
+
+impl PredictionProblem {
+    /// Everything that `model` does not fix is unknown, as far as it occurs in the runs; `expected` is what was believed of a
+    /// parameter before any fit.
+    ///
+    /// # Errors
+    /// A model that makes no equations for a run.
+    pub fn of_model<'a>(
+        model: &Model,
+        expected: &dyn Fn(&str) -> Option<f64>,
+        runs: impl IntoIterator<Item = &'a Run>,
+    ) -> Result<Self, SystemError> {
+        let runs = runs.into_iter().map(|run| FitRun::of_run(model, run)).collect::<Result<Vec<_>, _>>()?;
+        let (mut unknowns, mut spreads, mut known) = (Vec::new(), Vec::new(), BTreeMap::new());
+        for (name, parameter) in model.parameters() {
+            if parameter.fixed || !runs.iter().any(|run| run.occurs(&name)) {
+                known.insert(name, parameter.value);
+                continue;
+            }
+            let (value, lower, upper) = (parameter.value, parameter.lower, parameter.upper);
+            let expected = expected(&name).unwrap_or(value);
+            let unknown = Unknown { name, value, expected, lower, upper };
+            let spread = unknown.spread();
+            spreads.push(link_spread(model, &unknown.name).map_or(spread, |link| spread.min(link)));
+            unknowns.push(unknown);
+        }
+        let inequalities = crate::orders(model);
+        Ok(Self { runs, unknowns, spreads, known, inequalities, rates: BTreeMap::new(), keeps_rates: false })
+    }
+
+    /// Where the search may go: bounds of the parameters, orders among them, and rates that are positive.
+    fn region(&self, evaluator: &Evaluator<'_>) -> Region {
+        let entry = |name: &String| {
+            let index = self.unknowns.iter().position(|unknown| unknown.name == *name);
+            index.map(Entry::Unknown).or_else(|| self.known.get(name).copied().map(Entry::Known))
+        };
+        let inequalities = self.inequalities.iter();
+        let half_spaces =
+            inequalities.filter_map(|(larger, smaller)| HalfSpace::of_order(entry(larger)?, entry(smaller)?)).collect();
+        let mut lower: Vec<f64> = self.unknowns.iter().map(|unknown| unknown.lower).collect();
+        let mut upper: Vec<f64> = self.unknowns.iter().map(|unknown| unknown.upper).collect();
+        evaluator.bound_rest(&mut lower, &mut upper);
+        Region { lower, upper, half_spaces }
+    }
+}
+
+/// How far a link's parameter may plausibly lie from what is believed of it: half of the link's mass, of the radius that its
+/// parts lie at, or of its moment of inertia. Its bounds, where they say more, come first. `None` of what is no link's.
+fn link_spread(model: &Model, name: &str) -> Option<f64> {
+    const SHARE: f64 = 0.5;
+    let (link, symbol) = crate::link_parameter(name)?;
+    let value = |symbol: usize| model.links.get(link - 1).map(|values| values[symbol].value);
+    let mass = value(0)?.max(f64::MIN_POSITIVE);
+    let centroid: f64 = [1, 2, 3].into_iter().filter_map(value).map(|x| x * x).sum();
+    // Principal moments add up to twice the polar one.
+    let diagonal = ["Ixx", "Iyy", "Izz"].map(|axis| Link::SYMBOLS.iter().position(|symbol| *symbol == axis));
+    let inertia: f64 = diagonal.into_iter().flatten().filter_map(value).sum::<f64>() / 2.0;
+    let radius = (centroid + inertia / mass).sqrt();
+    Some(SHARE * match symbol { 0 => mass, 1..=3 => radius, _ => mass * radius * radius }).filter(|spread| *spread > 0.0)
+}
+
+/// How to search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Linearisations at most.
+    pub iterations: usize,
+    /// The search ends where a step promises less than this increase of the log likelihood.
+    pub tolerance: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { iterations: 60, tolerance: 0.05 }
+    }
+}
+
+/// Where a search is: it goes on from here to the same bits as if it had never stopped.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Integration steps per sample.
+    pub substeps: usize,
+    /// Linearisations before this part of the search.
+    pub iterations: usize,
+    /// Where this part of the search is.
+    pub search: sqp::State,
+    /// Negative log likelihood, prior included; `None` before the first iteration.
+    pub cost: Option<f64>,
+    /// Whether no step promises more.
+    pub is_done: bool,
+}
+
+/// A fit that can be advanced a few iterations at a time.
+pub struct Search<'a> {
+    problem: &'a PredictionProblem,
+    evaluator: Evaluator<'a>,
+    state: State,
+}
+
+impl<'a> Search<'a> {
+    /// Begins, or goes on from `state`.
+    ///
+    /// # Errors
+    /// No run, or one that cannot be simulated at the start at any rate.
+    pub fn new(problem: &'a PredictionProblem, state: Option<State>) -> Result<Self, PositionFitError> {
+        if problem.runs.is_empty() {
+            return Err(PositionFitError::NoRun);
+        }
+        let evaluator = Evaluator::new(problem);
+        let state = match state.filter(|state| state.search.x.len() == evaluator.n()) {
+            Some(state) => state,
+            None => {
+                let x = evaluator.start()?;
+                let substeps = evaluator.substeps(&x);
+                let region = problem.region(&evaluator);
+                State { substeps, iterations: 0, search: sqp::State::start(&x, &region), cost: None, is_done: false }
+            }
+        };
+        Ok(Self { problem, evaluator, state })
+    }
+
+    /// Where it is.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Takes `iterations` more linearisations at most; `watch` sees the negative log likelihood after each.
+    pub fn advance(&mut self, settings: &Settings, iterations: usize, watch: &mut dyn FnMut(f64) -> SearchControl) {
+        let end = self.iterations() + iterations;
+        while self.iterations() < end && !self.state.is_done {
+            let Self { problem, evaluator, state } = self;
+            let at = evaluator.at(state.substeps);
+            let mut region = problem.region(evaluator);
+            let left = end - state.iterations;
+            let limits = Limits { iterations: left, tolerance: settings.tolerance };
+            let (mut search, mut cost) = (state.search.clone(), state.cost);
+            let mut watched = |iteration: &sqp::Iteration, now: &sqp::State| {
+                search = now.clone();
+                cost = Some(iteration.cost);
+                watch(iteration.cost)
+            };
+            let outcome = sqp::resume(&at, &mut region, state.search.clone(), &limits, &mut watched);
+            state.search = search;
+            state.cost = outcome.quadratic.map(|quadratic| quadratic.cost).or(cost);
+            match outcome.ended {
+                Ended::Interrupted | Ended::IterationLimit => return,
+                Ended::Converged | Ended::Stuck => {
+                    // What has stiffened on the way, or come nearer to the logs, needs shorter steps.
+                    let substeps = evaluator.substeps(&state.search.x);
+                    state.is_done = substeps <= state.substeps;
+                    if !state.is_done {
+                        state.iterations += state.search.iterations;
+                        state.substeps = substeps;
+                        state.search = sqp::State::start(&state.search.x, &region);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Linearisations so far.
+    pub fn iterations(&self) -> usize {
+        self.state.iterations + self.state.search.iterations
+    }
+
+    /// What it has come to.
+    ///
+    /// # Errors
+    /// The runs cannot be simulated there.
+    pub fn result(&self) -> Result<PredictionFit, PositionFitError> {
+        result::conclude(self.problem, &self.evaluator, &self.state)
+    }
+}

@@ -1,0 +1,371 @@
+//! The likelihood of all runs, its gradient and its Gauss-Newton Hessian.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::PredictionProblem;
+use crate::position::{FitRun, PositionFitError, physical_links, start_of};
+use crate::{run_unknowns::RunUnknowns, sensitivity};
+use dynid_dynamics::simulate::{self, Input, Options, Predictor, SimulationError};
+use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
+
+/// A run, ready to be predicted with any unknowns.
+struct Ready<'a> {
+    run: &'a FitRun,
+    unknowns: RunUnknowns,
+    /// Index of each free joint among those that have a rate.
+    joints: Vec<usize>,
+}
+
+/// Sums over the samples of one joint in one run.
+struct Sums {
+    samples: f64,
+    squares: f64,
+    /// `sum(e de/du)`, by the run's own unknowns.
+    gradient: DVector<f64>,
+    /// `sum(de/du' de/du)`.
+    hessian: DMatrix<f64>,
+}
+
+/// All runs at any unknowns: parameters, then every run's initial positions (and speeds), then a rate for each joint.
+pub(super) struct Evaluator<'a> {
+    problem: &'a PredictionProblem,
+    ready: Vec<Ready<'a>>,
+    /// The device's index of each joint that has a rate.
+    pub(super) joints: Vec<usize>,
+    first_rate: usize,
+    bodies: Vec<Body>,
+    /// Longest rate that the samples of each joint can show [1/s].
+    fastest: Vec<f64>,
+    /// Variance below which an error is rounding, by joint.
+    floors: Vec<f64>,
+}
+
+/// An evaluator at so many integration steps per sample.
+pub(super) struct At<'e, 'a> {
+    evaluator: &'e Evaluator<'a>,
+    substeps: usize,
+}
+
+impl<'a> Evaluator<'a> {
+    pub(super) fn new(problem: &'a PredictionProblem) -> Self {
+        let mut joints: Vec<usize> =
+            problem.runs.iter().flat_map(|run| run.system.kernel().free.iter().copied()).collect();
+        joints.sort_unstable();
+        joints.dedup();
+        let first_rate = problem.unknowns.len() + problem.runs.iter().map(FitRun::n_initial).sum::<usize>();
+        let (mut fastest, mut floors) = (vec![0.0_f64; joints.len()], vec![0.0_f64; joints.len()]);
+        let mut first_initial = problem.unknowns.len();
+        let mut ready = Vec::with_capacity(problem.runs.len());
+        for run in &problem.runs {
+            let place = |joint: &usize| joints.iter().position(|known| known == joint).unwrap_or(0);
+            let own: Vec<usize> = run.system.kernel().free.iter().map(place).collect();
+            let span = run.time.last().copied().unwrap_or(0.0) - run.time[0];
+            let sample_s = span / (run.time.len().max(2) - 1) as f64;
+            for (slot, joint) in own.iter().enumerate() {
+                fastest[*joint] = fastest[*joint].max(RESPONSES_PER_SAMPLE / sample_s);
+                let measured = run.measured(slot);
+                let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                    (low.min(*value), high.max(*value))
+                });
+                floors[*joint] = floors[*joint].max((ROUNDING * (high - low)).powi(2)).max(f64::MIN_POSITIVE);
+            }
+            let unknowns = RunUnknowns::new(run, &problem.unknowns, first_initial)
+                .predicting(own.iter().map(|joint| first_rate + joint).collect());
+            first_initial += run.n_initial();
+            ready.push(Ready { run, unknowns, joints: own });
+        }
+        let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
+        let bodies = physical_links::bodies(&names, &problem.known);
+        Self { problem, ready, joints, first_rate, bodies, fastest, floors }
+    }
+
+    /// Number of unknowns.
+    pub(super) fn n(&self) -> usize {
+        self.first_rate + self.joints.len()
+    }
+
+    pub(super) fn at(&self, substeps: usize) -> At<'_, 'a> {
+        At { evaluator: self, substeps }
+    }
+
+    /// Bounds of what stands behind the parameters.
+    pub(super) fn bound_rest(&self, lower: &mut Vec<f64>, upper: &mut Vec<f64>) {
+        lower.resize(self.first_rate, f64::NEG_INFINITY);
+        upper.resize(self.first_rate, f64::INFINITY);
+        for (joint, fastest) in self.joints.iter().zip(&self.fastest) {
+            let kept = self.problem.rates.get(joint).filter(|_| self.problem.keeps_rates);
+            lower.push(kept.copied().unwrap_or(0.0));
+            upper.push(kept.copied().unwrap_or(*fastest));
+        }
+    }
+
+    /// Values of the parameters as given, bodies made physical; initial positions by the first samples; rates as given, or the
+    /// likeliest of a few.
+    pub(super) fn start(&self) -> Result<Vec<f64>, PositionFitError> {
+        let problem = self.problem;
+        let (mut lower, mut upper) = (Vec::new(), Vec::new());
+        for unknown in &problem.unknowns {
+            lower.push(unknown.lower);
+            upper.push(unknown.upper);
+        }
+        let mut x: Vec<f64> =
+            problem.unknowns.iter().map(|unknown| unknown.value.clamp(unknown.lower, unknown.upper)).collect();
+        physical_links::make_physical(&self.bodies, &mut x, &lower, &upper);
+        if let Some(body) = self.bodies.iter().find(|body| !body.is_physical(&x)) {
+            return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&x) });
+        }
+        problem.runs.iter().for_each(|run| x.extend(start_of(run)));
+        let given: Vec<Option<f64>> = self.joints.iter().map(|joint| problem.rates.get(joint).copied()).collect();
+        let with = |rate: f64| -> Vec<f64> {
+            let rates = given.iter().zip(&self.fastest);
+            x.iter().copied().chain(rates.map(|(given, fastest)| given.unwrap_or(rate).min(*fastest))).collect()
+        };
+        if given.iter().all(Option::is_some) {
+            return Ok(with(0.0));
+        }
+        let fastest = self.fastest.iter().fold(0.0, |fastest: f64, rate| fastest.max(*rate));
+        let trials = (0..RATES).map(|k| with(fastest * RATIO.powi(-k)));
+        let best = trials
+            .filter_map(|x| Some((self.at(self.substeps(&x)).cost(&x)?, x)))
+            .min_by(|one, other| one.0.total_cmp(&other.0));
+        best.map(|(_, x)| x).ok_or_else(|| self.why_not(&with(fastest)))
+    }
+
+    /// The fewest integration steps per sample with which no more than a small part of the errors is the integration's.
+    pub(super) fn substeps(&self, x: &[f64]) -> usize {
+        let predicted = |substeps: usize| -> Option<Vec<Vec<f64>>> {
+            self.ready.par_iter().map(|ready| ready.predict(x, substeps, Some(FIRST_S)).ok()).collect()
+        };
+        let mut steps = 1;
+        let mut rough = predicted(steps);
+        while steps < MOST_STEPS {
+            let fine = predicted(2 * steps);
+            if let (Some(rough), Some(fine)) = (&rough, &fine)
+                && self.are_close(rough, fine)
+            {
+                return steps;
+            }
+            rough = fine;
+            steps *= 2;
+        }
+        steps
+    }
+
+    /// Whether rough predictions differ from fine ones by a small part of these ones' errors, joint by joint.
+    fn are_close(&self, rough: &[Vec<f64>], fine: &[Vec<f64>]) -> bool {
+        /// Of the root mean square.
+        const SHARE: f64 = 0.05;
+        let mut sums = vec![(0.0, 0.0, 0.0); self.joints.len()];
+        for ((ready, rough), fine) in self.ready.iter().zip(rough).zip(fine) {
+            for (index, (rough, fine)) in rough.iter().zip(fine).enumerate() {
+                let sum = &mut sums[ready.joints[index % ready.joints.len()]];
+                sum.0 += (rough - fine).powi(2);
+                sum.1 += (ready.run.position[index] - fine).powi(2);
+                sum.2 += 1.0;
+            }
+        }
+        let floors = self.floors.iter();
+        sums.iter().zip(floors).all(|((change, error, count), floor)| *change <= SHARE * SHARE * (error + count * floor))
+    }
+
+    fn prior_cost(&self, x: &[f64]) -> f64 {
+        let unknowns = self.problem.unknowns.iter().zip(&self.problem.spreads).zip(x);
+        0.5 * unknowns.map(|((unknown, spread), x)| ((x - unknown.expected) / spread).powi(2)).sum::<f64>()
+    }
+
+    pub(super) fn why_not(&self, x: &[f64]) -> PositionFitError {
+        let failure = self.ready.iter().find_map(|ready| {
+            let error = ready.predict(x, MOST_STEPS, None).err()?;
+            Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
+        });
+        let first = || self.ready.first().map(|ready| ready.run.name.clone());
+        failure.or_else(|| Some(PositionFitError::Sensitivities { run: first()? })).unwrap_or(PositionFitError::NoRun)
+    }
+
+    /// Variance of a joint's errors: their mean square, but never less than rounding.
+    pub(super) fn variance(&self, joint: usize, squares: f64, samples: f64) -> f64 {
+        squares / samples + self.floors[joint]
+    }
+
+    /// Rates of all joints that have one.
+    pub(super) fn rates(&self, x: &[f64]) -> BTreeMap<usize, f64> {
+        self.joints.iter().copied().zip(x[self.first_rate..].iter().copied()).collect()
+    }
+
+    /// Errors of the predictions of every run, joint by joint; those of samples that do not count are left out.
+    pub(super) fn errors(&self, x: &[f64], substeps: usize) -> Option<Vec<Vec<Vec<f64>>>> {
+        let of_run = |ready: &Ready<'_>| {
+            let predicted = ready.predict(x, substeps, None).ok()?;
+            let n = ready.joints.len();
+            let first = ready.run.first_sample();
+            let errors = |slot: usize| {
+                let samples = (first..ready.run.time.len()).map(|sample| sample * n + slot);
+                samples.map(|index| ready.run.position[index] - predicted[index]).collect()
+            };
+            Some((0..n).map(errors).collect())
+        };
+        self.ready.par_iter().map(of_run).collect()
+    }
+
+    /// The device's index of each free joint of a run.
+    pub(super) fn joints_of(&self, run: usize) -> impl Iterator<Item = usize> {
+        self.ready[run].joints.iter().map(|joint| self.joints[*joint])
+    }
+}
+
+/// So fast a predictor takes every sample for the truth.
+const RESPONSES_PER_SAMPLE: f64 = 3.0;
+/// An error of this share of a joint's range is rounding of the simulation.
+const ROUNDING: f64 = 1e-6;
+/// So many rates are tried at the start, each this many times smaller than the one before.
+const RATES: i32 = 5;
+const RATIO: f64 = 4.0;
+/// Integration steps per sample at most.
+const MOST_STEPS: usize = 64;
+/// The beginning of every run tells which steps it needs (s).
+const FIRST_S: f64 = 10.0;
+
+impl Ready<'_> {
+    fn input(&self) -> Input<'_> {
+        Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample }
+    }
+
+    /// Predicted positions, one row a sample; of the first seconds only where it is told how many.
+    fn predict(&self, x: &[f64], substeps: usize, first_s: Option<f64>) -> Result<Vec<f64>, SimulationError> {
+        let (system, rates) = (self.unknowns.system(self.run, x), self.unknowns.rates(x));
+        let end = self.run.time[0] + first_s.unwrap_or(f64::INFINITY);
+        let input = self.input().first(self.run.time.partition_point(|t| *t <= end));
+        let predictor = Predictor { position: &self.run.position, rates: &rates, every: 1 };
+        let options = Options { substeps, ..Options::default() };
+        simulate::predict(&system, &input, &predictor, self.unknowns.initial(x), &options).map(|trajectory| trajectory.q)
+    }
+
+    /// Squares of each joint's errors.
+    fn squares(&self, x: &[f64], substeps: usize) -> Option<Vec<(f64, f64)>> {
+        let n = self.joints.len();
+        let mut sums = vec![(0.0, 0.0); n];
+        let predicted = self.predict(x, substeps, None).ok()?;
+        for (index, (y, q)) in self.run.position.iter().zip(&predicted).enumerate().skip(self.run.first_sample() * n) {
+            let sum = &mut sums[index % n];
+            *sum = (sum.0 + 1.0, sum.1 + (y - q) * (y - q));
+        }
+        Some(sums)
+    }
+
+    fn sums(&self, x: &[f64], substeps: usize) -> Option<Vec<Sums>> {
+        let (system, rates) = (self.unknowns.system(self.run, x), self.unknowns.rates(x));
+        let predictor = Predictor { position: &self.run.position, rates: &rates, every: 1 };
+        let columns = self.unknowns.columns();
+        let (n, count, width) = (self.joints.len(), columns.count(), columns.width());
+        let first = self.run.first_sample();
+        let mut raw = vec![(0.0, 0.0, vec![0.0; width], vec![0.0; width * width]); n];
+        let observe = |sample: usize, position: &[f64], rows: &[f64]| {
+            if sample < first {
+                return;
+            }
+            for (slot, row) in rows.chunks_exact(width).enumerate() {
+                let (samples, squares, gradient, hessian) = &mut raw[slot];
+                let error = self.run.position[sample * n + slot] - position[slot];
+                *samples += 1.0;
+                *squares += error * error;
+                for (gradient, by) in gradient.iter_mut().zip(row) {
+                    *gradient -= error * by;
+                }
+                for (factor, line) in row.iter().zip(hessian.chunks_exact_mut(width)).take(count) {
+                    if *factor != 0.0 {
+                        line.iter_mut().zip(row).for_each(|(entry, by)| *entry += factor * by);
+                    }
+                }
+            }
+        };
+        let options = Options { substeps, ..Options::default() };
+        let initial = self.unknowns.initial(x);
+        sensitivity::predict(&system, columns, &self.input(), &predictor, initial, &options, observe).ok()?;
+        let chain = self.unknowns.chain(&system);
+        let by_unknown = |(samples, squares, gradient, hessian): (f64, f64, Vec<f64>, Vec<f64>)| {
+            let gradient = DVector::from_fn(count, |k, _| gradient[k]);
+            let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
+            let (gradient, hessian) = (chain.transpose() * gradient, chain.transpose() * hessian * &chain);
+            Sums { samples, squares, gradient, hessian }
+        };
+        Some(raw.into_iter().map(by_unknown).collect())
+    }
+}
+
+impl Objective for At<'_, '_> {
+    fn cost(&self, x: &[f64]) -> Option<f64> {
+        let evaluator = self.evaluator;
+        let parts: Option<Vec<Vec<(f64, f64)>>> =
+            evaluator.ready.par_iter().map(|ready| ready.squares(x, self.substeps)).collect();
+        let mut totals = vec![(0.0, 0.0); evaluator.joints.len()];
+        for (ready, part) in evaluator.ready.iter().zip(parts?) {
+            for (joint, (samples, squares)) in ready.joints.iter().zip(part) {
+                totals[*joint].0 += samples;
+                totals[*joint].1 += squares;
+            }
+        }
+        let of_joint = |(joint, (samples, squares)): (usize, &(f64, f64))| {
+            0.5 * samples * evaluator.variance(joint, *squares, *samples).ln()
+        };
+        let total = totals.iter().enumerate().map(of_joint).sum::<f64>() + evaluator.prior_cost(x);
+        total.is_finite().then_some(total)
+    }
+
+    fn quadratic(&self, x: &[f64]) -> Option<Quadratic> {
+        let evaluator = self.evaluator;
+        let n = evaluator.n();
+        let parts: Option<Vec<Vec<Sums>>> =
+            evaluator.ready.par_iter().map(|ready| ready.sums(x, self.substeps)).collect();
+        let parts = parts?;
+        let mut totals = vec![(0.0, 0.0); evaluator.joints.len()];
+        for (ready, part) in evaluator.ready.iter().zip(&parts) {
+            for (joint, sums) in ready.joints.iter().zip(part) {
+                totals[*joint].0 += sums.samples;
+                totals[*joint].1 += sums.squares;
+            }
+        }
+        let mut total = Quadratic {
+            cost: evaluator.prior_cost(x),
+            gradient: DVector::zeros(n),
+            hessian: DMatrix::zeros(n, n),
+        };
+        let mut variances = Vec::with_capacity(totals.len());
+        for (joint, (samples, squares)) in totals.iter().enumerate() {
+            let variance = evaluator.variance(joint, *squares, *samples);
+            total.cost += 0.5 * samples * variance.ln();
+            variances.push(variance);
+        }
+        // In the order of the runs, whichever thread was first: the same bits every time.
+        for (ready, part) in evaluator.ready.iter().zip(&parts) {
+            let places = ready.unknowns.places();
+            for (joint, sums) in ready.joints.iter().zip(part) {
+                let information = variances[*joint].recip();
+                for (own, place) in places.iter().enumerate() {
+                    total.gradient[*place] += information * sums.gradient[own];
+                    for (other, second) in places.iter().enumerate() {
+                        total.hessian[(*place, *second)] += information * sums.hessian[(own, other)];
+                    }
+                }
+            }
+        }
+        for (k, (unknown, spread)) in evaluator.problem.unknowns.iter().zip(&evaluator.problem.spreads).enumerate() {
+            total.gradient[k] += (x[k] - unknown.expected) / (spread * spread);
+            total.hessian[(k, k)] += spread.powi(-2);
+        }
+        let finite = total.cost.is_finite() && total.hessian.iter().all(|value| value.is_finite());
+        finite.then_some(total)
+    }
+
+    fn metric(&self, unknown: usize) -> Option<f64> {
+        /// Share of its range that a parameter goes along a direction the data hardly know, at a damping of one.
+        const STRIDE: f64 = 0.1;
+        self.evaluator.problem.spreads.get(unknown).map(|spread| (STRIDE * spread).powi(-2))
+    }
+
+    fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {
+        self.evaluator.bodies.iter().flat_map(|body| body.cuts(x)).collect()
+    }
+}

@@ -1,0 +1,143 @@
+//! What a prediction-error fit has come to.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::{PredictionProblem, State, evaluate::Evaluator};
+use crate::position::{Estimate, PositionFitError};
+use dynid_optimise::sqp::Objective;
+use dynid_signal::statistics::autocorrelation;
+
+/// A fit, finished or not.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct PredictionFit {
+    /// The parameters.
+    pub parameters: Vec<Estimate>,
+    /// Estimated initial positions (and speeds) of every run.
+    pub initial: Vec<Vec<f64>>,
+    /// Rate of each joint [1/s]: 0 where the model is trusted altogether.
+    pub rates: BTreeMap<usize, f64>,
+    /// The log likelihood without the prior.
+    pub log_likelihood: f64,
+    /// What is left, by joint.
+    pub joints: Vec<JointInnovations>,
+    /// Linearisations.
+    pub iterations: usize,
+    /// Integration steps per sample.
+    pub substeps: usize,
+    /// Whether no step promises more.
+    pub is_converged: bool,
+    /// Covariance of the parameters, initial positions and rates eliminated.
+    #[serde(with = "dynid_optimise::matrix")]
+    pub covariance: DMatrix<f64>,
+}
+
+/// The errors of the one-step predictions of a joint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointInnovations {
+    /// The device's index.
+    pub joint: usize,
+    /// How many.
+    pub samples: f64,
+    /// Their standard deviation [rad or m].
+    pub deviation: f64,
+    /// How far they are from white: see [`Innovations::whiteness`].
+    pub whiteness: f64,
+}
+
+/// Errors of one-step predictions: of every run, joint by joint.
+pub struct Innovations;
+
+impl Innovations {
+    /// Box and Pierce's sum `n sum rho(k)^2` over the first lags of several series, over its expectation: 1 for white ones.
+    pub fn whiteness(series: &[&[f64]]) -> f64 {
+        /// Lags that are looked at.
+        const LAGS: usize = 20;
+        let (mut sum, mut expected) = (0.0, 0.0);
+        for errors in series {
+            let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
+            let centred: Vec<f64> = errors.iter().map(|error| error - mean).collect();
+            let rho = autocorrelation(&centred, LAGS + 1);
+            sum += errors.len() as f64 * rho.iter().skip(1).map(|rho| rho * rho).sum::<f64>();
+            expected += rho.len().saturating_sub(1) as f64;
+        }
+        if expected > 0.0 { sum / expected } else { 0.0 }
+    }
+}
+
+pub(super) fn conclude(
+    problem: &PredictionProblem,
+    evaluator: &Evaluator<'_>,
+    state: &State,
+) -> Result<PredictionFit, PositionFitError> {
+    let x = &state.search.x;
+    let Some(quadratic) = evaluator.at(state.substeps).quadratic(x) else { return Err(evaluator.why_not(x)) };
+    let errors = evaluator.errors(x, state.substeps).ok_or_else(|| evaluator.why_not(x))?;
+    let mut joints = Vec::with_capacity(evaluator.joints.len());
+    let mut log_likelihood = 0.0;
+    for (index, joint) in evaluator.joints.iter().enumerate() {
+        let mut series: Vec<&[f64]> = Vec::new();
+        for (run, errors) in errors.iter().enumerate() {
+            series.extend(evaluator.joints_of(run).zip(errors).filter(|(own, _)| own == joint).map(|(_, e)| e.as_slice()));
+        }
+        let samples = series.iter().map(|errors| errors.len()).sum::<usize>() as f64;
+        let squares = series.iter().flat_map(|errors| errors.iter()).map(|error| error * error).sum::<f64>();
+        let variance = evaluator.variance(index, squares, samples);
+        log_likelihood -= 0.5 * samples * (variance.ln() + squares / samples / variance);
+        let whiteness = Innovations::whiteness(&series);
+        joints.push(JointInnovations { joint: *joint, samples, deviation: variance.sqrt(), whiteness });
+    }
+    let n = problem.unknowns.len();
+    let covariance = covariance(&quadratic.hessian, n);
+    let parameters = problem.unknowns.iter().enumerate().map(|(k, unknown)| {
+        let std_error = covariance[(k, k)].max(0.0).sqrt();
+        let spread = problem.spreads[k];
+        let reach = (1e-9 * spread).min(1e-3 * std_error);
+        let identifiable = std_error < IDENTIFIED * spread;
+        let at_bound = x[k] - unknown.lower <= reach || unknown.upper - x[k] <= reach;
+        Estimate {
+            name: unknown.name.clone(),
+            value: x[k],
+            std_error: Some(std_error).filter(|_| identifiable && !at_bound),
+            identifiable,
+            at_bound,
+        }
+    });
+    let parameters = parameters.collect();
+    let mut first = n;
+    let initial = problem.runs.iter().map(|run| {
+        first += run.n_initial();
+        x[first - run.n_initial()..first].to_vec()
+    });
+    Ok(PredictionFit {
+        parameters,
+        initial: initial.collect(),
+        rates: evaluator.rates(x),
+        log_likelihood,
+        joints,
+        iterations: state.iterations + state.search.iterations,
+        substeps: state.substeps,
+        is_converged: state.is_done,
+        covariance,
+    })
+}
+
+/// A parameter counts as identified when the data narrow its prior to less than this share.
+const IDENTIFIED: f64 = 0.5;
+
+/// Covariance of the first `n` unknowns.
+fn covariance(hessian: &DMatrix<f64>, n: usize) -> DMatrix<f64> {
+    let all = hessian.nrows();
+    let scale = DVector::from_fn(all, |k, _| hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip());
+    let mut scaled = DMatrix::from_fn(all, all, |row, column| hessian[(row, column)] * scale[row] * scale[column]);
+    // A rate that no sample depends on any more.
+    (0..all).for_each(|k| scaled[(k, k)] += 1e-12);
+    let inverse = scaled.cholesky().map(|factor| factor.inverse());
+    let entry = |row: usize, column: usize| match &inverse {
+        Some(inverse) => inverse[(row, column)] * scale[row] * scale[column],
+        None => f64::INFINITY,
+    };
+    DMatrix::from_fn(n, n, entry)
+}

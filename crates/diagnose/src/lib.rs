@@ -31,6 +31,7 @@
 //! a stage that takes the command away gets no credit for that ([`dynid_torque::JointTorqueError::delivered_share`]).
 //! [`with_first_estimates`] uses the same screening to give an effect that vanishes a start for a fit.
 
+pub mod arms;
 mod blocks;
 mod candidate;
 mod discover;
@@ -48,6 +49,8 @@ mod note;
 mod prescreening;
 mod refit;
 mod region;
+pub mod missing;
+pub mod score_test;
 mod screen;
 mod shortlist;
 mod statement;

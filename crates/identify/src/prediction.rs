@@ -14,6 +14,8 @@
 //! `s`, the criterion is `n log(mean e^2)` of every joint; its gradient is exact, its Hessian Gauss and Newton's.
 
 mod evaluate;
+mod expansion;
+mod held_out;
 mod result;
 
 use std::collections::BTreeMap;
@@ -29,6 +31,8 @@ use dynid_optimise::sqp::{self, Ended, Limits, SearchControl};
 use dynid_user_model::Model;
 
 use evaluate::Evaluator;
+pub use expansion::{Expansion, Promise, Reduced};
+pub use held_out::{HeldOut, held_out};
 pub use result::{Innovations, JointInnovations, PredictionFit};
 
 /// Logs, and what is unknown of the model that is to predict them.
@@ -44,6 +48,9 @@ pub struct PredictionProblem {
     pub known: BTreeMap<String, f64>,
     /// `(larger, smaller)`: parameters of which one must not fall below the other (thesis Eq. 4.1).
     pub inequalities: Vec<(String, String)>,
+    /// Where each run starts: positions of the free joints, then speeds where it begins in motion; where there is none, by the first
+    /// samples.
+    pub initial: Vec<Vec<f64>>,
     /// Where the rate of each joint of the device begins [1/s]; of joints that it does not name, the best of a few.
     pub rates: BTreeMap<usize, f64>,
     /// Whether the rates stay where they begin.
@@ -62,6 +69,11 @@ impl PredictionProblem {
         runs: impl IntoIterator<Item = &'a Run>,
     ) -> Result<Self, SystemError> {
         let runs = runs.into_iter().map(|run| FitRun::of_run(model, run)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self::of_runs(model, expected, runs))
+    }
+
+    /// As [`PredictionProblem::of_model`], of runs that have their equations.
+    pub fn of_runs(model: &Model, expected: &dyn Fn(&str) -> Option<f64>, runs: Vec<FitRun>) -> Self {
         let (mut unknowns, mut spreads, mut known) = (Vec::new(), Vec::new(), BTreeMap::new());
         for (name, parameter) in model.parameters() {
             if parameter.fixed || !runs.iter().any(|run| run.occurs(&name)) {
@@ -76,7 +88,7 @@ impl PredictionProblem {
             unknowns.push(unknown);
         }
         let inequalities = crate::orders(model);
-        Ok(Self { runs, unknowns, spreads, known, inequalities, rates: BTreeMap::new(), keeps_rates: false })
+        Self { runs, unknowns, spreads, known, inequalities, initial: Vec::new(), rates: BTreeMap::new(), keeps_rates: false }
     }
 
     /// Where the search may go: bounds of the parameters, orders among them, and rates that are positive.
@@ -117,11 +129,13 @@ pub struct Settings {
     pub iterations: usize,
     /// The search ends where a step promises less than this increase of the log likelihood.
     pub tolerance: f64,
+    /// Share of the errors that may be the integration's in the end.
+    pub integration: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations: 60, tolerance: 0.05 }
+        Self { iterations: 60, tolerance: 0.05, integration: 0.07 }
     }
 }
 
@@ -147,6 +161,9 @@ pub struct Search<'a> {
     state: State,
 }
 
+/// Linearisations after which the rates are tried on their own.
+const BETWEEN_LINES: usize = 4;
+
 impl<'a> Search<'a> {
     /// Begins, or goes on from `state`.
     ///
@@ -161,12 +178,18 @@ impl<'a> Search<'a> {
             Some(state) => state,
             None => {
                 let x = evaluator.start()?;
-                let substeps = evaluator.substeps(&x);
+                let substeps = evaluator.substeps(&x, 1, evaluate::ROUGHLY);
                 let region = problem.region(&evaluator);
                 State { substeps, iterations: 0, search: sqp::State::start(&x, &region), cost: None, is_done: false }
             }
         };
         Ok(Self { problem, evaluator, state })
+    }
+
+    /// The rates of the joints, and where each run starts.
+    pub fn nuisance(&self) -> (BTreeMap<usize, f64>, Vec<Vec<f64>>) {
+        let x = &self.state.search.x;
+        (self.evaluator.rates(x), self.evaluator.initial(x))
     }
 
     /// Where it is.
@@ -177,11 +200,18 @@ impl<'a> Search<'a> {
     /// Takes `iterations` more linearisations at most; `watch` sees the negative log likelihood after each.
     pub fn advance(&mut self, settings: &Settings, iterations: usize, watch: &mut dyn FnMut(f64) -> SearchControl) {
         let end = self.iterations() + iterations;
+        if self.state.is_done {
+            // With finer steps than it was done with, there may be more to find.
+            let substeps = self.evaluator.substeps(&self.state.search.x, self.state.substeps, settings.integration);
+            if substeps > self.state.substeps {
+                self.refine(substeps);
+            }
+        }
         while self.iterations() < end && !self.state.is_done {
             let Self { problem, evaluator, state } = self;
             let at = evaluator.at(state.substeps);
             let mut region = problem.region(evaluator);
-            let left = end - state.iterations;
+            let left = (end - state.iterations).min(state.search.iterations + BETWEEN_LINES);
             let limits = Limits { iterations: left, tolerance: settings.tolerance };
             let (mut search, mut cost) = (state.search.clone(), state.cost);
             let mut watched = |iteration: &sqp::Iteration, now: &sqp::State| {
@@ -193,19 +223,42 @@ impl<'a> Search<'a> {
             state.search = search;
             state.cost = outcome.quadratic.map(|quadratic| quadratic.cost).or(cost);
             match outcome.ended {
-                Ended::Interrupted | Ended::IterationLimit => return,
+                Ended::Interrupted => return,
+                Ended::IterationLimit => self.slacken(),
                 Ended::Converged | Ended::Stuck => {
-                    // What has stiffened on the way, or come nearer to the logs, needs shorter steps.
-                    let substeps = evaluator.substeps(&state.search.x);
+                    // What has stiffened on the way, or come nearer to the logs, needs shorter steps; so may what keeps no promise.
+                    let least = if outcome.ended == Ended::Stuck { 2 * state.substeps } else { state.substeps };
+                    let least = least.min(evaluate::MOST_STEPS).max(state.substeps);
+                    let substeps = evaluator.substeps(&state.search.x, least, settings.integration);
                     state.is_done = substeps <= state.substeps;
                     if !state.is_done {
-                        state.iterations += state.search.iterations;
-                        state.substeps = substeps;
-                        state.search = sqp::State::start(&state.search.x, &region);
+                        self.refine(substeps);
                     }
                 }
             }
         }
+    }
+
+    /// Trusts the model more at once, where that is likelier: a valley in which the rates fall and all else follows is long.
+    fn slacken(&mut self) {
+        let Self { evaluator, state, .. } = self;
+        let at = evaluator.at(state.substeps);
+        for share in [0.5, 0.25, 0.1, 0.03] {
+            let x = evaluator.with_poles_nearer(&state.search.x, share);
+            let cost = dynid_optimise::sqp::Objective::cost(&at, &x);
+            if let Some(cost) = cost.filter(|cost| state.cost.is_some_and(|before| *cost < before)) {
+                state.search.x = x;
+                state.cost = Some(cost);
+            }
+        }
+    }
+
+    fn refine(&mut self, substeps: usize) {
+        let Self { problem, evaluator, state } = self;
+        state.is_done = false;
+        state.iterations += state.search.iterations;
+        state.substeps = substeps;
+        state.search = sqp::State::start(&state.search.x, &problem.region(evaluator));
     }
 
     /// Linearisations so far.

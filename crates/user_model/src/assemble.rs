@@ -16,6 +16,19 @@ impl Model {
     /// # Errors
     /// Joints that no configuration of the device frees, a value or an effect's kernel that is missing.
     pub fn system(&self, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<System, SystemError> {
+        self.system_with(free, position_of, &[])
+    }
+
+    /// As [`Model::system`], with `more` effects beside the model's own.
+    ///
+    /// # Errors
+    /// As [`Model::system`].
+    pub fn system_with(
+        &self,
+        free: &[usize],
+        position_of: impl Fn(usize) -> f64,
+        more: &[PlacedEffect],
+    ) -> Result<System, SystemError> {
         let kernel = kernel_of(self, free)?;
         let values: std::collections::BTreeMap<String, f64> =
             self.parameters().into_iter().map(|(name, parameter)| (name, parameter.value)).collect();
@@ -28,12 +41,19 @@ impl Model {
             })
             .collect::<Result<_, _>>()?;
         let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
-        let placed = |instance: &EffectInstance| {
-            let link = instance.joint.and_then(|joint| self.device.last_link_moved_by(joint));
-            Ok(PlacedEffect { link: link.map(|index| index + 1), ..instance.placed()? })
-        };
-        let effects = self.effects.iter().map(placed).collect::<Result<Vec<_>, SystemError>>()?;
+        let mut effects =
+            self.effects.iter().map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
+        effects.extend_from_slice(more);
         System::new(kernel, self.device.joints.len(), link_parameters, locked, &effects)
+    }
+
+    /// One of the model's effects for a [`System`], with the link that it joins where it is a body.
+    ///
+    /// # Errors
+    /// An effect without a kernel.
+    pub fn placed(&self, instance: &EffectInstance) -> Result<PlacedEffect, SystemError> {
+        let link = instance.joint.and_then(|joint| self.device.last_link_moved_by(joint));
+        Ok(PlacedEffect { link: link.map(|index| index + 1), ..instance.placed()? })
     }
 
     /// The end point of this model at a posture of all joints, of which the `free` ones will move.

@@ -17,6 +17,8 @@ struct Ready<'a> {
     unknowns: RunUnknowns,
     /// Index of each free joint among those that have a rate.
     joints: Vec<usize>,
+    /// Time between samples by which the pole of each free joint is counted (s).
+    sample_s: Vec<f64>,
 }
 
 /// Sums over the samples of one joint in one run.
@@ -29,7 +31,8 @@ struct Sums {
     hessian: DMatrix<f64>,
 }
 
-/// All runs at any unknowns: parameters, then every run's initial positions (and speeds), then a rate for each joint.
+/// All runs at any unknowns: parameters, then every run's initial positions (and speeds), then for each joint `r = exp(-rate T)`, T
+/// being the time between samples: gains are quadratic in it, and 1 is a free simulation.
 pub(super) struct Evaluator<'a> {
     problem: &'a PredictionProblem,
     ready: Vec<Ready<'a>>,
@@ -37,8 +40,8 @@ pub(super) struct Evaluator<'a> {
     pub(super) joints: Vec<usize>,
     first_rate: usize,
     bodies: Vec<Body>,
-    /// Longest rate that the samples of each joint can show [1/s].
-    fastest: Vec<f64>,
+    /// Time between samples of each joint (s), the shortest of its runs.
+    sample_s: Vec<f64>,
     /// Variance below which an error is rounding, by joint.
     floors: Vec<f64>,
 }
@@ -56,7 +59,7 @@ impl<'a> Evaluator<'a> {
         joints.sort_unstable();
         joints.dedup();
         let first_rate = problem.unknowns.len() + problem.runs.iter().map(FitRun::n_initial).sum::<usize>();
-        let (mut fastest, mut floors) = (vec![0.0_f64; joints.len()], vec![0.0_f64; joints.len()]);
+        let (mut shortest, mut floors) = (vec![f64::INFINITY; joints.len()], vec![0.0_f64; joints.len()]);
         let mut first_initial = problem.unknowns.len();
         let mut ready = Vec::with_capacity(problem.runs.len());
         for run in &problem.runs {
@@ -65,7 +68,7 @@ impl<'a> Evaluator<'a> {
             let span = run.time.last().copied().unwrap_or(0.0) - run.time[0];
             let sample_s = span / (run.time.len().max(2) - 1) as f64;
             for (slot, joint) in own.iter().enumerate() {
-                fastest[*joint] = fastest[*joint].max(RESPONSES_PER_SAMPLE / sample_s);
+                shortest[*joint] = shortest[*joint].min(sample_s.max(f64::MIN_POSITIVE));
                 let measured = run.measured(slot);
                 let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
                     (low.min(*value), high.max(*value))
@@ -75,16 +78,25 @@ impl<'a> Evaluator<'a> {
             let unknowns = RunUnknowns::new(run, &problem.unknowns, first_initial)
                 .predicting(own.iter().map(|joint| first_rate + joint).collect());
             first_initial += run.n_initial();
-            ready.push(Ready { run, unknowns, joints: own });
+            ready.push(Ready { run, unknowns, joints: own, sample_s: Vec::new() });
+        }
+        for ready in &mut ready {
+            ready.sample_s = ready.joints.iter().map(|joint| shortest[*joint]).collect();
         }
         let names: Vec<&str> = problem.unknowns.iter().map(|unknown| unknown.name.as_str()).collect();
         let bodies = physical_links::bodies(&names, &problem.known);
-        Self { problem, ready, joints, first_rate, bodies, fastest, floors }
+        Self { problem, ready, joints, first_rate, bodies, sample_s: shortest, floors }
     }
 
     /// Number of unknowns.
     pub(super) fn n(&self) -> usize {
         self.first_rate + self.joints.len()
+    }
+
+    /// Number of errors.
+    pub(super) fn samples(&self) -> f64 {
+        let of_run = |ready: &Ready<'_>| (ready.run.time.len() - ready.run.first_sample()) * ready.joints.len();
+        self.ready.iter().map(of_run).sum::<usize>() as f64
     }
 
     pub(super) fn at(&self, substeps: usize) -> At<'_, 'a> {
@@ -95,10 +107,11 @@ impl<'a> Evaluator<'a> {
     pub(super) fn bound_rest(&self, lower: &mut Vec<f64>, upper: &mut Vec<f64>) {
         lower.resize(self.first_rate, f64::NEG_INFINITY);
         upper.resize(self.first_rate, f64::INFINITY);
-        for (joint, fastest) in self.joints.iter().zip(&self.fastest) {
+        for (joint, sample_s) in self.joints.iter().zip(&self.sample_s) {
             let kept = self.problem.rates.get(joint).filter(|_| self.problem.keeps_rates);
-            lower.push(kept.copied().unwrap_or(0.0));
-            upper.push(kept.copied().unwrap_or(*fastest));
+            let kept = kept.map(|rate| (-rate * sample_s).exp().max(LEAST_POLE));
+            lower.push(kept.unwrap_or(LEAST_POLE));
+            upper.push(kept.unwrap_or(1.0));
         }
     }
 
@@ -117,34 +130,40 @@ impl<'a> Evaluator<'a> {
         if let Some(body) = self.bodies.iter().find(|body| !body.is_physical(&x)) {
             return Err(PositionFitError::StartUnphysical { link: body.link, moments: body.moments(&x) });
         }
-        problem.runs.iter().for_each(|run| x.extend(start_of(run)));
+        for (index, run) in problem.runs.iter().enumerate() {
+            let given = problem.initial.get(index).filter(|given| given.len() == run.n_initial());
+            x.extend(given.cloned().unwrap_or_else(|| start_of(run)));
+        }
         let given: Vec<Option<f64>> = self.joints.iter().map(|joint| problem.rates.get(joint).copied()).collect();
-        let with = |rate: f64| -> Vec<f64> {
-            let rates = given.iter().zip(&self.fastest);
-            x.iter().copied().chain(rates.map(|(given, fastest)| given.unwrap_or(rate).min(*fastest))).collect()
+        let with = |pole: f64| -> Vec<f64> {
+            let poles = given.iter().zip(&self.sample_s).map(|(given, sample_s)| match given {
+                Some(rate) => (-rate * sample_s).exp().max(LEAST_POLE),
+                None => pole,
+            });
+            x.iter().copied().chain(poles).collect()
         };
         if given.iter().all(Option::is_some) {
-            return Ok(with(0.0));
+            return Ok(with(LEAST_POLE));
         }
-        let fastest = self.fastest.iter().fold(0.0, |fastest: f64, rate| fastest.max(*rate));
-        let trials = (0..RATES).map(|k| with(fastest * RATIO.powi(-k)));
+        let trials = POLES.into_iter().map(with);
         let best = trials
-            .filter_map(|x| Some((self.at(self.substeps(&x)).cost(&x)?, x)))
+            .filter_map(|x| Some((self.at(self.substeps(&x, 1, ROUGHLY)).cost(&x)?, x)))
             .min_by(|one, other| one.0.total_cmp(&other.0));
-        best.map(|(_, x)| x).ok_or_else(|| self.why_not(&with(fastest)))
+        best.map(|(_, x)| x).ok_or_else(|| self.why_not(&with(LEAST_POLE)))
     }
 
-    /// The fewest integration steps per sample with which no more than a small part of the errors is the integration's.
-    pub(super) fn substeps(&self, x: &[f64]) -> usize {
+    /// The fewest integration steps per sample, but at least so many, with which no more than this share of the errors is the
+    /// integration's.
+    pub(super) fn substeps(&self, x: &[f64], least: usize, share: f64) -> usize {
         let predicted = |substeps: usize| -> Option<Vec<Vec<f64>>> {
             self.ready.par_iter().map(|ready| ready.predict(x, substeps, Some(FIRST_S)).ok()).collect()
         };
-        let mut steps = 1;
+        let mut steps = least;
         let mut rough = predicted(steps);
         while steps < MOST_STEPS {
             let fine = predicted(2 * steps);
             if let (Some(rough), Some(fine)) = (&rough, &fine)
-                && self.are_close(rough, fine)
+                && self.are_close(rough, fine, share)
             {
                 return steps;
             }
@@ -155,9 +174,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Whether rough predictions differ from fine ones by a small part of these ones' errors, joint by joint.
-    fn are_close(&self, rough: &[Vec<f64>], fine: &[Vec<f64>]) -> bool {
-        /// Of the root mean square.
-        const SHARE: f64 = 0.05;
+    fn are_close(&self, rough: &[Vec<f64>], fine: &[Vec<f64>], share: f64) -> bool {
         let mut sums = vec![(0.0, 0.0, 0.0); self.joints.len()];
         for ((ready, rough), fine) in self.ready.iter().zip(rough).zip(fine) {
             for (index, (rough, fine)) in rough.iter().zip(fine).enumerate() {
@@ -168,7 +185,7 @@ impl<'a> Evaluator<'a> {
             }
         }
         let floors = self.floors.iter();
-        sums.iter().zip(floors).all(|((change, error, count), floor)| *change <= SHARE * SHARE * (error + count * floor))
+        sums.iter().zip(floors).all(|((change, error, count), floor)| *change <= share * share * (error + count * floor))
     }
 
     fn prior_cost(&self, x: &[f64]) -> f64 {
@@ -190,9 +207,24 @@ impl<'a> Evaluator<'a> {
         squares / samples + self.floors[joint]
     }
 
-    /// Rates of all joints that have one.
+    /// `x` with the distance of every pole from 1 shrunk to this share.
+    pub(super) fn with_poles_nearer(&self, x: &[f64], share: f64) -> Vec<f64> {
+        let mut x = x.to_vec();
+        if !self.problem.keeps_rates {
+            x[self.first_rate..].iter_mut().for_each(|pole| *pole = 1.0 - share * (1.0 - *pole));
+        }
+        x
+    }
+
+    /// Rates of all joints that have one [1/s].
     pub(super) fn rates(&self, x: &[f64]) -> BTreeMap<usize, f64> {
-        self.joints.iter().copied().zip(x[self.first_rate..].iter().copied()).collect()
+        let poles = x[self.first_rate..].iter().zip(&self.sample_s);
+        self.joints.iter().copied().zip(poles.map(|(pole, sample_s)| rate(*pole, *sample_s))).collect()
+    }
+
+    /// Where each run starts.
+    pub(super) fn initial(&self, x: &[f64]) -> Vec<Vec<f64>> {
+        self.ready.iter().map(|ready| ready.unknowns.initial(x).to_vec()).collect()
     }
 
     /// Errors of the predictions of every run, joint by joint; those of samples that do not count are left out.
@@ -216,26 +248,37 @@ impl<'a> Evaluator<'a> {
     }
 }
 
-/// So fast a predictor takes every sample for the truth.
-const RESPONSES_PER_SAMPLE: f64 = 3.0;
+/// Share of the root mean square of the errors that the integration may make at the start of a search.
+pub(super) const ROUGHLY: f64 = 0.5;
+/// With so small a pole a predictor takes every sample for the truth.
+const LEAST_POLE: f64 = 0.05;
+/// Poles that are tried at the start.
+const POLES: [f64; 5] = [LEAST_POLE, 0.4, 0.8, 0.95, 0.99];
 /// An error of this share of a joint's range is rounding of the simulation.
 const ROUNDING: f64 = 1e-6;
-/// So many rates are tried at the start, each this many times smaller than the one before.
-const RATES: i32 = 5;
-const RATIO: f64 = 4.0;
 /// Integration steps per sample at most.
-const MOST_STEPS: usize = 64;
+pub(super) const MOST_STEPS: usize = 32;
 /// The beginning of every run tells which steps it needs (s).
 const FIRST_S: f64 = 10.0;
 
+/// Of a pole, and the time between samples (s) [1/s].
+fn rate(pole: f64, sample_s: f64) -> f64 {
+    -pole.min(1.0).ln() / sample_s
+}
+
 impl Ready<'_> {
+    /// Rates of the free joints [1/s].
+    fn rates(&self, x: &[f64]) -> Vec<f64> {
+        self.unknowns.rates(x).iter().zip(&self.sample_s).map(|(pole, sample_s)| rate(*pole, *sample_s)).collect()
+    }
+
     fn input(&self) -> Input<'_> {
         Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample }
     }
 
     /// Predicted positions, one row a sample; of the first seconds only where it is told how many.
     fn predict(&self, x: &[f64], substeps: usize, first_s: Option<f64>) -> Result<Vec<f64>, SimulationError> {
-        let (system, rates) = (self.unknowns.system(self.run, x), self.unknowns.rates(x));
+        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
         let end = self.run.time[0] + first_s.unwrap_or(f64::INFINITY);
         let input = self.input().first(self.run.time.partition_point(|t| *t <= end));
         let predictor = Predictor { position: &self.run.position, rates: &rates, every: 1 };
@@ -256,7 +299,7 @@ impl Ready<'_> {
     }
 
     fn sums(&self, x: &[f64], substeps: usize) -> Option<Vec<Sums>> {
-        let (system, rates) = (self.unknowns.system(self.run, x), self.unknowns.rates(x));
+        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
         let predictor = Predictor { position: &self.run.position, rates: &rates, every: 1 };
         let columns = self.unknowns.columns();
         let (n, count, width) = (self.joints.len(), columns.count(), columns.width());
@@ -284,7 +327,11 @@ impl Ready<'_> {
         let options = Options { substeps, ..Options::default() };
         let initial = self.unknowns.initial(x);
         sensitivity::predict(&system, columns, &self.input(), &predictor, initial, &options, observe).ok()?;
-        let chain = self.unknowns.chain(&system);
+        let mut chain = self.unknowns.chain(&system);
+        for (slot, (column, pole)) in columns.rates().zip(self.unknowns.rates(x)).enumerate() {
+            let place = chain.ncols() - n + slot;
+            chain[(column, place)] = -1.0 / (pole * self.sample_s[slot]);
+        }
         let by_unknown = |(samples, squares, gradient, hessian): (f64, f64, Vec<f64>, Vec<f64>)| {
             let gradient = DVector::from_fn(count, |k, _| gradient[k]);
             let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);

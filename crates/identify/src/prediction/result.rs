@@ -106,14 +106,9 @@ pub(super) fn conclude(
         }
     });
     let parameters = parameters.collect();
-    let mut first = n;
-    let initial = problem.runs.iter().map(|run| {
-        first += run.n_initial();
-        x[first - run.n_initial()..first].to_vec()
-    });
     Ok(PredictionFit {
         parameters,
-        initial: initial.collect(),
+        initial: evaluator.initial(x),
         rates: evaluator.rates(x),
         log_likelihood,
         joints,

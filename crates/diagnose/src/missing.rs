@@ -1,0 +1,400 @@
+//! One step of a diagnosis: the effect that raises the likelihood of the logs most.
+
+use std::collections::BTreeMap;
+
+use dynid_identify::position::{FitRun, PositionFitError};
+use dynid_identify::SearchControl;
+use dynid_identify::prediction::{self, HeldOut, PredictionFit, PredictionProblem, Search, Settings, State};
+use dynid_logs::experiment::Run;
+use dynid_logs::log::Log;
+use dynid_logs::motion::Motion;
+use dynid_model::{Origin, Parameter};
+use dynid_user_model::Model;
+use serde::{Deserialize, Serialize};
+
+use crate::arms::{Arm, race};
+use crate::candidate::{Candidate, Sizes, candidates, instance, probes};
+use crate::score_test::{ScoreTest, Start};
+
+/// A model that was fitted, and what it makes of the runs.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Fitted {
+    /// What was added to the model that is diagnosed; `None` for that model itself.
+    pub candidate: Option<Candidate>,
+    /// The model, as a file.
+    pub model: String,
+    /// The fit.
+    pub fit: PredictionFit,
+    /// What it makes of the runs held out; `None` where it cannot simulate them.
+    pub held_out: Option<HeldOut>,
+    /// How many unknowns the candidate brings beyond those that it takes the place of.
+    pub unknowns: f64,
+    /// Where its search is.
+    pub state: State,
+    /// Whether it was followed to its end with fine integration steps.
+    pub is_final: bool,
+}
+
+impl Fitted {
+    /// Log likelihood of all runs, less the price of the unknowns.
+    pub fn score(&self) -> f64 {
+        let held_out = self.held_out.as_ref().map_or(f64::NEG_INFINITY, |held_out| held_out.log_likelihood);
+        self.fit.log_likelihood + held_out - self.price()
+    }
+
+    fn price(&self) -> f64 {
+        let samples: f64 = self.fit.joints.iter().map(|joint| joint.samples).sum();
+        0.5 * self.unknowns * samples.max(2.0).ln()
+    }
+
+    /// The largest rate of a joint [1/s]: near 0, the model is trusted altogether.
+    pub fn rate(&self) -> f64 {
+        self.fit.rates.values().copied().fold(0.0, f64::max)
+    }
+
+    /// The worst joint's whiteness.
+    pub fn whiteness(&self) -> f64 {
+        let held_out = self.held_out.iter().flat_map(|held_out| &held_out.joints);
+        self.fit.joints.iter().chain(held_out).map(|joint| joint.whiteness).fold(0.0, f64::max)
+    }
+
+    /// Whether nothing is left to explain.
+    pub fn is_whole(&self) -> bool {
+        self.rate() < 1.0 && self.whiteness() < 3.0
+    }
+
+    /// The model.
+    pub fn parsed(&self) -> Model {
+        Model::parse(&self.model, std::path::Path::new("fitted.toml")).expect("what was written here")
+    }
+}
+
+/// What a step works with.
+pub struct Work<'a> {
+    /// The model that was given: what is believed.
+    pub given: &'a Model,
+    /// Runs to fit to.
+    pub fit: Vec<&'a Run>,
+    /// Runs held out.
+    pub held_out: Vec<&'a Run>,
+    /// How a fit searches.
+    pub search: Settings,
+    /// Recalls a state.
+    pub recall: &'a (dyn Fn(&str) -> Option<State> + Sync),
+    /// Keeps one.
+    pub keep: &'a (dyn Fn(&str, &State) + Sync),
+    /// Asked between iterations.
+    pub stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// So long a part of the runs is looked at by the score test (s), of each at least so much.
+const LOOKED_AT_S: f64 = 30.0;
+const LEAST_S: f64 = 5.0;
+/// Arms of a batch, batches at most, and arms that are followed to their end.
+const ARMS: usize = 16;
+const BATCHES: usize = 3;
+const LAST: usize = 4;
+/// Share of the errors that may be the integration's in a race, and what that may change of a log likelihood per sample.
+const RACE: f64 = 0.25;
+const ROUGH: f64 = 0.03;
+/// Arms that start at the values of the best.
+const LATER_ARMS: usize = 8;
+
+impl Work<'_> {
+    fn expected(&self, name: &str) -> Option<f64> {
+        self.given.prior(name)
+    }
+
+    /// What is fitted of a model; bounds of effects that were not given are those of physics alone.
+    fn problem(&self, model: &Model) -> Result<PredictionProblem, PositionFitError> {
+        let mut problem =
+            PredictionProblem::of_model(model, &|name| self.expected(name), self.fit.iter().copied())?;
+        let is_size = |name: &str| {
+            model.effects.iter().any(|own| {
+                let parameters = own.effect.parameters.iter().enumerate();
+                parameters.filter(|(_, own)| own.null.is_some()).any(|(index, _)| own.parameter_name(index) == name)
+            })
+        };
+        for unknown in &mut problem.unknowns {
+            if self.given.parameter(&unknown.name).is_none() && is_size(&unknown.name) {
+                if unknown.lower < 0.0 {
+                    unknown.lower = f64::NEG_INFINITY;
+                }
+                unknown.upper = f64::INFINITY;
+            }
+        }
+        Ok(problem)
+    }
+
+    /// The model itself, fitted.
+    pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
+        let problem = self.problem(model)?;
+        let state = (self.recall)(key);
+        let mut search = Search::new(&problem, state)?;
+        self.advance(&mut search);
+        (self.keep)(key, search.state());
+        self.fitted(None, model, model, &search, true)
+    }
+
+    /// Follows a fit to its end with fine integration steps.
+    fn finish(&self, fitted: &Fitted, base: &Model, key: &str) -> Result<Fitted, PositionFitError> {
+        let model = fitted.parsed();
+        let problem = self.problem(&model)?;
+        let key = format!("{key} final");
+        let state = (self.recall)(&key).unwrap_or_else(|| fitted.state.clone());
+        let mut search = Search::new(&problem, Some(state))?;
+        self.advance(&mut search);
+        (self.keep)(&key, search.state());
+        self.fitted(fitted.candidate.as_ref(), base, &model, &search, true)
+    }
+
+    fn advance(&self, search: &mut Search<'_>) {
+        let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
+        search.advance(&self.search, self.search.iterations, &mut |_| go_on());
+    }
+
+    fn fitted(
+        &self,
+        candidate: Option<&Candidate>,
+        base: &Model,
+        start: &Model,
+        search: &Search<'_>,
+        is_final: bool,
+    ) -> Result<Fitted, PositionFitError> {
+        let fit = search.result()?;
+        let model = with_values(start, &fit);
+        let held_out: Result<Vec<FitRun>, _> = self.held_out.iter().map(|run| FitRun::of_run(&model, run)).collect();
+        let held_out = prediction::held_out(held_out?, &fit).ok();
+        Ok(Fitted {
+            candidate: candidate.cloned(),
+            unknowns: self.count(&model) - self.count(base),
+            model: model.to_toml(),
+            fit,
+            held_out,
+            state: search.state().clone(),
+            is_final,
+        })
+    }
+
+    /// Number of unknown effect parameters that the runs depend on.
+    fn count(&self, model: &Model) -> f64 {
+        let free = |joint: usize| self.fit.iter().any(|run| run.free.contains(&joint));
+        let effects = model.effects.iter().filter(|own| own.joint.is_none_or(free));
+        effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
+    }
+
+    /// Starts for every effect at every place, those that are fitted first coming first: asked at the values of `base`, at those that
+    /// were believed before any fit, and at those of others.
+    pub fn starts(&self, base: &Fitted, others: &[&Fitted]) -> Result<Vec<Start>, PositionFitError> {
+        let model = base.parsed();
+        let mut points = Vec::new();
+        if others.is_empty() {
+            points.push((model.clone(), base.fit.rates.clone(), base.fit.initial.clone(), base.fit.substeps));
+            let believed = model.with_values(&|name| self.given.prior(name));
+            if let Ok(search) = Search::new(&self.problem(&believed)?, None) {
+                let (rates, initial) = search.nuisance();
+                points.push((believed, rates, initial, search.state().substeps));
+            }
+        }
+        for other in others {
+            let fit = &other.fit;
+            let substeps = base.fit.substeps;
+            points.push((model.with_values_of(&other.parsed()), fit.rates.clone(), fit.initial.clone(), substeps));
+        }
+        let motions: Vec<Option<Motion>> = self.fit.iter().map(|run| Motion::of(run).ok()).collect();
+        let (with_motion, motions): (Vec<&Run>, Vec<Motion>) =
+            self.fit.iter().zip(motions).filter_map(|(run, motion)| Some((*run, motion?))).unzip();
+        let all = candidates(&model, &self.fit);
+        let each = (LOOKED_AT_S / self.fit.len() as f64).max(LEAST_S);
+        let beginnings: Vec<Run> = self.fit.iter().map(|run| beginning(run, each)).collect();
+        let expected = |name: &str| self.expected(name);
+        let mut lists = Vec::new();
+        for (model, rates, initial, substeps) in &points {
+            let probes: Vec<_> = all
+                .iter()
+                .map(|candidate| {
+                    let sizes = Sizes::of(model, &with_motion, &motions, candidate.joint.unwrap_or(0));
+                    (candidate.clone(), probes(model, candidate, &sizes))
+                })
+                .collect();
+            let test = ScoreTest::new(model, rates, (initial, *substeps), &beginnings, &expected)?;
+            let t0 = std::time::Instant::now();
+            let mut starts = test.ask(&probes, &|| !(self.stop)());
+            eprintln!("   ask {} probes sub {} rates {:?}: {:.1} s", probes.iter().map(|p| p.1.len()).sum::<usize>(), substeps, rates, t0.elapsed().as_secs_f64());
+            starts.sort_by(|one, other| {
+                other.promise.total_cmp(&one.promise).then_with(|| one.candidate.cmp(&other.candidate))
+            });
+            lists.push(in_turn(&starts).into_iter());
+        }
+        // The first of each list, the second of each, ..
+        let mut merged = Vec::new();
+        loop {
+            let before = merged.len();
+            merged.extend(lists.iter_mut().filter_map(Iterator::next));
+            if merged.len() == before {
+                return Ok(merged);
+            }
+        }
+    }
+
+    /// Fits the most promising starts; all that were followed to their end, best first.
+    pub fn best(&self, base: &Fitted, starts: &[Start], key: &str) -> Result<Vec<Fitted>, PositionFitError> {
+        let mut found: Vec<Fitted> = Vec::new();
+        let mut ordered = starts.to_vec();
+        let mut asked_at: Vec<Option<Candidate>> = Vec::new();
+        for batch in 0..BATCHES {
+            let later = ordered.split_off(ordered.len().min(ARMS));
+            self.race(base, &ordered, &format!("{key}.{batch}"), &mut found)?;
+            self.settle(base, &mut found, key)?;
+            ordered = later;
+            // A smaller law may do as well from the best one's values, and a larger one better.
+            while let Some(best) = found.first().filter(|best| !asked_at.contains(&best.candidate)).cloned() {
+                let key = format!("{key}.{batch} there {}", asked_at.len());
+                asked_at.push(best.candidate.clone());
+                let mut starts = self.starts(base, &[&best])?;
+                let is_rival = |start: &Start| !best.is_whole() || self.count_of(base, start) < best.unknowns;
+                starts.retain(|start| Some(&start.candidate) != best.candidate.as_ref() && is_rival(start));
+                starts.truncate(LATER_ARMS);
+                starts.extend(self.kin(base, &best).into_iter().filter(is_rival));
+                self.race(base, &starts, &key, &mut found)?;
+                self.settle(base, &mut found, &key)?;
+            }
+            if found.first().is_some_and(Fitted::is_whole) || ordered.is_empty() {
+                break;
+            }
+        }
+        Ok(found)
+    }
+
+    /// Follows those to their end that are or may be the best.
+    fn settle(&self, base: &Fitted, found: &mut [Fitted], key: &str) -> Result<(), PositionFitError> {
+        let model = base.parsed();
+        let rough = ROUGH * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
+        loop {
+            let Some(best) = found.first().map(Fitted::score) else { return Ok(()) };
+            let is_near = |own: &Fitted| !own.is_final && best - own.score() < rough;
+            let Some(next) = found.iter().position(is_near) else { return Ok(()) };
+            let finished = self.finish(&found[next], &model, key);
+            match finished {
+                Ok(finished) => found[next] = finished,
+                Err(_) => found[next].is_final = true,
+            }
+            found.sort_by(|one, other| other.score().total_cmp(&one.score()));
+        }
+    }
+
+    /// Laws that contain the best one or are contained in it, with its values.
+    fn kin(&self, base: &Fitted, best: &Fitted) -> Vec<Start> {
+        let (base, there) = (base.parsed(), best.parsed());
+        let Some(own) = &best.candidate else { return Vec::new() };
+        let all = candidates(&base, &self.fit);
+        let start = |candidate: Candidate| {
+            let Candidate { effect, joint, from } = &candidate;
+            let model = if own.contains(&candidate) {
+                let mut model = base.clone();
+                model.add_effect(effect, *joint, *from).ok()?;
+                model.with_values_of(&there)
+            } else {
+                let mut model = there.clone();
+                model.add_effect(effect, *joint, *from).ok()?;
+                model
+            };
+            Some(Start { candidate, model, promise: 0.0 })
+        };
+        all.into_iter().filter(|other| own.contains(other) || other.contains(own)).filter_map(start).collect()
+    }
+
+    fn count_of(&self, base: &Fitted, start: &Start) -> f64 {
+        self.count(&start.model) - self.count(&base.parsed())
+    }
+
+    fn race(&self, base: &Fitted, starts: &[Start], key: &str, found: &mut Vec<Fitted>) -> Result<(), PositionFitError> {
+        let model = base.parsed();
+        let mut arms = Vec::new();
+        for (number, start) in starts.iter().enumerate() {
+            let mut problem = self.problem(&start.model)?;
+            problem.initial.clone_from(&base.fit.initial);
+            problem.rates.clone_from(&base.fit.rates);
+            let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
+            let price = 0.5 * self.count_of(base, start) * samples.max(2.0).ln();
+            arms.push(Arm {
+                candidate: Some(start.candidate.clone()),
+                model: start.model.clone(),
+                key: format!("{key} > {} {number}", start.candidate),
+                problem,
+                price,
+                state: None,
+            });
+        }
+        let search = Settings { integration: RACE, ..self.search };
+        let arms = race(arms, &search, LAST, self.recall, self.keep, self.stop);
+        for arm in arms.iter().filter(|arm| arm.cost().is_finite()) {
+            let Ok(search) = Search::new(&arm.problem, arm.state.clone()) else { continue };
+            let Ok(fitted) = self.fitted(arm.candidate.as_ref(), &model, &arm.model, &search, false) else { continue };
+            match found.iter_mut().find(|other| other.candidate == fitted.candidate) {
+                Some(other) if other.score() < fitted.score() => *other = fitted,
+                Some(_) => {}
+                None => found.push(fitted),
+            }
+        }
+        found.sort_by(|one, other| other.score().total_cmp(&one.score()));
+        Ok(())
+    }
+}
+
+/// Starts in the order in which they are fitted: the best of each candidate first; a second one of a candidate stands among the firsts
+/// of candidates that promise less.
+fn in_turn(starts: &[Start]) -> Vec<Start> {
+    /// Places that a further start of a candidate stands behind its own.
+    const LATER: usize = 12;
+    let mut seen: BTreeMap<&Candidate, (usize, usize)> = BTreeMap::new();
+    let mut turns: Vec<(usize, &Start)> = Vec::new();
+    for start in starts {
+        let next = seen.len();
+        let (place, before) = seen.entry(&start.candidate).or_insert((next, 0));
+        turns.push((*place + LATER * *before, start));
+        *before += 1;
+    }
+    turns.sort_by_key(|(turn, _)| *turn);
+    turns.into_iter().map(|(_, start)| start.clone()).collect()
+}
+
+/// `model` with the values of a fit, its bounds widened to hold them.
+fn with_values(model: &Model, fit: &PredictionFit) -> Model {
+    let mut model = model.clone();
+    for estimate in &fit.parameters {
+        if let Some(Parameter { lower, upper, fixed, .. }) = model.parameter(&estimate.name) {
+            let value = estimate.value;
+            let parameter = Parameter { value, lower: lower.min(value), upper: upper.max(value), fixed };
+            // The names are the model's own.
+            let _known = model.set(&estimate.name, parameter);
+        }
+    }
+    model
+}
+
+/// The first seconds of a run.
+fn beginning(run: &Run, seconds: f64) -> Run {
+    let end = run.log.t[0] + run.settings.from_s.unwrap_or(0.0) + seconds;
+    let n = run.log.t.partition_point(|t| *t <= end);
+    let take = |values: &Vec<f64>| values[..n].to_vec();
+    let log = Log {
+        t: take(&run.log.t),
+        tau: run.log.tau.iter().map(take).collect(),
+        q: run.log.q.iter().map(take).collect(),
+        reference: run.log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
+        mask: run.log.mask.as_ref().map(take_mask(n)),
+    };
+    Run { log, ..run.clone() }
+}
+
+fn take_mask(n: usize) -> impl Fn(&Vec<bool>) -> Vec<bool> {
+    move |mask| mask[..n].to_vec()
+}
+
+/// Physical parameters of a candidate in a model that has it.
+pub fn physical(model: &Model, candidate: &Candidate) -> Vec<String> {
+    let Some(own) = instance(model, candidate) else { return Vec::new() };
+    let names = own.effect.parameters.iter().enumerate();
+    names.filter(|(_, parameter)| parameter.origin == Origin::Physics).map(|(index, _)| own.parameter_name(index)).collect()
+}

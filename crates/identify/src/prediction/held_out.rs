@@ -1,0 +1,45 @@
+//! The likelihood of runs that were not fitted.
+
+use std::collections::BTreeMap;
+
+use super::{PredictionFit, PredictionProblem, Search, Settings, result::JointInnovations};
+use crate::position::{FitRun, PositionFitError};
+use dynid_optimise::sqp::SearchControl;
+
+/// What a fit makes of runs that it has not seen.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct HeldOut {
+    /// Their log likelihood with the rates and standard deviations of the fit.
+    pub log_likelihood: f64,
+    /// What is left of them, by joint.
+    pub joints: Vec<JointInnovations>,
+}
+
+/// Of `runs`, whose equations have the values of `fit`; only where they start is estimated anew. Joints that the fit does not know
+/// have no part.
+///
+/// # Errors
+/// A run that cannot be simulated.
+pub fn held_out(runs: Vec<FitRun>, fit: &PredictionFit) -> Result<HeldOut, PositionFitError> {
+    let problem = PredictionProblem {
+        runs,
+        unknowns: Vec::new(),
+        spreads: Vec::new(),
+        known: BTreeMap::new(),
+        inequalities: Vec::new(),
+        initial: Vec::new(),
+        rates: fit.rates.clone(),
+        keeps_rates: true,
+    };
+    let mut search = Search::new(&problem, None)?;
+    let settings = Settings { iterations: 10, ..Settings::default() };
+    search.advance(&settings, settings.iterations, &mut |_| SearchControl::Continue);
+    let found = search.result()?;
+    let mut log_likelihood = 0.0;
+    for own in &found.joints {
+        let Some(fitted) = fit.joints.iter().find(|fitted| fitted.joint == own.joint) else { continue };
+        let share = own.deviation / fitted.deviation;
+        log_likelihood -= 0.5 * own.samples * (2.0 * fitted.deviation.ln() + share * share);
+    }
+    Ok(HeldOut { log_likelihood, joints: found.joints })
+}

@@ -15,10 +15,10 @@ use crate::{Error, check_device};
 pub struct DiagnoseSettings {
     /// Only runs in which exactly these joints are free; `None` for all runs.
     pub free: Option<Vec<usize>>,
-    /// Which error decides; `None` for the one that a fit would make small.
+    /// Which error decides; `None` for the likelihood of the logs.
     pub error: Option<ErrorSignal>,
-    /// How many effects are looked for, one after the other.
-    pub depth: usize,
+    /// How many effects are looked for, one after the other; `None` for as many as it pays.
+    pub depth: Option<usize>,
     /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
     pub refits: usize,
     /// Fits that an earlier, stopped diagnosis of the same reported ([`Event::Refitted`]): it goes on from them to the same answer.
@@ -35,7 +35,7 @@ impl Default for DiagnoseSettings {
 impl DiagnoseSettings {
     /// As the diagnosis takes them.
     pub fn options(&self) -> Options {
-        Options { error: self.error, depth: self.depth.max(1), refits: self.refits.max(1), ..Options::default() }
+        Options { error: self.error, depth: self.depth, refits: self.refits.max(1), ..Options::default() }
     }
 }
 

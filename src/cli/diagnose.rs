@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::bail;
 use dynid::{DiagnoseSettings, Diagnosis, ErrorSignal, Experiment, Model, Ranked, Run, Verdict};
-use dynid_diagnose::{Discovered, Event, Finished, Options, RejectedCandidate, Speaks};
+use dynid_diagnose::{Discovered, Event, Finished, FinishedFit, Options, RejectedCandidate, Speaks};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
 use dynid_model::sha256_hex;
@@ -45,12 +45,12 @@ pub struct Arguments {
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
-    /// Which error decides; without it, the one that `dynid fit` would make small.
+    /// Let this error decide instead of the likelihood of the logs.
     #[arg(long, value_enum)]
     error: Option<Kind>,
-    /// Look for so many effects, one after the other.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    depth: usize,
+    /// Look for so many effects, one after the other; without it, for as many as it pays.
+    #[arg(long, value_name = "N")]
+    depth: Option<usize>,
     /// Fit so many candidates for good at most, and what the first of them contain.
     #[arg(long, value_name = "N", default_value_t = Options::default().refits)]
     refits: usize,
@@ -105,10 +105,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let so_far = Mutex::new(settings.finished.clone());
     let interrupt = Interrupt::listen()?;
     let hear = |event: &Event<'_>| {
-        if let Event::Refitted(key, refit) = event
+        let done = match event {
+            Event::Refitted(key, refit) => Some((*key, FinishedFit::Refit((*refit).clone()))),
+            Event::Searched(key, state) => Some((*key, FinishedFit::Search((*state).clone()))),
+            _ => None,
+        };
+        if let Some((key, fit)) = done
             && let Ok(mut so_far) = so_far.lock()
         {
-            so_far.insert((*key).to_owned(), (*refit).clone());
+            so_far.insert(key.to_owned(), fit);
             // A fit that cannot be kept is still good for this diagnosis.
             let _ = kept.write(&so_far);
         }
@@ -361,7 +366,7 @@ fn interrupted(path: Option<&Path>, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 9;
+const FORMAT: u32 = 10;
 
 /// Fits that are done, for a diagnosis that is stopped.
 struct Kept {
@@ -464,7 +469,7 @@ mod tests {
             "unknowns": 0.0, "rmse_fit": null, "rmse_validate": null, "torque_percent_fit": null,
             "torque_percent_validate": null, "left": []
         }));
-        let fits = Finished::from([("the model itself".to_owned(), refit.unwrap())]);
+        let fits = Finished::from([("the model itself".to_owned(), FinishedFit::Refit(refit.unwrap()))]);
         (Kept { places, identity: IDENTITY.to_owned() }, fits)
     }
 

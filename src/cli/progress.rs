@@ -100,6 +100,7 @@ fn diagnosis(event: &Event<'_>, elapsed: Duration) -> String {
         Event::FittingModel => "fitting the model itself".to_owned(),
         Event::Screened(done, of) => format!("screening: {done} of {of} candidates"),
         Event::Comparing(count) => format!("comparing {count} candidates with an observer"),
+        Event::Searched(key, _) => format!("searched {key}"),
         Event::Refitting(candidate) => format!("fitting with {candidate}"),
         Event::Refitted(_, refit) => match &refit.candidate {
             Some(candidate) => format!("fitted with {candidate}"),

@@ -23,6 +23,8 @@ pub struct Arm {
     pub price: f64,
     /// How far it is.
     pub state: Option<State>,
+    /// What it had reached before the last round.
+    pub before: f64,
 }
 
 impl Arm {
@@ -49,9 +51,12 @@ pub fn race(
     const STEPS: usize = 20;
     /// A search that is not at its end after so many is not followed any more.
     const MOST_STEPS: usize = 1000;
+    /// So many rounds like the last one should bring an arm to the best one.
+    const ROUNDS: f64 = 5.0;
     let mut steps = STEPS;
     for round in 0.. {
         arms.par_iter_mut().for_each(|arm| {
+            arm.before = arm.cost();
             if (round > 0 && arm.is_done()) || stop() {
                 return;
             }
@@ -60,7 +65,6 @@ pub fn race(
                 arm.state = Some(state);
                 return;
             }
-            let t0 = std::time::Instant::now();
             let Ok(mut search) = Search::new(&arm.problem, arm.state.take()) else { return };
             let iterations = (steps / search.state().substeps).clamp(1, settings.iterations);
             search.advance(settings, iterations, &mut |_| {
@@ -69,7 +73,6 @@ pub fn race(
             if !stop() {
                 keep(&key, search.state());
             }
-            eprintln!("   {key}: sub {} it {} cost {:?} {:.1} s", search.state().substeps, search.iterations(), search.state().cost.map(|c| c + arm.price), t0.elapsed().as_secs_f64());
             arm.state = Some(search.state().clone());
         });
         arms.sort_by(|one, other| one.cost().total_cmp(&other.cost()).then_with(|| one.key.cmp(&other.key)));
@@ -78,6 +81,14 @@ pub fn race(
             break;
         }
         arms.truncate((arms.len() / 2).max(last));
+        // What falls so slowly that it would not come to the best within as many rounds is no rival.
+        let best = arms.first().map_or(f64::INFINITY, Arm::cost);
+        let falls: Vec<f64> = arms.iter().map(|arm| arm.before - arm.cost()).collect();
+        let mut rivals = falls.iter().map(|fall| *fall);
+        arms.retain(|arm| {
+            let fall = rivals.next().unwrap_or(0.0);
+            round == 0 || arm.is_done() || arm.cost() - best <= ROUNDS * fall
+        });
         steps *= 2;
     }
     arms

@@ -31,8 +31,9 @@
 //! a stage that takes the command away gets no credit for that ([`dynid_torque::JointTorqueError::delivered_share`]).
 //! [`with_first_estimates`] uses the same screening to give an effect that vanishes a start for a fit.
 
-pub mod arms;
+mod arms;
 mod blocks;
+mod by_likelihood;
 mod candidate;
 mod discover;
 mod distinguishing_experiment;
@@ -49,8 +50,8 @@ mod note;
 mod prescreening;
 mod refit;
 mod region;
-pub mod missing;
-pub mod score_test;
+mod missing;
+mod score_test;
 mod screen;
 mod shortlist;
 mod statement;
@@ -214,8 +215,8 @@ pub struct Moved {
 pub struct Options {
     /// Which error; by default the one that a fit would make small.
     pub error: Option<ErrorSignal>,
-    /// How many effects are looked for, one after the other.
-    pub depth: usize,
+    /// How many effects are looked for, one after the other; `None` for as many as it pays.
+    pub depth: Option<usize>,
     /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
     pub refits: usize,
     /// How finely fits integrate.
@@ -225,7 +226,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         let fit = position::Options { iterations: 60, tolerance: 1e-5, ..position::Options::default() };
-        Self { error: None, depth: 1, refits: 12, fit }
+        Self { error: None, depth: None, refits: 12, fit }
     }
 }
 
@@ -242,10 +243,23 @@ pub enum Event<'a> {
     Refitting(&'a Candidate),
     /// A fit is done; its key and what it found are worth keeping.
     Refitted(&'a str, &'a Refit),
+    /// A search for the likeliest values has come farther; its key and where it is are worth keeping.
+    Searched(&'a str, &'a dynid_identify::prediction::State),
 }
 
 /// Finished fits by their keys: a diagnosis that was stopped goes on from them.
-pub type Finished = BTreeMap<String, Refit>;
+pub type Finished = BTreeMap<String, FinishedFit>;
+
+/// Something worth keeping of a diagnosis that is stopped.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant, reason = "there are some hundred at most")]
+pub enum FinishedFit {
+    /// A fit of one error.
+    Refit(Refit),
+    /// Where a search for the likeliest values is.
+    Search(dynid_identify::prediction::State),
+}
 
 /// Linearisations of a torque fit, which is nearly linear: what takes more is not going anywhere.
 const TORQUE_ITERATIONS: usize = 15;
@@ -278,13 +292,16 @@ pub fn diagnose(
     tell: &(dyn Fn(&Event<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, DiagnoseError> {
+    let Some(error) = options.error else {
+        return by_likelihood::diagnose(model, experiment, runs, options, finished, tell, stop);
+    };
     let mut notes = Vec::new();
-    let error = match options.error {
-        Some(ErrorSignal::Both) | None => match default_error(model, runs) {
+    let error = match error {
+        ErrorSignal::Both => match default_error(model, runs) {
             ErrorSignal::Torque => ErrorSignal::Torque,
             _ => ErrorSignal::Position,
         },
-        Some(error) => error,
+        error => error,
     };
     let split = blocks::Split::of(runs, error);
     if split.is_cut() {
@@ -317,14 +334,15 @@ pub fn diagnose(
     notes.extend(excitation::left_open(model, runs, &base));
     let mut steps = Vec::new();
     let first = base.clone();
-    for depth in 1..=options.depth.max(1) {
+    let deepest = options.depth.unwrap_or(1).max(1);
+    for depth in 1..=deepest {
         let parsed = base.parsed()?;
         let step = work.step(&parsed, &base, depth, &steps)?;
         let next = step.best().cloned();
         let goes_on = step.verdict == Verdict::MissingEffect;
         steps.push(step);
         match next {
-            Some(next) if goes_on && depth < options.depth => base = next,
+            Some(next) if goes_on && depth < deepest => base = next,
             _ => break,
         }
     }
@@ -415,7 +433,7 @@ impl Work<'_> {
             return Ok(refit);
         }
         let key = format!("{key}, all blocks");
-        if let Some(refit) = self.finished.get(&key) {
+        if let Some(FinishedFit::Refit(refit)) = self.finished.get(&key) {
             return Ok(refit.clone());
         }
         let refit = blocks::over_all(self.judge, self.folds, &refit, self.stop)?;
@@ -433,7 +451,7 @@ impl Work<'_> {
         starts: &[Model],
         limits: CostLimits,
     ) -> Result<Refit, DiagnoseError> {
-        if let Some(refit) = self.finished.get(key) {
+        if let Some(FinishedFit::Refit(refit)) = self.finished.get(key) {
             return Ok(refit.clone());
         }
         let mut fits: Vec<Result<Refit, DiagnoseError>> = Vec::new();

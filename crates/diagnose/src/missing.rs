@@ -8,12 +8,12 @@ use dynid_identify::prediction::{self, HeldOut, PredictionFit, PredictionProblem
 use dynid_logs::experiment::Run;
 use dynid_logs::log::Log;
 use dynid_logs::motion::Motion;
-use dynid_model::{Origin, Parameter};
+use dynid_model::Parameter;
 use dynid_user_model::Model;
 use serde::{Deserialize, Serialize};
 
 use crate::arms::{Arm, race};
-use crate::candidate::{Candidate, Sizes, candidates, instance, probes};
+use crate::candidate::{Candidate, Sizes, candidates, probes};
 use crate::score_test::{ScoreTest, Start};
 
 /// A model that was fitted, and what it makes of the runs.
@@ -27,7 +27,7 @@ pub struct Fitted {
     pub fit: PredictionFit,
     /// What it makes of the runs held out; `None` where it cannot simulate them.
     pub held_out: Option<HeldOut>,
-    /// How many unknowns the candidate brings beyond those that it takes the place of.
+    /// How many unknown effect parameters the model has beyond the one that was given.
     pub unknowns: f64,
     /// Where its search is.
     pub state: State,
@@ -42,7 +42,8 @@ impl Fitted {
         self.fit.log_likelihood + held_out - self.price()
     }
 
-    fn price(&self) -> f64 {
+    /// What its unknowns cost, in log likelihood: half the logarithm of the samples each (Schwarz 1978).
+    pub fn price(&self) -> f64 {
         let samples: f64 = self.fit.joints.iter().map(|joint| joint.samples).sum();
         0.5 * self.unknowns * samples.max(2.0).ln()
     }
@@ -63,20 +64,25 @@ impl Fitted {
         self.rate() < 1.0 && self.whiteness() < 3.0
     }
 
+    /// As the model that more is added to.
+    pub fn as_base(&self) -> Self {
+        Self { candidate: None, ..self.clone() }
+    }
+
     /// The model.
     pub fn parsed(&self) -> Model {
         Model::parse(&self.model, std::path::Path::new("fitted.toml")).expect("what was written here")
     }
 }
 
-/// What a step works with.
-pub struct Work<'a> {
+/// Runs, and how models are fitted to them.
+pub struct Logs<'a> {
     /// The model that was given: what is believed.
     pub given: &'a Model,
     /// Runs to fit to.
-    pub fit: Vec<&'a Run>,
+    pub fit: Vec<Run>,
     /// Runs held out.
-    pub held_out: Vec<&'a Run>,
+    pub held_out: Vec<Run>,
     /// How a fit searches.
     pub search: Settings,
     /// Recalls a state.
@@ -87,7 +93,7 @@ pub struct Work<'a> {
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// So long a part of the runs is looked at by the score test (s), of each at least so much.
+/// So long a part of the runs is looked at by the score test and in a race (s), of each at least so much.
 const LOOKED_AT_S: f64 = 30.0;
 const LEAST_S: f64 = 5.0;
 /// Arms of a batch, batches at most, and arms that are followed to their end.
@@ -96,19 +102,22 @@ const BATCHES: usize = 3;
 const LAST: usize = 4;
 /// Share of the errors that may be the integration's in a race, and what that may change of a log likelihood per sample.
 const RACE: f64 = 0.25;
-const ROUGH: f64 = 0.03;
+const ROUGH: f64 = 0.1;
 /// Arms that start at the values of the best.
 const LATER_ARMS: usize = 8;
 
-impl Work<'_> {
+impl Logs<'_> {
     fn expected(&self, name: &str) -> Option<f64> {
         self.given.prior(name)
     }
 
     /// What is fitted of a model; bounds of effects that were not given are those of physics alone.
     fn problem(&self, model: &Model) -> Result<PredictionProblem, PositionFitError> {
-        let mut problem =
-            PredictionProblem::of_model(model, &|name| self.expected(name), self.fit.iter().copied())?;
+        self.problem_of(model, &self.fit)
+    }
+
+    fn problem_of(&self, model: &Model, runs: &[Run]) -> Result<PredictionProblem, PositionFitError> {
+        let mut problem = PredictionProblem::of_model(model, &|name| self.expected(name), runs)?;
         let is_size = |name: &str| {
             model.effects.iter().any(|own| {
                 let parameters = own.effect.parameters.iter().enumerate();
@@ -133,11 +142,11 @@ impl Work<'_> {
         let mut search = Search::new(&problem, state)?;
         self.advance(&mut search);
         (self.keep)(key, search.state());
-        self.fitted(None, model, model, &search, true)
+        self.fitted(None, model, &search, true)
     }
 
     /// Follows a fit to its end with fine integration steps.
-    fn finish(&self, fitted: &Fitted, base: &Model, key: &str) -> Result<Fitted, PositionFitError> {
+    fn finish(&self, fitted: &Fitted, key: &str) -> Result<Fitted, PositionFitError> {
         let model = fitted.parsed();
         let problem = self.problem(&model)?;
         let key = format!("{key} final");
@@ -145,7 +154,7 @@ impl Work<'_> {
         let mut search = Search::new(&problem, Some(state))?;
         self.advance(&mut search);
         (self.keep)(&key, search.state());
-        self.fitted(fitted.candidate.as_ref(), base, &model, &search, true)
+        self.fitted(fitted.candidate.as_ref(), &model, &search, true)
     }
 
     fn advance(&self, search: &mut Search<'_>) {
@@ -156,7 +165,6 @@ impl Work<'_> {
     fn fitted(
         &self,
         candidate: Option<&Candidate>,
-        base: &Model,
         start: &Model,
         search: &Search<'_>,
         is_final: bool,
@@ -167,7 +175,7 @@ impl Work<'_> {
         let held_out = prediction::held_out(held_out?, &fit).ok();
         Ok(Fitted {
             candidate: candidate.cloned(),
-            unknowns: self.count(&model) - self.count(base),
+            unknowns: self.count(&model) - self.count(self.given),
             model: model.to_toml(),
             fit,
             held_out,
@@ -201,12 +209,10 @@ impl Work<'_> {
             let substeps = base.fit.substeps;
             points.push((model.with_values_of(&other.parsed()), fit.rates.clone(), fit.initial.clone(), substeps));
         }
-        let motions: Vec<Option<Motion>> = self.fit.iter().map(|run| Motion::of(run).ok()).collect();
-        let (with_motion, motions): (Vec<&Run>, Vec<Motion>) =
-            self.fit.iter().zip(motions).filter_map(|(run, motion)| Some((*run, motion?))).unzip();
-        let all = candidates(&model, &self.fit);
-        let each = (LOOKED_AT_S / self.fit.len() as f64).max(LEAST_S);
-        let beginnings: Vec<Run> = self.fit.iter().map(|run| beginning(run, each)).collect();
+        let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
+        let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
+        let all = candidates(&model, &self.fit.iter().collect::<Vec<_>>());
+        let beginnings = self.beginnings();
         let expected = |name: &str| self.expected(name);
         let mut lists = Vec::new();
         for (model, rates, initial, substeps) in &points {
@@ -218,9 +224,7 @@ impl Work<'_> {
                 })
                 .collect();
             let test = ScoreTest::new(model, rates, (initial, *substeps), &beginnings, &expected)?;
-            let t0 = std::time::Instant::now();
             let mut starts = test.ask(&probes, &|| !(self.stop)());
-            eprintln!("   ask {} probes sub {} rates {:?}: {:.1} s", probes.iter().map(|p| p.1.len()).sum::<usize>(), substeps, rates, t0.elapsed().as_secs_f64());
             starts.sort_by(|one, other| {
                 other.promise.total_cmp(&one.promise).then_with(|| one.candidate.cmp(&other.candidate))
             });
@@ -243,6 +247,7 @@ impl Work<'_> {
         let mut ordered = starts.to_vec();
         let mut asked_at: Vec<Option<Candidate>> = Vec::new();
         for batch in 0..BATCHES {
+            let best_before = found.first().map(|best| best.candidate.clone());
             let later = ordered.split_off(ordered.len().min(ARMS));
             self.race(base, &ordered, &format!("{key}.{batch}"), &mut found)?;
             self.settle(base, &mut found, key)?;
@@ -252,14 +257,16 @@ impl Work<'_> {
                 let key = format!("{key}.{batch} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
                 let mut starts = self.starts(base, &[&best])?;
-                let is_rival = |start: &Start| !best.is_whole() || self.count_of(base, start) < best.unknowns;
+                let is_rival = |start: &Start| !best.is_whole() || self.count_of(start) < best.unknowns;
                 starts.retain(|start| Some(&start.candidate) != best.candidate.as_ref() && is_rival(start));
                 starts.truncate(LATER_ARMS);
                 starts.extend(self.kin(base, &best).into_iter().filter(is_rival));
                 self.race(base, &starts, &key, &mut found)?;
                 self.settle(base, &mut found, &key)?;
             }
-            if found.first().is_some_and(Fitted::is_whole) || ordered.is_empty() {
+            // What promises less is not asked where the last batch brought nothing better.
+            let is_settled = batch > 0 && found.first().map(|best| best.candidate.clone()) == best_before;
+            if found.first().is_some_and(Fitted::is_whole) || ordered.is_empty() || is_settled {
                 break;
             }
         }
@@ -268,13 +275,12 @@ impl Work<'_> {
 
     /// Follows those to their end that are or may be the best.
     fn settle(&self, base: &Fitted, found: &mut [Fitted], key: &str) -> Result<(), PositionFitError> {
-        let model = base.parsed();
         let rough = ROUGH * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
         loop {
             let Some(best) = found.first().map(Fitted::score) else { return Ok(()) };
             let is_near = |own: &Fitted| !own.is_final && best - own.score() < rough;
             let Some(next) = found.iter().position(is_near) else { return Ok(()) };
-            let finished = self.finish(&found[next], &model, key);
+            let finished = self.finish(&found[next], key);
             match finished {
                 Ok(finished) => found[next] = finished,
                 Err(_) => found[next].is_final = true,
@@ -287,7 +293,7 @@ impl Work<'_> {
     fn kin(&self, base: &Fitted, best: &Fitted) -> Vec<Start> {
         let (base, there) = (base.parsed(), best.parsed());
         let Some(own) = &best.candidate else { return Vec::new() };
-        let all = candidates(&base, &self.fit);
+        let all = candidates(&base, &self.fit.iter().collect::<Vec<_>>());
         let start = |candidate: Candidate| {
             let Candidate { effect, joint, from } = &candidate;
             let model = if own.contains(&candidate) {
@@ -304,19 +310,41 @@ impl Work<'_> {
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).filter_map(start).collect()
     }
 
-    fn count_of(&self, base: &Fitted, start: &Start) -> f64 {
-        self.count(&start.model) - self.count(&base.parsed())
+    /// The beginnings of the runs, in which a race is decided.
+    fn beginnings(&self) -> Vec<Run> {
+        let each = (LOOKED_AT_S / self.fit.len() as f64).max(LEAST_S);
+        self.fit.iter().map(|run| beginning(run, each)).collect()
+    }
+
+    fn count_of(&self, start: &Start) -> f64 {
+        self.count(&start.model) - self.count(self.given)
+    }
+
+    /// The model without some of what was found before, fitted from the values with it: where the later makes the earlier needless.
+    pub fn without(&self, whole: &Fitted, kept: &[&Candidate], key: &str) -> Option<Fitted> {
+        let mut model = self.given.clone();
+        for Candidate { effect, joint, from } in kept {
+            model.add_effect(effect, *joint, *from).ok()?;
+        }
+        let model = model.with_values_of(&whole.parsed());
+        let mut problem = self.problem(&model).ok()?;
+        problem.initial.clone_from(&whole.fit.initial);
+        problem.rates.clone_from(&whole.fit.rates);
+        let mut search = Search::new(&problem, (self.recall)(key)).ok()?;
+        self.advance(&mut search);
+        (self.keep)(key, search.state());
+        self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 
     fn race(&self, base: &Fitted, starts: &[Start], key: &str, found: &mut Vec<Fitted>) -> Result<(), PositionFitError> {
-        let model = base.parsed();
+        let beginnings = self.beginnings();
+        let samples: usize = beginnings.iter().map(|run| run.log.len() * run.free.len()).sum();
         let mut arms = Vec::new();
         for (number, start) in starts.iter().enumerate() {
-            let mut problem = self.problem(&start.model)?;
+            let mut problem = self.problem_of(&start.model, &beginnings)?;
             problem.initial.clone_from(&base.fit.initial);
             problem.rates.clone_from(&base.fit.rates);
-            let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
-            let price = 0.5 * self.count_of(base, start) * samples.max(2.0).ln();
+            let price = 0.5 * self.count_of(start) * (samples as f64).max(2.0).ln();
             arms.push(Arm {
                 candidate: Some(start.candidate.clone()),
                 model: start.model.clone(),
@@ -324,13 +352,15 @@ impl Work<'_> {
                 problem,
                 price,
                 state: None,
+                before: f64::INFINITY,
             });
         }
         let search = Settings { integration: RACE, ..self.search };
         let arms = race(arms, &search, LAST, self.recall, self.keep, self.stop);
         for arm in arms.iter().filter(|arm| arm.cost().is_finite()) {
-            let Ok(search) = Search::new(&arm.problem, arm.state.clone()) else { continue };
-            let Ok(fitted) = self.fitted(arm.candidate.as_ref(), &model, &arm.model, &search, false) else { continue };
+            let problem = self.problem(&arm.model)?;
+            let Ok(search) = Search::new(&problem, arm.state.clone()) else { continue };
+            let Ok(fitted) = self.fitted(arm.candidate.as_ref(), &arm.model, &search, false) else { continue };
             match found.iter_mut().find(|other| other.candidate == fitted.candidate) {
                 Some(other) if other.score() < fitted.score() => *other = fitted,
                 Some(_) => {}
@@ -383,18 +413,7 @@ fn beginning(run: &Run, seconds: f64) -> Run {
         tau: run.log.tau.iter().map(take).collect(),
         q: run.log.q.iter().map(take).collect(),
         reference: run.log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
-        mask: run.log.mask.as_ref().map(take_mask(n)),
+        mask: run.log.mask.as_ref().map(|mask| mask[..n].to_vec()),
     };
     Run { log, ..run.clone() }
-}
-
-fn take_mask(n: usize) -> impl Fn(&Vec<bool>) -> Vec<bool> {
-    move |mask| mask[..n].to_vec()
-}
-
-/// Physical parameters of a candidate in a model that has it.
-pub fn physical(model: &Model, candidate: &Candidate) -> Vec<String> {
-    let Some(own) = instance(model, candidate) else { return Vec::new() };
-    let names = own.effect.parameters.iter().enumerate();
-    names.filter(|(_, parameter)| parameter.origin == Origin::Physics).map(|(index, _)| own.parameter_name(index)).collect()
 }

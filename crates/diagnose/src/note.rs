@@ -15,6 +15,11 @@ pub enum Note {
         /// Candidates that are judged by all blocks.
         confirmed: usize,
     },
+    /// No run is held out: the last of so many parts of every run is.
+    LastPartHeldOut {
+        /// Parts that a run is cut into.
+        parts: usize,
+    },
     /// A run to fit to has no torque error, so that only simulations tell what a model of it lacks.
     FittedWithoutTorqueError {
         /// Why.

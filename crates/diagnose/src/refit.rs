@@ -459,13 +459,13 @@ fn count(model: &Model, runs: &[&Run]) -> f64 {
     effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
 }
 
-fn is_own(candidate: &Candidate, model: &Model, name: &str) -> bool {
+pub(super) fn is_own(candidate: &Candidate, model: &Model, name: &str) -> bool {
     instance(model, candidate)
         .is_some_and(|own| (0..own.parameters.len()).any(|index| own.parameter_name(index) == name))
 }
 
 /// Whether the parameter of that name is where its effect vanishes.
-fn is_null(model: &Model, name: &str, value: f64) -> bool {
+pub(super) fn is_null(model: &Model, name: &str, value: f64) -> bool {
     model.effects.iter().any(|own| {
         own.effect.parameters.iter().enumerate().any(|(index, parameter)| {
             let Parameter { lower, upper, .. } = own.parameters[index];

@@ -42,7 +42,7 @@ pub struct ScoreTest<'a> {
 }
 
 /// Rates at which candidates are asked, as multiples of the fitted ones.
-const RATES: [f64; 4] = [1.0, 3.0, 0.3, 0.1];
+const RATES: [f64; 3] = [1.0, 0.3, 0.1];
 /// Columns, and states of effects, that one evaluation takes at most.
 const MOST_COLUMNS: usize = 160;
 const MOST_STATES: usize = 8;

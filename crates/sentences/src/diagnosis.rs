@@ -155,6 +155,10 @@ pub fn note(note: &Note) -> String {
              each held out once; the model itself and the best {confirmed} candidates are judged by all of them together. Values \
              are those of the fit without the last block. A run of its own would be surer"
         ),
+        Note::LastPartHeldOut { parts } => format!(
+            "no run has the role \"validate\": of every run the last of {parts} equal parts is held out instead. A run of its own \
+             would be surer"
+        ),
         Note::FittedWithoutTorqueError { reason } => {
             format!("no torque error: {reason}; only simulations tell what a model of it lacks")
         }

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::{PredictionProblem, State, evaluate::Evaluator};
+use crate::FitStatus;
 use crate::position::{Estimate, PositionFitError};
 use dynid_optimise::sqp::Objective;
 use dynid_signal::statistics::autocorrelation;
@@ -32,6 +33,21 @@ pub struct PredictionFit {
     /// Covariance of the parameters, initial positions and rates eliminated.
     #[serde(with = "dynid_optimise::matrix")]
     pub covariance: DMatrix<f64>,
+}
+
+impl PredictionFit {
+    /// How it ended.
+    pub fn status(&self) -> FitStatus {
+        if !self.is_converged {
+            FitStatus::IterationLimit
+        } else if self.parameters.iter().any(|own| own.at_bound) {
+            FitStatus::HeldByBound
+        } else if self.parameters.iter().any(|own| !own.identifiable) {
+            FitStatus::NotIdentifiable
+        } else {
+            FitStatus::Converged
+        }
+    }
 }
 
 /// The errors of the one-step predictions of a joint.

@@ -46,7 +46,10 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-excite", "what to play so that motion tells the parameters"),
         ("dynid-identify", "from a model and logs to a fitted model"),
     ],
-    &[("dynid-judge", "how far a model is from logs, and where")],
+    &[
+        ("dynid-check", "what logs cannot answer, and what looks wrong in them"),
+        ("dynid-judge", "how far a model is from logs, and where"),
+    ],
     &[("dynid-diagnose", "which physical effect a model lacks, and where")],
     &[("dynid-sentences", "findings as sentences, for text, page and JSON")],
     &[("dynid-report", "results for people: pictures and pages")],

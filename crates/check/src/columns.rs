@@ -25,8 +25,7 @@ pub fn findings(device: &Device, run: &Run, quality: &Quality) -> Vec<Finding> {
             no_noise(run, own),
             coarse_quantum(run, own).filter(|_| wraps.is_none()),
             wraps,
-            saturated(quality, own),
-            same_torque(run, own.joint),
+            saturated(&run.log.tau[own.joint], own),
             if is_revolute { beyond_limits(device.joints[own.joint].position_limits, own) } else { None },
         ];
         findings.extend(kinds.into_iter().flatten().map(at_joint));
@@ -37,17 +36,20 @@ pub fn findings(device: &Device, run: &Run, quality: &Quality) -> Vec<Finding> {
 fn time_stamps(run: &Run, quality: &Quality) -> Vec<FindingKind> {
     /// A step below this share of the typical one is none of the sampling.
     const BUNCHED: f64 = 0.2;
-    let mut kinds: Vec<FindingKind> = quality
-        .warnings
-        .iter()
-        .filter_map(|warning| match *warning {
-            QualityWarning::Gaps { count, longest_s } => Some(FindingKind::Gaps { count, longest_s }),
-            QualityWarning::UnevenSampling { percent } => Some(FindingKind::UnevenSampling { percent }),
-            _ => None,
-        })
-        .collect();
+    /// A step above so many typical ones lacks a row; below, the sampling is uneven.
+    const GAP: f64 = 1.8;
     let typical_s = run.log.sample_time();
-    let short = || run.log.t.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step < BUNCHED * typical_s);
+    let steps = || run.log.t.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut kinds = Vec::new();
+    let count = steps().filter(|step| *step > GAP * typical_s).count();
+    if count > 0 {
+        kinds.push(FindingKind::Gaps { count, longest_s: quality.longest_step_s });
+    }
+    kinds.extend(quality.warnings.iter().find_map(|warning| match *warning {
+        QualityWarning::UnevenSampling { percent } => Some(FindingKind::UnevenSampling { percent }),
+        _ => None,
+    }));
+    let short = || steps().filter(|step| *step < BUNCHED * typical_s);
     let count = short().count();
     if count > 0 {
         kinds.push(FindingKind::BunchedSamples { count, shortest_s: short().fold(f64::INFINITY, f64::min), typical_s });
@@ -78,9 +80,8 @@ fn repeated(q: &[f64], own: &JointQuality) -> Option<FindingKind> {
     const MOST_PERCENT: f64 = 20.0;
     /// So many rows must move for a share to mean something.
     const LEAST_ROWS: usize = 64;
-    // Over four rows the joint moves by more than digits and noise explain, in one direction.
-    let digits = (4.0 * own.quantum).max(8.0 * noise_floor(q).min(own.noise_floor));
-    let moving = || q.windows(4).filter(|four| (four[3] - four[0]).abs() > digits.max(f64::MIN_POSITIVE));
+    // Over four rows the joint moves by more digits than noise of their size explains; without digits no two rows are equal.
+    let moving = || q.windows(4).filter(|four| (four[3] - four[0]).abs() > 8.0 * own.quantum);
     let rows = moving().count();
     let standing = moving().filter(|four| four[1] == four[2]).count();
     let percent = 100.0 * standing as f64 / rows.max(1) as f64;
@@ -99,7 +100,7 @@ fn no_noise(run: &Run, own: &JointQuality) -> Option<FindingKind> {
 /// cut-off `f` at the sample rate `r`, are accelerations of `(2 pi f)^2 sqrt(2 f / (5 r))` times that.
 fn coarse_quantum(run: &Run, own: &JointQuality) -> Option<FindingKind> {
     /// Share of the acceleration that may be the digits' (%).
-    const MOST_PERCENT: f64 = 10.0;
+    const MOST_PERCENT: f64 = 20.0;
     if own.quantum == 0.0 {
         return None;
     }
@@ -118,21 +119,33 @@ fn coarse_quantum(run: &Run, own: &JointQuality) -> Option<FindingKind> {
     })
 }
 
-fn saturated(quality: &Quality, own: &JointQuality) -> Option<FindingKind> {
-    quality.warnings.iter().find_map(|warning| match *warning {
-        QualityWarning::Saturated { joint, percent } if joint == own.joint => {
-            Some(FindingKind::Saturated { range: own.command, percent })
-        }
-        _ => None,
-    })
-}
-
-/// The first other free joint with the same column.
-fn same_torque(run: &Run, joint: usize) -> Option<FindingKind> {
-    let own = &run.log.tau[joint];
-    let varies = own.windows(2).any(|pair| pair[0] != pair[1]);
-    let other = run.free.iter().find(|other| **other < joint && run.log.tau[**other] == *own);
-    other.filter(|_| varies).map(|&other| FindingKind::SameTorque { other })
+/// Stretches of three rows or more at the largest or smallest command, unless that is none. A command of fewer than eight
+/// values is a square wave: it stands at its ends on purpose.
+fn saturated(tau: &[f64], own: &JointQuality) -> Option<FindingKind> {
+    /// Share of the rows (%).
+    const LEAST_PERCENT: f64 = 2.0;
+    const STRETCH: usize = 3;
+    const FEW_VALUES: usize = 8;
+    let mut distinct: Vec<u64> = tau.iter().map(|value| value.to_bits()).collect();
+    distinct.sort_unstable();
+    distinct.dedup();
+    if distinct.len() < FEW_VALUES {
+        return None;
+    }
+    let percent_at = |level: f64| {
+        let stretches = tau.chunk_by(|a, b| a == b).filter(|own| own.len() >= STRETCH && own[0] == level);
+        100.0 * stretches.map(<[f64]>::len).sum::<usize>() as f64 / tau.len() as f64
+    };
+    let cut: Vec<(f64, f64)> = own
+        .command
+        .iter()
+        .filter(|level| **level != 0.0)
+        .map(|level| (*level, percent_at(*level)))
+        .filter(|(_, percent)| *percent > 0.5 * LEAST_PERCENT)
+        .collect();
+    let percent: f64 = cut.iter().map(|(_, percent)| percent).sum();
+    let levels = cut.into_iter().map(|(level, _)| level).collect();
+    (percent > LEAST_PERCENT).then_some(FindingKind::Saturated { levels, percent })
 }
 
 /// A position far outside what the joint can reach that lies within when it is read as degrees.
@@ -187,7 +200,7 @@ mod tests {
         let [FindingKind::UnevenSampling { percent }] = uneven[..] else { panic!("{uneven:?}") };
         // differences of two numbers that are even over 2 ms: sqrt(2/12) of it
         assert!((percent - 100.0 * 0.2 / 6.0_f64.sqrt()).abs() < 1.0, "{percent}");
-        let bunched = found(|run| (100..110).for_each(|k| run.log.t[300 * (k - 99)] -= 0.0095));
+        let bunched = found(|run| (100..110).for_each(|k| run.log.t[250 * (k - 99)] -= 0.0095));
         let [.., FindingKind::BunchedSamples { count: 10, shortest_s, .. }] = bunched[..] else {
             panic!("{bunched:?}")
         };
@@ -240,8 +253,10 @@ mod tests {
     #[test]
     fn a_cut_command_is_found_with_its_level() {
         let cut = found(|run| run.log.tau[0].iter_mut().for_each(|tau| *tau = tau.clamp(-0.9, 0.9)));
-        let [FindingKind::Saturated { range: [-0.9, 0.9], percent }] = cut[..] else { panic!("{cut:?}") };
-        assert!((20.0..60.0).contains(&percent), "{percent}");
+        let [FindingKind::Saturated { levels, percent }] = &cut[..] else { panic!("{cut:?}") };
+        assert!(*levels == [-0.9, 0.9] && (20.0..60.0).contains(percent), "{cut:?}");
+        let off = found(|run| run.log.tau[0].iter_mut().for_each(|tau| *tau = tau.max(0.0)));
+        assert_eq!(off, [], "a command that is none is no command at its end");
     }
 
     #[test]
@@ -251,15 +266,5 @@ mod tests {
             panic!("{degrees:?}")
         };
         assert!((60.0..75.0).contains(&largest), "{largest}");
-    }
-
-    #[test]
-    fn one_column_of_torque_for_two_joints_is_found() {
-        let same = found(|run| {
-            run.free = vec![0, 1];
-            run.log.q[1] = run.log.q[0].iter().map(|q| 0.7 * q + 0.1).collect();
-            run.log.tau[1] = run.log.tau[0].clone();
-        });
-        assert!(same.contains(&FindingKind::SameTorque { other: 0 }), "{same:?}");
     }
 }

@@ -60,6 +60,8 @@ pub fn unanswered(model: &Model, runs: &[&Run]) -> Vec<Unanswered> {
 /// A linear system answers a sine with a sine, which tells two numbers, amplitude and phase, and its mean a third. What is
 /// not linear tells more, but little of it.
 pub fn few_frequencies(model: &Model, balances: &[Balance<'_>]) -> Vec<Unanswered> {
+    /// With more, what is not linear decides.
+    const MOST_FREQUENCIES: usize = 2;
     let mut unanswered = Vec::new();
     for joint in 0..model.device.joints.len() {
         let own = || balances.iter().filter(|own| own.run.free.contains(&joint) && moves(own.run, joint));
@@ -79,7 +81,7 @@ pub fn few_frequencies(model: &Model, balances: &[Balance<'_>]) -> Vec<Unanswere
             }
         }
         let determined = 2 * frequencies.len() + 1;
-        if !is_broad && !frequencies.is_empty() && determined < unknowns {
+        if !is_broad && (1..=MOST_FREQUENCIES).contains(&frequencies.len()) && determined < unknowns {
             frequencies.sort_by(f64::total_cmp);
             unanswered.push(Unanswered::FewFrequencies { joint, frequencies_hz: frequencies, unknowns, determined });
         }
@@ -87,26 +89,35 @@ pub fn few_frequencies(model: &Model, balances: &[Balance<'_>]) -> Vec<Unanswere
     unanswered
 }
 
-/// The few frequencies that make up a position, each with the resolution (Hz); `None` where its power is spread.
+/// The one or two frequencies that make up a position, each with the resolution (Hz); `None` where its power is spread, or too
+/// slow for the run to show as a line.
 fn lines(q: &[f64], step: f64) -> Option<Vec<(f64, f64)>> {
-    /// Share of the power that the lines make up.
-    const SHARE: f64 = 0.995;
-    /// More lines are a band.
-    const MOST_LINES: usize = 8;
-    /// Hann's window spreads a line over so many entries to each side.
+    /// Share of the power that the lines make up: what friction adds to a sine is more of a signal than the rest.
+    const SHARE: f64 = 0.999;
+    const MOST_LINES: usize = 2;
+    /// Hann's window spreads a line over so many entries to each side, nearly all of it over one.
     const WIDTH: usize = 3;
-    let spectrum = power_spectrum(q, step)?;
+    const NARROW: f64 = 0.9;
+    /// Samples of one transform: a longer run is thinned to that, for its lines to be told apart.
+    const TRANSFORMED: usize = 4096;
+    let stride = q.len().div_ceil(TRANSFORMED);
+    let thinned: Vec<f64> = q.chunks(stride).map(|part| part.iter().sum::<f64>() / part.len() as f64).collect();
+    let spectrum = power_spectrum(&thinned, step * stride as f64)?;
     let mut density = spectrum.density;
     let whole: f64 = density.iter().sum();
     let mut found = Vec::new();
     let mut left = whole;
     while left > (1.0 - SHARE) * whole {
-        if found.len() == MOST_LINES {
+        let peak = (0..density.len()).max_by(|a, b| density[*a].total_cmp(&density[*b]))?;
+        if found.len() == MOST_LINES || peak <= WIDTH {
             return None;
         }
-        let peak = (0..density.len()).max_by(|a, b| density[*a].total_cmp(&density[*b]))?;
-        let around = peak.saturating_sub(WIDTH)..(peak + WIDTH + 1).min(density.len());
-        density[around].fill(0.0);
+        let power = |reach: usize| density[peak - reach..(peak + reach + 1).min(density.len())].iter().sum::<f64>();
+        if power(1) < NARROW * power(WIDTH) {
+            return None;
+        }
+        let last = (peak + WIDTH + 1).min(density.len());
+        density[peak - WIDTH..last].fill(0.0);
         left = density.iter().sum();
         found.push((peak as f64 * spectrum.resolution_hz, spectrum.resolution_hz));
     }
@@ -180,5 +191,6 @@ pub(crate) mod tests {
         let two = lines(&wave(&|t| (TAU * 0.7 * t).sin() + 0.5 * (TAU * 1.9 * t).sin()), 0.01).expect("two lines");
         assert_eq!(two.len(), 2);
         assert_eq!(lines(&wave(&|t| (TAU * (0.2 + 0.1 * t) * t).sin()), 0.01), None);
+        assert_eq!(lines(&wave(&|t| (TAU * (0.1 + 0.002 * t) * t).sin()), 0.01), None, "a slow chirp is no line");
     }
 }

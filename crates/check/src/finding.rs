@@ -20,7 +20,7 @@ pub struct Finding {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum FindingKind {
-    /// Steps longer than 1.5 typical ones.
+    /// Rows are missing: steps of twice the typical one or more.
     Gaps {
         /// How many.
         count: usize,
@@ -74,15 +74,10 @@ pub enum FindingKind {
         /// Root mean square of the torque that the model needs for the motion [unit of the command].
         needed: f64,
     },
-    /// Two free joints have the same column of torque.
-    SameTorque {
-        /// The other joint.
-        other: usize,
-    },
     /// The command stands at its largest size in stretches: it is cut off there.
     Saturated {
-        /// Least and largest command [its unit].
-        range: [f64; 2],
+        /// Where: one end, or both [unit of the command].
+        levels: Vec<f64>,
         /// Share of the samples (%).
         percent: f64,
     },

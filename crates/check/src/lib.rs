@@ -90,8 +90,16 @@ pub fn check(model: &Model, runs: &[&Run]) -> Result<Checked, CheckError> {
     let nothing = unanswered.iter().any(Unanswered::is_everything);
     let mut identifiability = None;
     if !nothing {
-        let balances = runs.par_iter().map(|run| Balance::of(model, run)).collect::<Result<Vec<_>, _>>()?;
-        let balances: Vec<Balance<'_>> = balances.into_iter().flatten().collect();
+        let along = runs.par_iter().map(|run| Balance::of(model, run)).collect::<Result<Vec<_>, _>>()?;
+        let mut balances = Vec::new();
+        for (run, balance) in runs.iter().zip(along) {
+            match balance {
+                Ok(balance) => balances.push(balance),
+                // What is too short altogether has been said.
+                Err(_) if run.log.len() < excitation::LEAST_SAMPLES => {}
+                Err(reason) => unanswered.push(Unanswered::NoTorqueBalance { reason }),
+            }
+        }
         findings.extend(balance::findings(model, &balances));
         identifiability = identifiability::of(model, &balances)?;
         unanswered.extend(excitation::few_frequencies(model, &balances));

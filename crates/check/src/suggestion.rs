@@ -121,6 +121,8 @@ fn band(runs: &[&Run], joints: &BTreeSet<usize>, lines: &[f64], rate_hz: f64) ->
     const BEYOND: f64 = 1.5;
     /// A motion of more than this share of the sample rate is hardly seen.
     const FASTEST: f64 = 0.1;
+    /// Of the lowest frequency: more are searched for too long.
+    const MOST_HARMONICS: f64 = 20.0;
     let [from, to] = if lines.is_empty() {
         let moving = runs
             .iter()
@@ -133,7 +135,7 @@ fn band(runs: &[&Run], joints: &BTreeSet<usize>, lines: &[f64], rate_hz: f64) ->
         [low / BEYOND_LINES, high * BEYOND_LINES]
     };
     let to = to.min(FASTEST * rate_hz);
-    [from.min(0.5 * to), to]
+    [from.clamp(to / MOST_HARMONICS, 0.5 * to), to]
 }
 
 /// The frequency below which 95 % of the speed's power is (Hz).

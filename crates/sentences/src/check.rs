@@ -50,8 +50,10 @@ pub fn findings(findings: &[Finding]) -> Vec<String> {
         if findings[..index].iter().any(|before| alike(before, own)) {
             continue;
         }
-        let others: Vec<&str> =
+        let mut others: Vec<&str> =
             findings[index + 1..].iter().filter(|other| alike(own, other)).map(|other| other.run.as_str()).collect();
+        others.retain(|other| *other != own.run);
+        others.dedup();
         let also = match others.len() {
             0 => String::new(),
             count if count <= NAMED => format!(" (alike: {})", others.join(", ")),
@@ -100,12 +102,10 @@ pub fn finding(finding: &Finding) -> String {
             "tau{joint} is zero throughout, but the motion needs {} RMS: if the joint was driven, the torque is missing",
             number(*needed)
         ),
-        FindingKind::SameTorque { other } => format!("tau{joint} is the same column as tau{other}"),
-        FindingKind::Saturated { range: [low, high], percent } => format!(
-            "tau{joint} stands at {} or {} for {percent:.0} % of the run: it is cut off there",
-            number(*low),
-            number(*high)
-        ),
+        FindingKind::Saturated { levels, percent } => {
+            let levels: Vec<String> = levels.iter().map(|level| number(*level)).collect();
+            format!("tau{joint} stands at {} for {percent:.0} % of the run: it is cut off there", levels.join(" or "))
+        }
         FindingKind::Degrees { largest, because: DegreesBecause::Limits { lower, upper } } => format!(
             "q{joint} reaches {}, and the joint only {} to {} rad: degrees? Then scale = {{ q{joint} = 0.0174533 }}",
             number(*largest),
@@ -198,18 +198,27 @@ pub fn unanswered(unanswered: &Unanswered) -> String {
             )
         }
         Unanswered::LeftOpen { parameters, of } => {
-            let each: Vec<String> = parameters
+            /// Parameters that are named with their numbers.
+            const NAMED: usize = 6;
+            let mut each: Vec<String> = parameters
                 .iter()
+                .take(NAMED)
                 .map(|own| match own.std_error {
                     Some(error) => format!("{} ({} \u{b1} {})", own.name, number(own.value), number(error)),
                     None => format!("{} (not at all)", own.name),
                 })
                 .collect();
+            if parameters.len() > NAMED {
+                each.push(format!("and {} more, with --json", parameters.len() - NAMED));
+            }
             format!(
-                "{} of {of} combinations of parameters would stay uncertain by more than their size: {}",
+                "by the torque error, {} of {of} combinations of parameters would stay uncertain by more than their size: {}",
                 parameters.len(),
                 each.join(", ")
             )
+        }
+        Unanswered::NoMotionReveals { fix_one_of, .. } if fix_one_of.len() == 1 => {
+            format!("no motion tells {} from what the links do: fix it", fix_one_of[0])
         }
         Unanswered::NoMotionReveals { is_scale, fix_one_of } => {
             let what = if *is_scale { "the scale that is shared by" } else { "a direction among" };
@@ -244,8 +253,6 @@ pub fn suggestion(suggestion: &Suggestion) -> String {
 
 /// The command line that makes it.
 pub fn command(suggestion: &Suggestion, model: Option<&str>) -> String {
-    /// Harmonics of a period: more are searched for too long.
-    const MOST_HARMONICS: f64 = 20.0;
     let Suggestion { device, free, from_hz, to_hz, rate_hz, signal, .. } = suggestion;
     let joints: Vec<String> = free.iter().map(usize::to_string).collect();
     let plain = |value: f64| format!("{}", (value * 1e4).round() / 1e4);
@@ -253,7 +260,7 @@ pub fn command(suggestion: &Suggestion, model: Option<&str>) -> String {
         Signal::Optimised { position, as_torque } => {
             let ranges: Vec<String> =
                 position.iter().map(|[low, high]| format!("{}:{}", plain(*low), plain(*high))).collect();
-            let harmonics = (to_hz / from_hz).round().clamp(2.0, MOST_HARMONICS);
+            let harmonics = (to_hz / from_hz).round().max(2.0);
             format!(
                 "--signal optimised --period {} --harmonics {harmonics} --position-limits={}{}",
                 plain(1.0 / from_hz),

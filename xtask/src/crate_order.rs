@@ -42,12 +42,10 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-plan", "what the configurations of a device reveal"),
         ("dynid-torque", "the torque of a measured motion"),
     ],
-    &[
-        ("dynid-excite", "what to play so that motion tells the parameters"),
-        ("dynid-identify", "from a model and logs to a fitted model"),
-    ],
+    &[("dynid-identify", "from a model and logs to a fitted model")],
     &[
         ("dynid-check", "what logs cannot answer, and what looks wrong in them"),
+        ("dynid-excite", "what to play so that motion tells the parameters, or two models apart"),
         ("dynid-judge", "how far a model is from logs, and where"),
     ],
     &[("dynid-diagnose", "which physical effect a model lacks, and where")],

@@ -11,6 +11,7 @@ use dynid_dynamics::{
 };
 use dynid_logs::{experiment::Run, motion::Motion, motion::MotionError};
 use dynid_model::{JointKind, effect::Place};
+use dynid_optimise::basis::Basis;
 use dynid_signal::straight;
 use dynid_torque::{JointLinear, JointTorqueError, RigidColumns, along, delivered, linearise, rigid_columns};
 use dynid_user_model::Model;
@@ -21,7 +22,7 @@ use crate::{
     Finding, FindingKind,
     excitation::moves,
     finding::DegreesBecause,
-    least_squares::{Basis, centred, correlation, dot, independent, square},
+    least_squares::{centred, correlation, dot, independent, square},
 };
 
 /// A run with what its motion needs.

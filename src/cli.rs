@@ -65,7 +65,7 @@ enum Verb {
     /// Which joints to free, in which order, and what each step reveals.
     Plan(plan::Arguments),
     /// What to play on the robot so that its motion tells the parameters.
-    Excite(excite::Arguments),
+    Excite(Box<excite::Arguments>),
     /// The positions that a model shows under the torques of the logs.
     Simulate(simulate::Arguments),
     /// What logs cannot answer, how to excite what is missing, and what looks wrong in them.

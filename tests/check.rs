@@ -118,13 +118,16 @@ fn good_logs_have_nothing_wrong() {
         .stdout("Nothing looks wrong in these logs, and they excite every parameter that they can reveal.\n");
 }
 
+/// What makes a row wrong.
+type Change = fn(usize, &mut Vec<f64>);
+
 #[test]
 fn what_is_made_wrong_is_found_and_said() {
-    let cases: [(&str, &dyn Fn(usize, &mut Vec<f64>)); 4] = [
-        ("wrong_sign", &|_, cells| cells[2] = -cells[2]),
-        ("thousand", &|_, cells| cells[2] *= 1000.0),
-        ("degrees", &|_, cells| (3..5).for_each(|cell| cells[cell] *= 180.0 / PI)),
-        ("saturated", &|_, cells| cells[2] = cells[2].clamp(-0.4, 0.4)),
+    let cases: [(&str, Change); 4] = [
+        ("wrong_sign", |_, cells| cells[2] = -cells[2]),
+        ("thousand", |_, cells| cells[2] *= 1000.0),
+        ("degrees", |_, cells| (3..5).for_each(|cell| cells[cell] *= 180.0 / PI)),
+        ("saturated", |_, cells| cells[2] = cells[2].clamp(-0.4, 0.4)),
     ];
     for (kind, change) in cases {
         let folder = folder(RECIPE);

@@ -62,7 +62,7 @@ impl Identifiability {
             .iter()
             .map(|own| Unanswered::NoMotionReveals { is_scale: own.is_scale, fix_one_of: own.fix_one_of.clone() });
         let left_open =
-            (!open.is_empty()).then(|| Unanswered::LeftOpen { parameters: open, of: self.parameters.len() });
+            (!open.is_empty()).then_some(Unanswered::LeftOpen { parameters: open, of: self.parameters.len() });
         left_open.into_iter().chain(directions).collect()
     }
 }

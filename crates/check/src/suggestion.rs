@@ -167,7 +167,7 @@ fn signal(model: &Model, runs: &[&Run], free: &[usize]) -> Signal {
         let moving = runs.iter().filter(|run| moves(run, joint)).flat_map(|run| &run.log.q[joint]);
         let (low, high) = moving.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
         let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
-        half.is_finite().then(|| [middle - FARTHER * half, middle + FARTHER * half])
+        half.is_finite().then_some([middle - FARTHER * half, middle + FARTHER * half])
     };
     if let Some(position) = free.iter().map(|&joint| range(joint)).collect::<Option<Vec<_>>>() {
         let is_straight = model.effects.iter().all(|own| match own.effect.place {

@@ -121,6 +121,9 @@ pub enum BetweenError {
 const STEP_S: f64 = 2.5e-4;
 const SEARCH_STEP_S: f64 = 1e-3;
 
+/// Less evidence than this is rounding.
+const NOTHING: f64 = 1e-6;
+
 /// Two systems under one command.
 struct Trial<'a> {
     a: System,
@@ -153,6 +156,10 @@ pub fn optimised(rivals: &Rivals<'_>, limits: &Limits, settings: &Settings) -> R
         }
     }
     let start = start.unwrap_or_else(|| (vec![0.0; trial.width()], f64::INFINITY));
+    // Where none of them tells anything, none will.
+    if start.1 >= -NOTHING.ln() {
+        return trial.finish(&start.0);
+    }
     let strategy = cma_es::Options {
         covariance: cma_es::Covariance::Diagonal,
         spread: 0.5,
@@ -381,8 +388,6 @@ impl<'a> Trial<'a> {
         let time = times(self.settings.duration_s, self.settings.sample_s);
         let command = self.within(self.series(x, &time), &time, STEP_S, ROUNDS).ok_or(BetweenError::Outside)?;
         let expected = self.expected(&command, &time, STEP_S).ok_or(BetweenError::Outside)?;
-        /// Less evidence than this is rounding.
-        const NOTHING: f64 = 1e-6;
         if expected.log_likelihood_ratio < NOTHING {
             return Err(BetweenError::Alike);
         }

@@ -311,3 +311,154 @@ pub fn json(checked: &Checked, model: Option<&str>) -> serde_json::Result<Value>
     json["quality"] = json!(checked.quality.iter().map(quality::json).collect::<serde_json::Result<Vec<Value>>>()?);
     Ok(json)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dynid_check::unanswered::OpenParameter;
+
+    fn said(kind: FindingKind) -> String {
+        finding(&Finding { run: "a.csv".to_owned(), joint: Some(1), kind })
+    }
+
+    #[test]
+    fn every_finding_is_said_with_its_numbers() {
+        let kinds = [
+            (FindingKind::Gaps { count: 2, longest_s: 0.5 }, "2 gaps, the longest 0.5000 s"),
+            (FindingKind::UnevenSampling { percent: 10.2 }, "the sample time varies by 10 % of itself"),
+            (FindingKind::BunchedSamples { count: 3, shortest_s: 1e-3, typical_s: 0.02 }, "3 rows follow"),
+            (FindingKind::EncoderWrap { count: 4, jump: 6.28 }, "q1 jumps 4 times by about 6.280, a whole turn"),
+            (FindingKind::RepeatedPositions { percent: 50.0 }, "in 50 % of the rows in which the joint moves"),
+            (FindingKind::NoNoise { noise: 1e-12, range: 2.0 }, "q1 moves over 2.000 with noise of"),
+            (
+                FindingKind::CoarseQuantum { quantum: 0.02, noise: 0.0, acceleration_percent: 33.0 },
+                "makes an error of 33 % of the acceleration",
+            ),
+            (FindingKind::ZeroTorque { needed: 0.5 }, "tau1 is zero throughout, but the motion needs 0.5000 RMS"),
+            (
+                FindingKind::Saturated { levels: vec![-0.5, 0.5], percent: 12.0 },
+                "tau1 stands at \u{2212}0.5000 or 0.5000 for 12 % of the run",
+            ),
+            (
+                FindingKind::Degrees { largest: 90.0, because: DegreesBecause::Limits { lower: -2.0, upper: 2.0 } },
+                "q1 reaches 90.00, and the joint only \u{2212}2.000 to 2.000 rad: degrees?",
+            ),
+            (
+                FindingKind::Degrees {
+                    largest: 90.0,
+                    because: DegreesBecause::Torque { ratio: 0.02, ratio_as_degrees: 1.0 },
+                },
+                "scale = { q1 = 0.0174533 }",
+            ),
+            (FindingKind::Thousand { factor: 980.0 }, "milli-units? Then scale = { tau1 = 0.001 }"),
+            (FindingKind::Thousand { factor: 0.0011 }, "positions in milli-units? Then scale = { q1 = 0.001 }"),
+            (FindingKind::WrongSign { correlation: -0.9, mean_power: -1.0 }, "scale = { tau1 = -1 }"),
+            (
+                FindingKind::Delay { samples: 3.0, delay_s: 0.03, left_percent: 9.0, left_percent_shifted: 1.0 },
+                "q1 comes 3 samples (0.03000 s) after tau1: with that shift 1.0 % of the torque stay unexplained instead of \
+                 9.0 %; `input_delay` models a late command",
+            ),
+            (
+                FindingKind::Delay { samples: -3.0, delay_s: -0.03, left_percent: 9.0, left_percent_shifted: 1.0 },
+                "tau1 comes 3 samples (0.03000 s) after q1",
+            ),
+            (
+                FindingKind::Hold { looks: Intersample::FirstOrder, left_percent: 30.0, left_percent_other: 12.0 },
+                "12.0 % of the torque stay unexplained with hold = \"linear\", 30.0 % without",
+            ),
+            (FindingKind::Contradicts { factor: 3.0, correlation: 0.99 }, "tau1 is 3.000 times what the other runs"),
+        ];
+        for (kind, expected) in kinds {
+            let sentence = said(kind);
+            assert!(sentence.contains(expected), "{sentence}\n{expected}");
+        }
+    }
+
+    #[test]
+    fn what_is_alike_is_one_line() {
+        let gaps = |run: &str| Finding {
+            run: run.to_owned(),
+            joint: None,
+            kind: FindingKind::Gaps { count: 1, longest_s: 0.5 },
+        };
+        let lines = findings(&[gaps("a.csv"), gaps("b.csv"), gaps("a.csv")]);
+        assert_eq!(lines, ["a.csv: a gap of 0.5000 s (alike: b.csv)"]);
+    }
+
+    #[test]
+    fn every_question_that_stays_open_is_said() {
+        let open = |std_error| OpenParameter { name: "joint.1.viscous.Fv".to_owned(), value: 0.1, std_error, joint: 1 };
+        let questions = [
+            (
+                Unanswered::NothingMoves { joints: vec![0, 1], range_in_noises: 10.0 },
+                "no joint moves by more than 10 times its noise in any run (free: joints 0, 1)",
+            ),
+            (Unanswered::AllTooShort { samples: 20, needed: 64 }, "the longest run has 20 samples"),
+            (
+                Unanswered::TooShort { run: "a.csv".to_owned(), samples: 20, needed: 64 },
+                "a.csv: 20 samples are too few, 64 are needed",
+            ),
+            (
+                Unanswered::NeverMoves {
+                    joint: 1,
+                    range_in_noises: 10.0,
+                    parameters: vec!["joint.1.viscous.Fv".to_owned()],
+                },
+                "in every run: nothing tells joint.1.viscous.Fv",
+            ),
+            (
+                Unanswered::StandsStill { run: "a.csv".to_owned(), joint: 1, range_in_noises: 10.0 },
+                "a.csv: joint 1 is free but stays within 10 times its noise",
+            ),
+            (Unanswered::NeverFree { joints: vec![3] }, "joint 3: locked in every run"),
+            (
+                Unanswered::FewFrequencies { joint: 1, frequencies_hz: vec![0.5], unknowns: 6, determined: 3 },
+                "joint 1 moves at 1 frequency only (0.5000 Hz): that determines 3 of the 6 unknowns of its torque",
+            ),
+            (
+                Unanswered::LeftOpen { parameters: vec![open(Some(0.3)), open(None)], of: 7 },
+                "2 of 7 combinations of parameters would stay uncertain by more than their size: joint.1.viscous.Fv (0.1000 \
+                 \u{b1} 0.3000), joint.1.viscous.Fv (not at all)",
+            ),
+            (
+                Unanswered::NoMotionReveals { is_scale: true, fix_one_of: vec!["a".to_owned(), "b".to_owned()] },
+                "no motion tells the scale that is shared by a, b: fix one of them",
+            ),
+        ];
+        for (typed, expected) in questions {
+            let sentence = unanswered(&typed);
+            assert!(sentence.contains(expected), "{sentence}\n{expected}");
+        }
+    }
+
+    #[test]
+    fn a_suggestion_is_a_command_that_can_be_typed() {
+        let optimised = Suggestion {
+            device: "planar2r".to_owned(),
+            free: vec![0, 1],
+            joints: vec![1],
+            parameters: vec!["joint.1.viscous.Fv".to_owned()],
+            signal: Signal::Optimised { position: vec![[-1.0, 1.0], [-2.0, 0.0]], as_torque: true },
+            from_hz: 0.1,
+            to_hz: 1.0,
+            speed: vec![None, Some(2.0)],
+            rate_hz: 100.0,
+        };
+        assert_eq!(
+            suggestion(&optimised),
+            "move joint 1 between 0.1000 and 1.000 Hz, joint 1 from \u{2212}2.000 to 0, joint 1 up to 2.000 per s, for \
+             joint.1.viscous.Fv"
+        );
+        assert_eq!(
+            command(&optimised, Some("model.toml")),
+            "dynid excite --model model.toml --free 0,1 --signal optimised --period 10 --harmonics 10 \
+             --position-limits=-1:1,-2:0 --as torque --rate 100 --out excite-0-1.csv"
+        );
+        let multisine = Suggestion { signal: Signal::Multisine { amplitude: Some(vec![0.5, 0.1]) }, ..optimised };
+        assert_eq!(
+            command(&multisine, None),
+            "dynid excite planar2r --free 0,1 --signal multisine --from 0.1 --to 1 --amplitude 0.5,0.1 --rate 100 --out \
+             excite-0-1.csv"
+        );
+    }
+}

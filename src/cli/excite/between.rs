@@ -78,7 +78,7 @@ pub fn planned(
         excitation.values[joint] = command;
     }
     let title = format!(
-        "torques of {} harmonics of 1/{} Hz between two models, seed {}",
+        "{} harmonics of 1/{} Hz between two models, seed {}",
         arguments.harmonics, arguments.period, arguments.seed
     );
     let models = [0, 1].map(|index: usize| arguments.between[index].display().to_string());

@@ -51,7 +51,10 @@ pub use progress::Done;
 pub use report::{Report, ReportSettings, report};
 pub use simulate::{SimulateSettings, Simulated, simulate};
 
-pub use dynid_check::{Checked, Suggestion, Unanswered};
+pub use dynid_check::{
+    Checked, Finding as LogFinding, FindingKind as LogFindingKind, Identifiability, Suggestion, Unanswered,
+    Verdict as CheckVerdict,
+};
 pub use dynid_diagnose::{
     Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, Refit, RejectedCandidate, Rejection, Statement,
     Verdict,

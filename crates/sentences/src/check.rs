@@ -327,7 +327,7 @@ mod tests {
             (FindingKind::Gaps { count: 2, longest_s: 0.5 }, "2 gaps, the longest 0.5000 s"),
             (FindingKind::UnevenSampling { percent: 10.2 }, "the sample time varies by 10 % of itself"),
             (FindingKind::BunchedSamples { count: 3, shortest_s: 1e-3, typical_s: 0.02 }, "3 rows follow"),
-            (FindingKind::EncoderWrap { count: 4, jump: 6.28 }, "q1 jumps 4 times by about 6.280, a whole turn"),
+            (FindingKind::EncoderWrap { count: 4, jump: 6.3 }, "q1 jumps 4 times by about 6.300, a whole turn"),
             (FindingKind::RepeatedPositions { percent: 50.0 }, "in 50 % of the rows in which the joint moves"),
             (FindingKind::NoNoise { noise: 1e-12, range: 2.0 }, "q1 moves over 2.000 with noise of"),
             (

@@ -56,7 +56,9 @@ fn text(checked: &Checked, model: Option<&str>) -> String {
         }
     };
     section("What looks wrong", sentences::findings(&checked.findings));
-    section("What these logs cannot answer", checked.unanswered.iter().map(sentences::unanswered).collect());
+    // What means that nothing is answered is the first sentence.
+    let open = checked.unanswered.iter().filter(|own| !own.is_everything());
+    section("What these logs cannot answer", open.map(sentences::unanswered).collect());
     let play = checked
         .suggestions
         .iter()

@@ -4,6 +4,7 @@
 //! go to stdout, progress and errors to stderr.
 
 mod add;
+mod check;
 mod compare;
 mod devices;
 mod diagnose;
@@ -41,6 +42,7 @@ const HELP: &str = "\
 The loop, all of it plain files:
   dynid plan     freedom6s --method isolated                     which joints to free, and what that reveals
   dynid excite   freedom6s --list                                what to play on the robot
+  dynid check    experiment.toml                                 what the logs cannot answer, and what looks wrong
   dynid fit      experiment.toml --out fitted.toml               parameters from logs
   dynid compare  experiment.toml --model fitted.toml             how far off, and where
   dynid diagnose experiment.toml --model fitted.toml             which effect is missing
@@ -63,9 +65,11 @@ enum Verb {
     /// Which joints to free, in which order, and what each step reveals.
     Plan(plan::Arguments),
     /// What to play on the robot so that its motion tells the parameters.
-    Excite(excite::Arguments),
+    Excite(Box<excite::Arguments>),
     /// The positions that a model shows under the torques of the logs.
     Simulate(simulate::Arguments),
+    /// What logs cannot answer, how to excite what is missing, and what looks wrong in them.
+    Check(check::Arguments),
     /// Parameters from logs.
     Fit(fit::Arguments),
     /// How far a model is from the logs, and where.
@@ -111,6 +115,7 @@ pub fn main() -> ExitCode {
         Verb::Plan(arguments) => plan::run(arguments),
         Verb::Excite(arguments) => excite::run(arguments),
         Verb::Simulate(arguments) => simulate::run(arguments),
+        Verb::Check(arguments) => check::run(arguments),
         Verb::Fit(arguments) => fit::run(arguments),
         Verb::Compare(arguments) => compare::run(arguments),
         Verb::Diagnose(arguments) => diagnose::run(arguments),

@@ -1,5 +1,6 @@
 //! The errors of all parts, joined: every one says what was expected, what was found and what to do.
 
+use dynid_check::CheckError;
 use dynid_diagnose::DiagnoseError;
 use std::path::PathBuf;
 
@@ -59,6 +60,9 @@ pub enum Error {
     /// A checkpoint that cannot be used.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// A check that cannot be made.
+    #[error(transparent)]
+    Check(#[from] CheckError),
     /// A comparison that cannot be made.
     #[error(transparent)]
     Compare(#[from] CompareError),

@@ -3,6 +3,7 @@
 //!
 //! | call | what it does |
 //! | --- | --- |
+//! | [`check()`] | what logs cannot answer, how to excite what is missing, and what looks wrong in them |
 //! | [`fit()`] | a model's parameters from logs |
 //! | [`compare()`] | how far a model is from its logs, and where |
 //! | [`diagnose()`] | which physical effect is missing, at which joint, and what else it could be |
@@ -28,6 +29,7 @@
 #![deny(missing_docs)]
 
 mod add;
+mod check;
 mod compare;
 mod diagnose;
 mod error;
@@ -39,6 +41,7 @@ mod simulate;
 pub mod tour;
 
 pub use add::{Addition, add};
+pub use check::{CheckSettings, check};
 pub use compare::{CompareSettings, Compared, compare};
 pub use diagnose::{DiagnoseProgress, DiagnoseSettings, diagnose};
 pub use error::Error;
@@ -48,6 +51,10 @@ pub use progress::Done;
 pub use report::{Report, ReportSettings, report};
 pub use simulate::{SimulateSettings, Simulated, simulate};
 
+pub use dynid_check::{
+    Checked, Finding as LogFinding, FindingKind as LogFindingKind, Identifiability, Suggestion, Unanswered,
+    Verdict as CheckVerdict,
+};
 pub use dynid_diagnose::{
     Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, Refit, RejectedCandidate, Rejection, Statement,
     Verdict,

@@ -164,3 +164,41 @@ fn what_cannot_be_played_is_reported_and_nothing_is_written() {
     assert_eq!(fs::read_to_string(folder.path().join("mine.csv")).unwrap(), "mine\n");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
+
+/// The torques that tell a spring that stiffens from a straight one: the ratio is that of two simulations.
+#[test]
+fn two_models_are_told_apart() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path();
+    let straight = "device = \"oscillator\"\n[link.1]\nm = { value = 8e-4, fixed = true }\n[[effect]]\nid = \"gain\"\njoint = 0\n\
+                    [[effect]]\nid = \"viscous\"\njoint = 0\nFv = { value = 0.006, fixed = true }\n[[effect]]\nid = \"spring\"\n\
+                    joint = 0\nKs = { value = 1.0, fixed = true }\nqeq = { value = 0.0, fixed = true }\n";
+    let cubic = format!("{straight}[[effect]]\nid = \"spring_cubic\"\njoint = 0\nK3 = 50.0\n");
+    fs::write(path.join("straight.toml"), straight).unwrap();
+    fs::write(path.join("cubic.toml"), cubic).unwrap();
+    let excite = "excite --between cubic.toml straight.toml --free 0 --position-limits=-0.05:0.05 --torque-limit 0.1 \
+                  --position-noise 1e-4 --period 2 --harmonics 3 --evaluations 60 --out run.csv";
+    let message = json(path, &excite.split_whitespace().collect::<Vec<_>>());
+    let said = &message["between"];
+    assert_eq!(said["models"], serde_json::json!(["cubic.toml", "straight.toml"]));
+    let experiment =
+        "device = \"oscillator\"\n[[run]]\nfile = \"run.csv\"\nfree = [0]\nrole = \"validate\"\nstart = [0.0]\n";
+    fs::write(path.join("experiment.toml"), experiment).unwrap();
+    let played = |model: &str| {
+        let (file, out) = (format!("{model}.toml"), format!("of-{model}"));
+        json(path, &["simulate", "experiment.toml", "--model", &file, "--out-dir", &out]);
+        columns(&path.join(out).join("run.csv")).1.swap_remove(2)
+    };
+    let (a, b) = (played("cubic"), played("straight"));
+    assert!(a.iter().chain(&b).all(|q| q.abs() < 0.0501), "within the limits of position");
+    let ratio = 0.5 * a.iter().zip(&b).map(|(a, b)| ((a - b) / 1e-4).powi(2)).sum::<f64>();
+    let as_given = said["as_given"].as_f64().unwrap();
+    assert!((as_given / ratio - 1.0).abs() < 1e-3, "{as_given} {ratio}");
+    // Only where it starts is unknown.
+    assert_eq!(said["absorbing"], 1);
+    let left = said["expected_log_likelihood_ratio"].as_f64().unwrap();
+    assert!(left > 100.0 && left <= as_given, "{left} {as_given}");
+    let output = dynid(path, &["excite", "--between", "cubic.toml", "cubic.toml", "--free", "0", "--out", "no.csv"]);
+    let message = String::from_utf8(output.code(2).get_output().stderr.clone()).unwrap();
+    assert!(message.contains("limits neither of torque nor of position"), "{message}");
+}

@@ -1,5 +1,7 @@
 //! `dynid excite`: what to play on the robot so that its motion tells the parameters.
 
+mod between;
+
 use std::f64::consts::PI;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -33,19 +35,29 @@ Examples:
   dynid excite freedom6s --free 4,5 --signal chirp --from 0.1 --to 1 --amplitude 0.004 --out run.csv
   dynid excite staubli_tx40 --free 4,5 --signal optimised --period 10 --out run.csv
   dynid excite planar2r --free 0,1 --signal optimised --position-limits=-1:1,-2:0 --as torque --out run.csv
+  dynid excite --between cubic.toml straight.toml --free 0 --position-limits=-0.1:0.1 --out run.csv
 
 The file has the columns t and tau0.. (torques, open loop) or ref0.. (positions for the robot's controller). Lists have
 one entry a free joint, or one for all of them. An optimised motion is a Fourier series that starts and ends at rest and
 keeps the limits of position, speed and torque of the device, or those given here; among those it is the one that makes
-the determinant of the information on the base parameters largest (D-optimal). To see what a model would do, name the
+the determinant of the information on the base parameters largest (D-optimal). With --between it is the torques, a
+Fourier series within the same limits, under which two models part most: the first counts as true, and what the free
+parameters of the second could absorb is taken off (T-optimal). To see what a model would do, name the
 file in an experiment, with `start`, and run `dynid simulate`.")]
 pub struct Arguments {
     /// Id of a device, e.g. `freedom6s`; not needed with a model.
-    #[arg(required_unless_present = "model")]
+    #[arg(required_unless_present_any = ["model", "between"])]
     device: Option<String>,
     /// A model whose values and effects count instead of the device's default ones.
     #[arg(long)]
     model: Option<PathBuf>,
+    /// Two rival models: play the torques that tell the first, if it is true, from the second.
+    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["model", "list", "input", "signal", "amplitude", "frequency", "from", "to", "noise"])]
+    between: Vec<PathBuf>,
+    /// Standard deviation of the position noise [rad or m], for --between. Without it, a ten-thousandth of each joint's range, or
+    /// of 1.
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "LIST", requires = "between")]
+    position_noise: Vec<f64>,
     /// List the inputs of published experiments with the device.
     #[arg(long)]
     list: bool,
@@ -79,10 +91,10 @@ pub struct Arguments {
     /// Samples a second [Hz]. Without it, that of the named input, else 100 Hz.
     #[arg(long, value_name = "HZ", allow_hyphen_values = true)]
     rate: Option<f64>,
-    /// Period of an optimised motion [s].
+    /// Period of an optimised motion, or of --between [s].
     #[arg(long, value_name = "S", default_value_t = 10.0, allow_hyphen_values = true)]
     period: f64,
-    /// Harmonics of an optimised motion, at least 2.
+    /// Harmonics of an optimised motion, or of --between, at least 2: the band of the commands.
     #[arg(long, value_name = "N", default_value_t = 5)]
     harmonics: usize,
     /// Motions that the optimisation looks at.
@@ -160,13 +172,16 @@ struct Planned {
     /// The motion that the model expects; `None` where its simulation gives none.
     path: Option<Path>,
     expected: Option<Expected>,
+    /// What it tells of two models.
+    ratio: Option<between::Ratio>,
     notes: Vec<String>,
 }
 
 /// Plans, then writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let device = arguments.device.as_deref().map(devices::find).transpose()?;
-    let model = match (&arguments.model, device) {
+    let rivals = between::rivals(&arguments.between)?;
+    let model = match (arguments.model.as_ref().or(arguments.between.first()), device) {
         (Some(path), _) => Model::load(path)?,
         (None, Some(device)) => Model::of_device(device),
         (None, None) => bail!("nothing to excite; name a device, or give a model with `--model`"),
@@ -186,7 +201,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         check_output(picture, overwrite)?;
     }
-    let planned = plan(arguments, &model)?;
+    let planned = plan(arguments, &model, rivals.as_ref())?;
     write_new(out, &planned.excitation.to_csv(), overwrite)?;
     if let Some(path) = &arguments.picture {
         write_new(path, &picture(model.device, &planned), overwrite)?;
@@ -235,7 +250,7 @@ fn list(device: &Device) -> Outcome {
 }
 
 /// Checks the arguments and makes the excitation.
-fn plan(arguments: &Arguments, model: &Model) -> anyhow::Result<Planned> {
+fn plan(arguments: &Arguments, model: &Model, rivals: Option<&[Model; 2]>) -> anyhow::Result<Planned> {
     let device = model.device;
     let input = arguments.input.as_deref().map(|name| find_input(device, name)).transpose()?;
     let free = match input {
@@ -252,7 +267,7 @@ fn plan(arguments: &Arguments, model: &Model) -> anyhow::Result<Planned> {
         Some(rate) => 1.0 / positive("rate", rate)?,
         None => input.map_or(0.01, |input| input.sample_s),
     };
-    let is_optimised = arguments.signal == Some(Signal::Optimised);
+    let is_optimised = arguments.signal == Some(Signal::Optimised) || rivals.is_some();
     let period_s = positive("period", arguments.period)?;
     let duration_s = match arguments.duration {
         Some(duration) => positive("duration", duration)?,
@@ -270,6 +285,9 @@ fn plan(arguments: &Arguments, model: &Model) -> anyhow::Result<Planned> {
         bail!(
             "--duration {duration_s} s holds less than two samples of {sample_s} s; give a longer one, or a higher --rate"
         );
+    }
+    if let Some(rivals) = rivals {
+        return between::planned(arguments, rivals, &free, pose, &limits, (duration_s, sample_s));
     }
     let system = model.system(&free, |joint| pose[joint])?;
     match (input, arguments.signal) {
@@ -539,7 +557,7 @@ fn optimised(
     );
     let mut notes = beyond(&path, &needed, drive.as_ref(), free, limits);
     notes.extend(special(regressor.rank(), elsewhere));
-    Ok(Planned { title, excitation, start, path: Some(path), expected: Some(expected), notes })
+    Ok(Planned { title, excitation, start, path: Some(path), expected: Some(expected), ratio: None, notes })
 }
 
 /// The motion that the model expects, and what it would tell.
@@ -585,7 +603,7 @@ fn expected(
         }
         None => None,
     };
-    Ok(Planned { title, excitation, start, path, expected, notes })
+    Ok(Planned { title, excitation, start, path, expected, ratio: None, notes })
 }
 
 /// What to say of a pose of the locked joints that hides something.
@@ -766,6 +784,9 @@ fn as_text(device: &Device, planned: &Planned, file: &str) -> String {
             expected.log_det, expected.condition
         );
     }
+    if let Some(ratio) = &planned.ratio {
+        text.push_str(&ratio.text(device, &excitation.free));
+    }
     for note in &planned.notes {
         let _ = writeln!(text, "note: {note}");
     }
@@ -808,6 +829,7 @@ fn described(model: &Model, planned: &Planned, out: &std::path::Path, seed: u64)
         "log_det": expected.and_then(|expected| finite(expected.log_det)),
         "condition": expected.and_then(|expected| finite(expected.condition)),
         "expected": errors,
+        "between": planned.ratio.as_ref().map(between::Ratio::json),
         "notes": planned.notes,
     })
 }

@@ -2,7 +2,9 @@
 //!
 //! Inputs of published experiments by name ([`Excitation::of_input`]), cosines, chirps and multisines ([`wave`]), and an
 //! optimised periodic motion ([`fourier`]). For each, [`information`] predicts the standard errors of the base parameters.
+//! [`between`] is an input that tells two rival models apart.
 
+pub mod between;
 pub mod fourier;
 pub mod information;
 pub mod wave;

@@ -5,9 +5,11 @@
 //! - [`pseudo_inertia`]: which inertial parameters a rigid body can have;
 //! - [`cma_es`]: search without derivatives;
 //! - [`identifiability`]: rank, null space and standard errors of a regressor;
+//! - [`basis`]: what columns explain of a signal, and what they leave;
 //! - [`matrix`]: how a matrix is written to a file.
 
 pub mod barrier;
+pub mod basis;
 pub mod body;
 pub mod cma_es;
 pub mod identifiability;

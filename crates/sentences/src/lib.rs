@@ -3,6 +3,7 @@
 //! The library's findings are enums with numbers. Here each becomes a sentence, and each result the JSON that programs read:
 //! the typed findings with their sentences beside them.
 
+pub mod check;
 pub mod compare;
 pub mod diagnosis;
 pub mod discovered;

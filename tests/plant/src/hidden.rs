@@ -390,6 +390,7 @@ pub fn make(number: usize, plan: &Plan, draw: u32) -> Case {
         parameters,
         effects,
         runs: runs(plan, &habits, &mut noise),
+        ..Recipe::default()
     };
     let without = Recipe { effects: rest.clone(), ..truth.clone() };
     let believed = believed(plan, device, &habits, &rest, &mut noise);
@@ -551,6 +552,7 @@ fn runs(plan: &Plan, habits: &Habits, noise: &mut Noise) -> Vec<RunEntry> {
             role: role.to_owned(),
             duration_s: 30.0,
             torque,
+            ..RunEntry::default()
         })
         .into()
 }

@@ -7,6 +7,7 @@
 //! The files of a case: the logs, `experiment.toml`, `believed.toml`, `true.toml` (the machine as a model; none for an effect
 //! outside of the library) and `truth.json` (the answer, and by how many noises the effect moves each joint).
 
+pub mod draw;
 pub mod table;
 pub mod trial;
 
@@ -15,6 +16,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
 
 use dynid_model::{Device, Link, Origin, Place, Scope};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::effects::EffectEntry;
@@ -32,7 +34,8 @@ pub fn noise_floor() -> f64 {
 }
 
 /// What is asked of the program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// The machine has an effect of the library that the believed model lacks.
     Hidden,
@@ -40,6 +43,10 @@ pub enum Kind {
     Nothing,
     /// The machine has an effect that no library has.
     Outside,
+    /// The machine has two effects of the library that the believed model lacks.
+    TwoAtOnce,
+    /// The machine carries a body in one run that it does not carry in the others.
+    PayloadInOneRun,
 }
 
 impl Kind {
@@ -49,6 +56,8 @@ impl Kind {
             Self::Hidden => "hidden",
             Self::Nothing => "nothing",
             Self::Outside => "outside",
+            Self::TwoAtOnce => "two_at_once",
+            Self::PayloadInOneRun => "payload_in_one_run",
         }
     }
 }
@@ -344,6 +353,14 @@ fn habits(device: &str) -> Habits {
             viscous: &[0.006],
             coulomb: &[0.006],
             links: &[("link.1.m", 8e-4)],
+        },
+        "staubli_tx40" => Habits {
+            command: &[25.0, 30.0, 15.0, 4.0, 5.0, 2.0],
+            waves: WAVES,
+            start: &[0.3, -0.4, 1.1, 0.2, 0.6, -0.3],
+            viscous: &[8.0, 5.5, 2.0, 1.1, 1.8, 0.7],
+            coulomb: &[7.0, 8.0, 6.5, 2.4, 3.2, 1.2],
+            links: &[],
         },
         other => panic!("no case knows how to drive `{other}`"),
     }

@@ -96,8 +96,8 @@ pub fn run(case: &Case, folder: &Path, program: &Path) -> Result<Outcome, String
         None
     };
     let right = match case.kind {
-        Kind::Hidden => verdict == "missing_effect" && rank == Some(1) && after.is_some_and(|after| after <= EXPLAINED),
-        Kind::Nothing => verdict == "nothing_missing",
+        Kind::Hidden | Kind::TwoAtOnce => verdict == "missing_effect" && rank == Some(1) && after.is_some_and(|after| after <= EXPLAINED),
+        Kind::Nothing | Kind::PayloadInOneRun => verdict == "nothing_missing",
         Kind::Outside => verdict == "unexplained",
     };
     Ok(Outcome { verdict, first, rank, tied, before, after, discovered, seconds, right })

@@ -1,6 +1,9 @@
 //! Cases with a known answer: logs of a machine that has one effect more than the model that is believed of it.
 //!
-//! A case is made from its number and a draw: the machine, whose parameters are a few per cent off the device file's; three runs of
+//! [`mod@draw`] draws everything about a case at random, and [`score`] judges one call of the program on it. The rest of this module
+//! is the fixed table:
+//!
+//! A case is made from its number and a variation: the machine, whose parameters are a few per cent off the device file's; three runs of
 //! it, noisy and quantised; the believed model, which lacks the hidden effect and is a few per cent off again; and what
 //! counts as the right answer. [`table`] lists them, [`trial`] puts the program through them.
 //!
@@ -8,6 +11,7 @@
 //! outside of the library) and `truth.json` (the answer, and by how many noises the effect moves each joint).
 
 pub mod draw;
+pub mod score;
 pub mod table;
 pub mod trial;
 
@@ -366,15 +370,15 @@ fn habits(device: &str) -> Habits {
     }
 }
 
-/// Makes the case of that number from its plan. Draw 0 hides what the plan says; others differ in machine, belief, runs and
+/// Makes the case of that number from its plan. Variation 0 hides what the plan says; others differ in machine, belief, runs and
 /// noise, and hide an effect that is somewhat larger or smaller.
 #[must_use]
-pub fn make(number: usize, plan: &Plan, draw: u32) -> Case {
-    let seed = (u64::from(draw) << 32) + number as u64;
+pub fn make(number: usize, plan: &Plan, variation: u32) -> Case {
+    let seed = (u64::from(variation) << 32) + number as u64;
     let mut noise = Noise::new(0x0d1d_0000 + seed);
     let device = device(plan.device);
     let habits = habits(plan.device);
-    let hidden = plan.hidden.map(parse).map(|hidden| if draw == 0 { hidden } else { varied(hidden, seed) });
+    let hidden = plan.hidden.map(parse).map(|hidden| if variation == 0 { hidden } else { varied(hidden, seed) });
 
     let rest = rest_of(plan, device, &habits, &mut noise);
     let mut effects = rest.clone();
@@ -755,7 +759,7 @@ mod tests {
         }
         // To four digits a value may come out the same.
         let mut n_varied = 0;
-        for (one, other) in (1..8).flat_map(|draw| cases.iter().zip(table::drawn(draw)).collect::<Vec<_>>()) {
+        for (one, other) in (1..8).flat_map(|variation| cases.iter().zip(table::varied(variation)).collect::<Vec<_>>()) {
             assert_eq!((&one.name, &one.free), (&other.name, &other.free));
             assert!(one.truth.parameters != other.truth.parameters || one.truth.start != other.truth.start);
             assert_ne!(one.truth.runs, other.truth.runs);

@@ -169,7 +169,11 @@ fn true_effects(device: &Device, free: &[usize], habits: &Habits, off: f64, dice
             if !is_felt || ["viscous", "coulomb"].contains(&effect.id.as_str()) || (effect.id == "lugre" && !is_lugre) {
                 continue;
             }
-            let values = effect.values.iter().map(|(symbol, parameter)| {
+            let law = dynid_model::effect(&effect.id).expect("a device names effects of the library");
+            let values = law.parameters.iter().map(|own| {
+                let symbol = &own.symbol;
+                let written = effect.values.iter().find(|(name, _)| name == symbol);
+                let parameter = written.map_or_else(|| own.parameter(), |(_, parameter)| *parameter);
                 let stated = of_the_catalogue(&device.id, &effect.id, symbol, joint);
                 let value = match symbol.as_str() {
                     _ if parameter.fixed || crate::hidden::is_numerical(&effect.id, symbol) => parameter.value,

@@ -50,6 +50,8 @@ pub(super) struct Window<'a> {
 
 /// Relative change of values for a derivative.
 const STEP: f64 = 0.02;
+/// In strokes.
+const FARTHEST: f64 = 16.0;
 /// Of the torque error (Hz).
 const BAND_HZ: f64 = 10.0;
 
@@ -100,6 +102,7 @@ impl<'a> Window<'a> {
         without: &[EffectEntry],
     ) -> Result<Visibility, String> {
         let base = self.play(with)?;
+        self.check(&base)?;
         let other = self.play(without)?;
         let moves_by_noises = (0..self.machine.free.len())
             .map(|slot| {
@@ -128,6 +131,17 @@ impl<'a> Window<'a> {
         let windows = self.instrument.fitted_s() / self.run.duration_s;
         let standard_errors = norm(&slope) * windows.sqrt();
         Ok(Visibility { moves_by_noises, standard_errors, shows: standard_errors >= SHOWS })
+    }
+
+    /// The machine stays about where it is meant to move.
+    fn check(&self, trace: &Trace) -> Result<(), String> {
+        for (slot, &joint) in self.machine.free.iter().enumerate() {
+            let farthest = trace.seen.iter().map(|row| (row[slot] - trace.seen[0][slot]).abs()).fold(0.0, f64::max);
+            if farthest > FARTHEST * self.machine.strokes[joint] {
+                return Err(format!("joint {joint} runs away"));
+            }
+        }
+        Ok(())
     }
 
     /// Derivative of the signals by the amplitude of an effect, in units of it.

@@ -173,6 +173,7 @@ fn attempted(draw: u32, card: &Card, seed: u64) -> Result<DrawnCase, String> {
     let rest = without(&machine, &hidden, dice);
     truth.effects = with(&rest, &hidden);
     truth.steps_per_sample = steps(&truth, &machine, &motions)?;
+    check_steps(&truth, &machine, &instrument)?;
     let window = Window::new(&truth, &machine, &instrument, gains, &inertia);
     let mut seen = Vec::new();
     for (index, entry) in hidden.iter().enumerate() {
@@ -344,7 +345,7 @@ fn without(machine: &Machine, hidden: &[EffectEntry], dice: &mut Dice) -> Vec<Ef
 }
 
 /// Shortest step of the integration (s): a machine that needs a shorter one is no case.
-const SHORTEST_STEP_S: f64 = 2e-5;
+const SHORTEST_STEP_S: f64 = 1e-5;
 /// Longest step (s).
 const LONGEST_STEP_S: f64 = 1e-3;
 
@@ -356,19 +357,46 @@ fn steps(recipe: &Recipe, machine: &Machine, motions: &Motions) -> Result<usize,
         let speed = motions.get(&entry.joint).map_or(1.0, size::Motion::fastest);
         let value = |symbol: &str| entry.values.get(symbol).copied();
         let own = match (entry.id.as_str(), value("sigma0"), value("Fc"), value("travel")) {
-            ("backlash", ..) => 2e3,
+            ("backlash", ..) => 4e3,
             (_, Some(stiffness), Some(level), _) => stiffness * speed / level,
             (_, _, _, Some(travel)) => speed / travel,
             _ => 0.0,
         };
         fastest = fastest.max(own);
     }
-    let step_s = LONGEST_STEP_S.min(1.0 / fastest);
+    // Positions of an open loop must be right far below the noise; a loop that is closed forgives.
+    let resolved = if machine.drive == Drive::OpenLoop { 0.4 } else { 1.0 };
+    let step_s = LONGEST_STEP_S.min(resolved / fastest);
     if step_s < SHORTEST_STEP_S {
         return Err(format!("the machine would need steps of {step_s:.1e} s"));
     }
     Ok((recipe.sample_s / step_s).ceil().max(1.0) as usize)
 }
+
+/// In open loop half as long steps must give the same motion: one that tells them apart is chaotic, and no model would follow
+/// its log.
+fn check_steps(truth: &Recipe, machine: &Machine, instrument: &Instrument) -> Result<(), String> {
+    if machine.drive == Drive::ClosedLoop {
+        return Ok(());
+    }
+    let run = &truth.runs[0];
+    let play = |steps_per_sample: usize| {
+        let recipe = Recipe { steps_per_sample, ..truth.clone() };
+        Plant::new(&recipe, machine.device)?.play(run)
+    };
+    let (once, twice) = (play(truth.steps_per_sample)?, play(2 * truth.steps_per_sample)?);
+    for slot in 0..machine.free.len() {
+        let squares = once.seen.iter().zip(&twice.seen).map(|(one, other)| (one[slot] - other[slot]).powi(2));
+        let rms = (squares.sum::<f64>() / once.seen.len() as f64).sqrt();
+        if rms > STEPS_SHOW * instrument.noise_floor() {
+            return Err("the motion depends on the steps of the integration".to_owned());
+        }
+    }
+    Ok(())
+}
+
+/// In noises.
+const STEPS_SHOW: f64 = 0.3;
 
 /// How many cases of a draw hide each effect.
 pub fn hidden_in(cards: &[Card]) -> BTreeMap<&str, usize> {

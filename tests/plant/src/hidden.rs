@@ -759,7 +759,8 @@ mod tests {
         }
         // To four digits a value may come out the same.
         let mut n_varied = 0;
-        for (one, other) in (1..8).flat_map(|variation| cases.iter().zip(table::varied(variation)).collect::<Vec<_>>()) {
+        for (one, other) in (1..8).flat_map(|variation| cases.iter().zip(table::varied(variation)).collect::<Vec<_>>())
+        {
             assert_eq!((&one.name, &one.free), (&other.name, &other.free));
             assert!(one.truth.parameters != other.truth.parameters || one.truth.start != other.truth.start);
             assert_ne!(one.truth.runs, other.truth.runs);

@@ -212,7 +212,10 @@ impl<'a> Plant<'a> {
             controller.check(n_joints)?;
         }
         if ![0, n_joints].contains(&recipe.torque_noise_rms.len()) {
-            return Err(format!("`torque_noise_rms` has {} values for {n_joints} joints", recipe.torque_noise_rms.len()));
+            return Err(format!(
+                "`torque_noise_rms` has {} values for {n_joints} joints",
+                recipe.torque_noise_rms.len()
+            ));
         }
         let mut altered = BTreeMap::new();
         for (number, run) in recipe.runs.iter().enumerate().filter(|(_, run)| !run.effects.is_empty()) {
@@ -248,8 +251,7 @@ impl<'a> Plant<'a> {
             trace.commands.push(match &mut control {
                 Some((control, noise)) => {
                     let shown: Vec<f64> = seen.iter().map(|q| recipe.encoder(*q, noise)).collect();
-                    let reference: Vec<f64> =
-                        (0..n_joints).map(|joint| recipe.reference(run, joint, time)).collect();
+                    let reference: Vec<f64> = (0..n_joints).map(|joint| recipe.reference(run, joint, time)).collect();
                     let commands = control.command(recipe.sample_s, &reference, &shown, n_joints);
                     trace.shown.push(shown);
                     commands

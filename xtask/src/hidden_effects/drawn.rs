@@ -8,30 +8,19 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
-use dynid_plant::hidden::draw::{self, Card, Drive, DrawnCase};
+use dynid_plant::hidden::draw::{self, Card, DrawnCase, Drive};
 use dynid_plant::hidden::score::{Outcome, Score};
 use dynid_plant::hidden::{noise_floor, trial};
 
 use super::{AGREED, Arguments, each, scores};
 use crate::{BadInput, shell};
 
-/// Draw and number of cases that take seconds, of every kind.
-const CI: [(u32, usize); 12] = [
-    (0, 1),
-    (0, 2),
-    (0, 3),
-    (0, 4),
-    (0, 5),
-    (0, 6),
-    (0, 7),
-    (0, 8),
-    (0, 9),
-    (0, 10),
-    (0, 11),
-    (0, 12),
-];
+/// The draw of the cases of [`ci`].
+const CI_DRAW: u32 = 0;
+/// Their numbers: one or two joints, short logs, every kind but a body in one run, which takes a minute.
+const CI: [usize; 12] = [18, 19, 22, 84, 103, 121, 152, 191, 196, 212, 236, 242];
 /// So many of them must be right.
-const CI_RIGHT: usize = 9;
+const CI_RIGHT: usize = 8;
 
 /// A card and the draw that it is of.
 type Drawn = (u32, Card);
@@ -69,11 +58,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Runs the twelve.
 pub fn ci(arguments: &Arguments) -> anyhow::Result<()> {
-    let mut cards = Vec::new();
-    for (draw, number) in CI {
-        let card = draw::deck(draw).into_iter().find(|card| card.number == number);
-        cards.push((draw, card.with_context(|| format!("draw {draw} has no case {number}"))?));
-    }
+    let deck = draw::deck(CI_DRAW);
+    let is_meant = |card: &Card| CI.contains(&card.number);
+    let cards: Vec<Drawn> = deck.into_iter().filter(is_meant).map(|card| (CI_DRAW, card)).collect();
     let outcomes = Bench::new(arguments)?.outcomes(&cards, arguments.jobs)?;
     let n_right = outcomes.iter().filter(|outcome| outcome.score.right).count();
     println!("\n{n_right} of {} right; at least {CI_RIGHT} must be", outcomes.len());

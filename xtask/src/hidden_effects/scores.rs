@@ -27,7 +27,10 @@ pub fn row(outcome: &Outcome) -> String {
     let whole = score.is_whole.map_or(DASH, |is_whole| if is_whole { "yes" } else { "no" });
     let first = score.first.as_deref().unwrap_or(DASH);
     let seconds = outcome.seconds;
-    format!("| {} | {hidden} | {} | {first} | {rank} | {whole} | {seconds:.1} | {judged} |", outcome.name, score.verdict)
+    format!(
+        "| {} | {hidden} | {} | {first} | {rank} | {whole} | {seconds:.1} | {judged} |",
+        outcome.name, score.verdict
+    )
 }
 
 /// `docs/hidden-effects.md`.

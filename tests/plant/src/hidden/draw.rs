@@ -165,10 +165,8 @@ fn attempted(draw: u32, card: &Card, seed: u64) -> Result<DrawnCase, String> {
         let noise = |joint: usize| motions.get(&joint).map_or(0.0, |own| own.command * instrument.torque_noise);
         truth.torque_noise_rms = (0..machine.device.joints.len()).map(|joint| super::rounded(noise(joint))).collect();
     }
-    let hidden: Vec<EffectEntry> = places
-        .iter()
-        .map(|(id, at)| size::sized(id, *at, &machine, &motions, instrument.duration_s, dice))
-        .collect();
+    let hidden: Vec<EffectEntry> =
+        places.iter().map(|(id, at)| size::sized(id, *at, &machine, &motions, instrument.duration_s, dice)).collect();
 
     let rest = without(&machine, &hidden, dice);
     truth.effects = with(&rest, &hidden);

@@ -105,7 +105,9 @@ pub fn run(case: &Case, folder: &Path, program: &Path) -> Result<Outcome, String
         None
     };
     let right = match case.kind {
-        Kind::Hidden | Kind::TwoAtOnce => verdict == "missing_effect" && rank == Some(1) && after.is_some_and(|after| after <= EXPLAINED),
+        Kind::Hidden | Kind::TwoAtOnce => {
+            verdict == "missing_effect" && rank == Some(1) && after.is_some_and(|after| after <= EXPLAINED)
+        }
         Kind::Nothing | Kind::PayloadInOneRun => verdict == "nothing_missing",
         Kind::Outside => verdict == "unexplained",
     };

@@ -87,10 +87,12 @@ fn off(machine: &Machine, dice: &mut Dice) -> f64 {
 
 /// Whether the believed model knows a value.
 pub(super) fn is_fixed(machine: &Machine, entry: &EffectEntry, symbol: &str, gains: Gains) -> bool {
-    let place = |effect: &&dynid_model::device::DefaultEffect| effect.joint == Some(entry.joint) && effect.id == entry.id;
-    let stated = machine.device.effects.iter().find(place).and_then(|effect| {
-        effect.values.iter().find(|(own, _)| own == symbol).map(|(_, parameter)| parameter.fixed)
-    });
+    let place =
+        |effect: &&dynid_model::device::DefaultEffect| effect.joint == Some(entry.joint) && effect.id == entry.id;
+    let stated =
+        machine.device.effects.iter().find(place).and_then(|effect| {
+            effect.values.iter().find(|(own, _)| own == symbol).map(|(_, parameter)| parameter.fixed)
+        });
     stated == Some(true) || (symbol == "Kp" && gains == Gains::Stated && !machine.links_are_known())
 }
 

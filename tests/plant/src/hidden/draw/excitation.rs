@@ -78,7 +78,9 @@ pub(super) fn controller(machine: &Machine, instrument: &Instrument, inertia: &[
     let mut gains = Controller {
         proportional: vec![0.0; n_joints],
         derivative: vec![0.0; n_joints],
-        smoothing: rounded((-TAU * f64::min(10.0 * bandwidth_hz, 0.25 * instrument.rate_hz) / instrument.rate_hz).exp()),
+        smoothing: rounded(
+            (-TAU * f64::min(10.0 * bandwidth_hz, 0.25 * instrument.rate_hz) / instrument.rate_hz).exp(),
+        ),
     };
     for (&joint, inertia) in machine.free.iter().zip(inertia) {
         let own = machine.effects.iter().find(|entry| entry.id == "gain" && entry.joint == joint);

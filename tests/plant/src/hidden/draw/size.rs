@@ -96,7 +96,8 @@ pub(super) fn sized(
     }
     let other = from.map_or(&motions[&joint], |from| &motions[&from]);
     let draw = Draw { own: &motions[&joint], other, machine, joint, from, duration_s };
-    let drawn = if dynid_model::effect(id).is_some() { draw.library(id, dice) } else { draw.outside(id, motions, dice) };
+    let drawn =
+        if dynid_model::effect(id).is_some() { draw.library(id, dice) } else { draw.outside(id, motions, dice) };
     let mut values: BTreeMap<String, f64> =
         drawn.into_iter().map(|(symbol, value)| (symbol.to_owned(), rounded(value))).collect();
     for parameter in dynid_model::effect(id).map(|effect| effect.parameters.as_slice()).unwrap_or_default() {

@@ -93,5 +93,7 @@ fn a_closed_loop_log_holds_what_the_controller_saw_and_did() {
     let first: Vec<f64> = lines.next().unwrap().split(',').map(|cell| cell.parse().unwrap()).collect();
     let error = first[1 + 2 * n_joints + joint] - first[1 + n_joints + joint];
     assert!((first[1 + joint] - gains.proportional[joint] * error).abs() < 2e-6 * gains.proportional[joint].max(1.0));
-    assert!(files["experiment.toml"].contains("controller = \"controller.toml\"") && files.contains_key("controller.toml"));
+    assert!(
+        files["experiment.toml"].contains("controller = \"controller.toml\"") && files.contains_key("controller.toml")
+    );
 }

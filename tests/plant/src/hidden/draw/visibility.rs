@@ -195,7 +195,11 @@ impl<'a> Window<'a> {
 /// outside of the library that are no size, do not move.
 fn distance(id: &str, symbol: &str, value: f64) -> f64 {
     let Some(effect) = dynid_model::effect(id) else {
-        return if ["other", "v_eps", "q0", "k", "hz", "period", "growth", "tau"].contains(&symbol) { 0.0 } else { value };
+        return if ["other", "v_eps", "q0", "k", "hz", "period", "growth", "tau"].contains(&symbol) {
+            0.0
+        } else {
+            value
+        };
     };
     let has_null = |symbol: &str| effect.parameter(symbol).is_some_and(|parameter| parameter.null.is_some());
     let null = effect.parameter(symbol).and_then(|parameter| parameter.null);

@@ -1,6 +1,5 @@
 //! The position fit on logs of the independent plant: how sure it says it is, and from how far off it gets there.
 
-use std::collections::BTreeMap;
 use std::fs;
 
 use dynid_identify::SearchControl;
@@ -52,9 +51,9 @@ fn logs(truth: &Model, runs: Vec<RunEntry>) -> Vec<FitRun> {
         noise_rms: 0.0,
         quantum: 0.0,
         start: vec![0.0, 0.2, 0.0, 0.3, -0.28, -0.4],
-        parameters: BTreeMap::new(),
         effects: effects.collect(),
         runs,
+        ..Recipe::default()
     };
     let folder = tempfile::tempdir().expect("a temporary folder");
     for (name, text) in dynid_plant::recipe::make(&recipe, truth.device).expect("the recipe can be played") {
@@ -76,7 +75,14 @@ fn chirp(joint: usize, amplitude: f64, phase: f64, duration_s: f64) -> Cosine {
 }
 
 fn run(number: usize, free: &[usize], duration_s: f64, torque: Vec<Cosine>) -> RunEntry {
-    RunEntry { file: format!("run-{number}.csv"), free: free.to_vec(), role: "fit".to_owned(), duration_s, torque }
+    RunEntry {
+        file: format!("run-{number}.csv"),
+        free: free.to_vec(),
+        role: "fit".to_owned(),
+        duration_s,
+        torque,
+        ..RunEntry::default()
+    }
 }
 
 fn fitted(model: &Model, runs: Vec<FitRun>, start: impl Fn(&str, f64) -> f64, substeps: usize) -> PositionFit {

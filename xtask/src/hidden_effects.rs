@@ -1,4 +1,10 @@
 //! `cargo xtask hidden-effects`: hides one effect after another from the program and prints what it finds.
+//!
+//! Without `--draw` that is a fixed table, whose cases are fitted before they are diagnosed. With it, machine, instrument and
+//! what is hidden are drawn at random, and the program gets one call of `diagnose` (`hidden_effects/drawn.rs`).
+
+mod drawn;
+mod scores;
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -6,25 +12,47 @@ use std::sync::Mutex;
 use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use dynid_plant::hidden::trial::{self, Outcome};
-use dynid_plant::hidden::{Case, Kind, Spot, table};
+use dynid_plant::hidden::{Case, Kind, Spot, draw, table};
 
 use crate::{BadInput, shell};
 
 /// Hides one effect after another from the program and prints what it finds.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  cargo xtask hidden-effects                                   the fixed table
+  cargo xtask hidden-effects --draw 7 --jobs 2                 300 cases drawn from seed 7; a stopped run goes on
+  cargo xtask hidden-effects --draw 10,11,12 --write-docs      and writes docs/hidden-effects.md
+  cargo xtask hidden-effects --draw 7 --write FOLDER --case 42 only writes the files of one case
+  cargo xtask hidden-effects --ci                              twelve quick drawn cases, of which most must be right")]
 pub struct Arguments {
     /// Only these cases, by number or by a part of their name.
     #[arg(long = "case", value_name = "CASE", value_delimiter = ',')]
-    cases: Vec<String>,
+    words: Vec<String>,
     /// Only cases of this kind.
     #[arg(long, value_enum)]
     only: Option<Only>,
-    /// Other machines, runs and sizes of the hidden effects than those that the program was written by.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    draw: u32,
+    /// Cases that are drawn from these seeds, instead of the table.
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    draw: Vec<u32>,
+    /// Only the first so many cases of each draw.
+    #[arg(long, value_name = "COUNT", requires = "draw", default_value_t = draw::N_CASES)]
+    cases: usize,
+    /// The table with other machines, runs and sizes of the hidden effects than those that the program was written by.
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "draw")]
+    vary: u32,
     /// Cases at a time.
     #[arg(long, value_name = "N", default_value_t = 1)]
     jobs: usize,
+    /// A drawn case without an answer after so many seconds counts as wrong.
+    #[arg(long, value_name = "SECONDS", default_value_t = 600.0)]
+    timeout: f64,
+    /// Write the scores of the draws to `docs/hidden-effects.md`.
+    #[arg(long, requires = "draw")]
+    write_docs: bool,
+    /// Twelve fixed cases of draws; fails when fewer than a stated number of answers is right.
+    #[arg(long, conflicts_with_all = ["draw", "vary", "words", "only", "write", "truth"])]
+    ci: bool,
     /// Only write the cases' files, each into a folder of its own in this one.
     #[arg(long, value_name = "FOLDER")]
     write: Option<PathBuf>,
@@ -41,30 +69,44 @@ enum Only {
     Hidden,
     Nothing,
     Outside,
+    TwoAtOnce,
+    PayloadInOneRun,
+}
+
+impl Only {
+    fn kind(self) -> Kind {
+        match self {
+            Self::Hidden => Kind::Hidden,
+            Self::Nothing => Kind::Nothing,
+            Self::Outside => Kind::Outside,
+            Self::TwoAtOnce => Kind::TwoAtOnce,
+            Self::PayloadInOneRun => Kind::PayloadInOneRun,
+        }
+    }
 }
 
 /// Runs or writes the cases asked for.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.ci {
+        return drawn::ci(arguments);
+    }
+    if !arguments.draw.is_empty() {
+        return drawn::run(arguments);
+    }
     let cases = chosen(arguments)?;
     if let Some(folder) = &arguments.write {
         each(&cases, arguments.jobs, &|case| {
             let folder = folder.join(&case.name);
-            trial::write(case, &folder).map_err(|reason| anyhow!(reason))?;
+            trial::write(case, &folder).map_err(|reason| anyhow!("{}: {reason}", case.name))?;
             println!("{}", folder.display());
             Ok(())
         })?;
         return Ok(());
     }
-    let program = match &arguments.program {
-        Some(program) => program.canonicalize().with_context(|| program.display().to_string())?,
-        None => {
-            shell::succeed(&mut shell::cargo(&["build", "--release", "--locked", "--package", "dynid"]))?;
-            shell::root().join("target/release").join(format!("dynid{}", std::env::consts::EXE_SUFFIX))
-        }
-    };
+    let program = arguments.built_program()?;
     let mut folder = shell::root().join("target/hidden-effects");
-    if arguments.draw > 0 {
-        folder.push(format!("draw-{}", arguments.draw));
+    if arguments.vary > 0 {
+        folder.push(format!("vary-{}", arguments.vary));
     }
     if arguments.truth {
         return fit_the_truths(&cases, arguments.jobs, &folder, &program);
@@ -72,7 +114,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     println!("{HEADER}");
     let outcomes = each(&cases, arguments.jobs, &|case| {
         let folder = folder.join(&case.name);
-        trial::write(case, &folder).map_err(|reason| anyhow!(reason))?;
+        trial::write(case, &folder).map_err(|reason| anyhow!("{}: {reason}", case.name))?;
         let outcome = trial::run(case, &folder, &program);
         println!("{}", row(case, &outcome));
         Ok(outcome)
@@ -81,6 +123,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         cases.iter().zip(&outcomes).map(|(case, outcome)| (case, outcome.as_ref().ok())).collect();
     println!("\n{}", totals(&known));
     Ok(())
+}
+
+impl Arguments {
+    /// The program that is put to the test.
+    fn built_program(&self) -> anyhow::Result<PathBuf> {
+        if let Some(program) = &self.program {
+            return program.canonicalize().with_context(|| program.display().to_string());
+        }
+        shell::succeed(&mut shell::cargo(&["build", "--release", "--locked", "--package", "dynid"]))?;
+        Ok(shell::root().join("target/release").join(format!("dynid{}", std::env::consts::EXE_SUFFIX)))
+    }
 }
 
 const HEADER: &str = "| case | hidden | verdict | first | rank | before | after | s | |\n\
@@ -157,7 +210,7 @@ fn fit_the_truths(cases: &[Case], jobs: usize, folder: &Path, program: &Path) ->
     let cases: Vec<Case> = cases.iter().filter(|case| case.true_model.is_some()).cloned().collect();
     let agree = each(&cases, jobs, &|case| {
         let folder = folder.join(&case.name);
-        trial::write(case, &folder).map_err(|reason| anyhow!(reason))?;
+        trial::write(case, &folder).map_err(|reason| anyhow!("{}: {reason}", case.name))?;
         let ratio = trial::fit_the_truth(&folder, program);
         match &ratio {
             Ok(ratio) => println!("| {} | {ratio:.3} |", case.name),
@@ -174,42 +227,38 @@ fn fit_the_truths(cases: &[Case], jobs: usize, folder: &Path, program: &Path) ->
 const AGREED: f64 = 1.2;
 
 fn chosen(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
-    let kind = arguments.only.map(|only| match only {
-        Only::Hidden => Kind::Hidden,
-        Only::Nothing => Kind::Nothing,
-        Only::Outside => Kind::Outside,
-    });
+    let kind = arguments.only.map(Only::kind);
     let is_meant = |case: &Case, word: &str| match word.parse::<usize>() {
         Ok(number) => case.number == number,
         Err(_) => case.name.contains(word),
     };
-    let all = table::drawn(arguments.draw);
-    if let Some(word) = arguments.cases.iter().find(|word| !all.iter().any(|case| is_meant(case, word))) {
+    let all = table::varied(arguments.vary);
+    if let Some(word) = arguments.words.iter().find(|word| !all.iter().any(|case| is_meant(case, word))) {
         return Err(BadInput(format!("there is no case `{word}`; the cases are 1..={}", all.len())).into());
     }
     let is_chosen = |case: &Case| {
         kind.is_none_or(|kind| kind == case.kind)
-            && (arguments.cases.is_empty() || arguments.cases.iter().any(|word| is_meant(case, word)))
+            && (arguments.words.is_empty() || arguments.words.iter().any(|word| is_meant(case, word)))
     };
     Ok(all.into_iter().filter(is_chosen).collect())
 }
 
-/// Does `work` for all cases, some at a time; the answers stand in the order of the cases.
-fn each<T: Send>(
-    cases: &[Case],
+/// Does `work` for all items, some at a time; the answers stand in the order of the items.
+fn each<I: Sync, T: Send>(
+    items: &[I],
     jobs: usize,
-    work: &(dyn Fn(&Case) -> anyhow::Result<T> + Sync),
+    work: &(dyn Fn(&I) -> anyhow::Result<T> + Sync),
 ) -> anyhow::Result<Vec<T>> {
-    let next = Mutex::new(cases.iter().enumerate());
+    let next = Mutex::new(items.iter().enumerate());
     let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..jobs.max(1))
             .map(|_| {
                 scope.spawn(|| -> anyhow::Result<Vec<(usize, T)>> {
                     let mut done = Vec::new();
                     loop {
-                        let case = next.lock().map_err(|_| anyhow!("another case failed"))?.next();
-                        let Some((index, case)) = case else { return Ok(done) };
-                        done.push((index, work(case).with_context(|| case.name.clone())?));
+                        let item = next.lock().map_err(|_| anyhow!("another case failed"))?.next();
+                        let Some((index, item)) = item else { return Ok(done) };
+                        done.push((index, work(item)?));
                     }
                 })
             })

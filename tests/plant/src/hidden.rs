@@ -1,12 +1,17 @@
 //! Cases with a known answer: logs of a machine that has one effect more than the model that is believed of it.
 //!
-//! A case is made from its number and a draw: the machine, whose parameters are a few per cent off the device file's; three runs of
+//! [`mod@draw`] draws everything about a case at random, and [`score`] judges one call of the program on it. The rest of this module
+//! is the fixed table:
+//!
+//! A case is made from its number and a variation: the machine, whose parameters are a few per cent off the device file's; three runs of
 //! it, noisy and quantised; the believed model, which lacks the hidden effect and is a few per cent off again; and what
 //! counts as the right answer. [`table`] lists them, [`trial`] puts the program through them.
 //!
 //! The files of a case: the logs, `experiment.toml`, `believed.toml`, `true.toml` (the machine as a model; none for an effect
 //! outside of the library) and `truth.json` (the answer, and by how many noises the effect moves each joint).
 
+pub mod draw;
+pub mod score;
 pub mod table;
 pub mod trial;
 
@@ -15,6 +20,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
 
 use dynid_model::{Device, Link, Origin, Place, Scope};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::effects::EffectEntry;
@@ -32,7 +38,8 @@ pub fn noise_floor() -> f64 {
 }
 
 /// What is asked of the program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// The machine has an effect of the library that the believed model lacks.
     Hidden,
@@ -40,6 +47,10 @@ pub enum Kind {
     Nothing,
     /// The machine has an effect that no library has.
     Outside,
+    /// The machine has two effects of the library that the believed model lacks.
+    TwoAtOnce,
+    /// The machine carries a body in one run that it does not carry in the others.
+    PayloadInOneRun,
 }
 
 impl Kind {
@@ -49,6 +60,8 @@ impl Kind {
             Self::Hidden => "hidden",
             Self::Nothing => "nothing",
             Self::Outside => "outside",
+            Self::TwoAtOnce => "two_at_once",
+            Self::PayloadInOneRun => "payload_in_one_run",
         }
     }
 }
@@ -345,19 +358,27 @@ fn habits(device: &str) -> Habits {
             coulomb: &[0.006],
             links: &[("link.1.m", 8e-4)],
         },
+        "staubli_tx40" => Habits {
+            command: &[25.0, 30.0, 15.0, 4.0, 5.0, 2.0],
+            waves: WAVES,
+            start: &[0.3, -0.4, 1.1, 0.2, 0.6, -0.3],
+            viscous: &[8.0, 5.5, 2.0, 1.1, 1.8, 0.7],
+            coulomb: &[7.0, 8.0, 6.5, 2.4, 3.2, 1.2],
+            links: &[],
+        },
         other => panic!("no case knows how to drive `{other}`"),
     }
 }
 
-/// Makes the case of that number from its plan. Draw 0 hides what the plan says; others differ in machine, belief, runs and
+/// Makes the case of that number from its plan. Variation 0 hides what the plan says; others differ in machine, belief, runs and
 /// noise, and hide an effect that is somewhat larger or smaller.
 #[must_use]
-pub fn make(number: usize, plan: &Plan, draw: u32) -> Case {
-    let seed = (u64::from(draw) << 32) + number as u64;
+pub fn make(number: usize, plan: &Plan, variation: u32) -> Case {
+    let seed = (u64::from(variation) << 32) + number as u64;
     let mut noise = Noise::new(0x0d1d_0000 + seed);
     let device = device(plan.device);
     let habits = habits(plan.device);
-    let hidden = plan.hidden.map(parse).map(|hidden| if draw == 0 { hidden } else { varied(hidden, seed) });
+    let hidden = plan.hidden.map(parse).map(|hidden| if variation == 0 { hidden } else { varied(hidden, seed) });
 
     let rest = rest_of(plan, device, &habits, &mut noise);
     let mut effects = rest.clone();
@@ -390,6 +411,7 @@ pub fn make(number: usize, plan: &Plan, draw: u32) -> Case {
         parameters,
         effects,
         runs: runs(plan, &habits, &mut noise),
+        ..Recipe::default()
     };
     let without = Recipe { effects: rest.clone(), ..truth.clone() };
     let believed = believed(plan, device, &habits, &rest, &mut noise);
@@ -551,6 +573,7 @@ fn runs(plan: &Plan, habits: &Habits, noise: &mut Noise) -> Vec<RunEntry> {
             role: role.to_owned(),
             duration_s: 30.0,
             torque,
+            ..RunEntry::default()
         })
         .into()
 }
@@ -736,7 +759,8 @@ mod tests {
         }
         // To four digits a value may come out the same.
         let mut n_varied = 0;
-        for (one, other) in (1..8).flat_map(|draw| cases.iter().zip(table::drawn(draw)).collect::<Vec<_>>()) {
+        for (one, other) in (1..8).flat_map(|variation| cases.iter().zip(table::varied(variation)).collect::<Vec<_>>())
+        {
             assert_eq!((&one.name, &one.free), (&other.name, &other.free));
             assert!(one.truth.parameters != other.truth.parameters || one.truth.start != other.truth.start);
             assert_ne!(one.truth.runs, other.truth.runs);

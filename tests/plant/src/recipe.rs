@@ -25,6 +25,11 @@
 //! # amplitude * cos(2 pi (hz + hz_per_s / 2 * t) t + phase), summed per joint
 //! torque = [{ joint = 0, amplitude = 0.3, hz = 0.8 }]
 //! ```
+//!
+//! In closed loop a [`Controller`] moves the machine along a run's `reference`, which is written as `torque` is and counts
+//! from the start; the log then holds what it commanded.
+
+mod controller;
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -38,8 +43,11 @@ use crate::Mechanism;
 use crate::effects::{self, EffectEntry, JointEffects, Moment};
 use crate::random::Noise;
 
+pub use controller::Controller;
+use controller::Loop;
+
 /// What to make.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
     /// Id of the device.
@@ -54,6 +62,12 @@ pub struct Recipe {
     pub noise_rms: f64,
     /// Logged positions are multiples of this (rad or m); 0 for none.
     pub quantum: f64,
+    /// Standard deviation of the noise of the logged torques of free joints, one entry a joint (N*m or N); empty for none.
+    #[serde(default)]
+    pub torque_noise_rms: Vec<f64>,
+    /// What moves the machine in runs that have a reference.
+    #[serde(default)]
+    pub controller: Option<Controller>,
     /// Position of every joint at the start of every run.
     pub start: Vec<f64>,
     /// True values that differ from the device file, by name.
@@ -68,7 +82,7 @@ pub struct Recipe {
 }
 
 /// One log.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunEntry {
     /// Its file name.
@@ -80,7 +94,21 @@ pub struct RunEntry {
     /// s
     pub duration_s: f64,
     /// Sum of cosines per joint.
+    #[serde(default)]
     pub torque: Vec<Cosine>,
+    /// Sum of cosines per joint that the controller follows, from the start on; with one, `torque` is not played.
+    #[serde(default)]
+    pub reference: Vec<Cosine>,
+    /// Effects that the machine has in this run alone.
+    #[serde(default, rename = "effect")]
+    pub effects: Vec<EffectEntry>,
+}
+
+impl RunEntry {
+    /// Whether the controller moves the machine.
+    pub fn is_closed_loop(&self) -> bool {
+        !self.reference.is_empty()
+    }
 }
 
 /// `amplitude * cos(2 pi (hz + hz_per_s / 2 * t) t + phase)` at one joint.
@@ -89,7 +117,7 @@ pub struct RunEntry {
 pub struct Cosine {
     /// The joint commanded.
     pub joint: usize,
-    /// N*m or N.
+    /// N*m or N; of a reference, rad or m.
     pub amplitude: f64,
     /// Frequency at the start (Hz).
     pub hz: f64,
@@ -137,8 +165,26 @@ fn true_values(recipe: &Recipe, device: &Device) -> Result<BTreeMap<String, f64>
 #[derive(Debug)]
 pub struct Plant<'a> {
     recipe: &'a Recipe,
+    machine: Machine,
+    /// As it is in runs that have effects of their own, by number of the run.
+    altered: BTreeMap<usize, Machine>,
+}
+
+/// The device with its numbers, and its effects.
+#[derive(Debug)]
+struct Machine {
     mechanism: Mechanism,
     effects: Vec<JointEffects>,
+}
+
+impl Machine {
+    fn new(recipe: &Recipe, device: &Device, entries: &[EffectEntry]) -> Result<Self, String> {
+        let effects = effects::by_joint(entries, device.joints.len())?;
+        let mut values = true_values(recipe, device)?;
+        effects::carry(&effects, device, &mut values)?;
+        let mechanism = Mechanism::new(device, &|name| values.get(name).copied().unwrap_or(f64::NAN));
+        Ok(Self { mechanism, effects })
+    }
 }
 
 /// What one run did.
@@ -148,6 +194,8 @@ pub struct Trace {
     pub commands: Vec<Vec<f64>>,
     /// What the encoders of the free joints would show without noise and quantisation, a row per sample.
     pub seen: Vec<Vec<f64>>,
+    /// What they showed to the controller, a row per sample; empty in open loop, where nothing depends on it.
+    pub shown: Vec<Vec<f64>>,
 }
 
 impl<'a> Plant<'a> {
@@ -159,34 +207,87 @@ impl<'a> Plant<'a> {
         if recipe.start.len() != device.joints.len() {
             return Err(format!("`start` has {} positions for {} joints", recipe.start.len(), device.joints.len()));
         }
-        let effects = effects::by_joint(&recipe.effects, device.joints.len())?;
-        let mut values = true_values(recipe, device)?;
-        effects::carry(&effects, device, &mut values)?;
-        let mechanism = Mechanism::new(device, &|name| values.get(name).copied().unwrap_or(f64::NAN));
-        Ok(Self { recipe, mechanism, effects })
+        let n_joints = device.joints.len();
+        if let Some(controller) = &recipe.controller {
+            controller.check(n_joints)?;
+        }
+        if ![0, n_joints].contains(&recipe.torque_noise_rms.len()) {
+            return Err(format!(
+                "`torque_noise_rms` has {} values for {n_joints} joints",
+                recipe.torque_noise_rms.len()
+            ));
+        }
+        let mut altered = BTreeMap::new();
+        for (number, run) in recipe.runs.iter().enumerate().filter(|(_, run)| !run.effects.is_empty()) {
+            let entries: Vec<EffectEntry> = recipe.effects.iter().chain(&run.effects).cloned().collect();
+            altered.insert(number, Machine::new(recipe, device, &entries)?);
+        }
+        Ok(Self { recipe, machine: Machine::new(recipe, device, &recipe.effects)?, altered })
     }
 
     /// Plays one run.
     pub fn play(&self, run: &RunEntry) -> Result<Trace, String> {
-        let n_joints = self.mechanism.n_joints();
-        let named = run.free.iter().chain(run.torque.iter().map(|wave| &wave.joint));
+        let n_joints = self.machine.mechanism.n_joints();
+        let waves = run.torque.iter().chain(&run.reference);
+        let named = run.free.iter().chain(waves.map(|wave| &wave.joint));
         if let Some(joint) = named.copied().find(|&joint| joint >= n_joints) {
             return Err(format!("{}: the device has no joint {joint}", run.file));
         }
-        let sample_s = self.recipe.sample_s;
-        let n_rows = (run.duration_s / sample_s).round() as usize + 1;
-        let commands: Vec<Vec<f64>> = (0..n_rows)
-            .map(|row| (0..n_joints).map(|joint| command(run, joint, row as f64 * sample_s)).collect())
-            .collect();
-        let mut play = Play::new(self, &run.free);
-        let mut seen = Vec::with_capacity(n_rows);
+        let recipe = self.recipe;
+        let number = recipe.runs.iter().position(|own| own.file == run.file).unwrap_or_default();
+        let mut control = match &recipe.controller {
+            Some(controller) if run.is_closed_loop() => {
+                Some((Loop::new(controller, &run.free), Noise::new(recipe.seed ^ ((number as u64 + 1) << 48))))
+            }
+            None if run.is_closed_loop() => return Err(format!("{}: the recipe has no `controller`", run.file)),
+            _ => None,
+        };
+        let n_rows = (run.duration_s / recipe.sample_s).round() as usize + 1;
+        let mut play = Play::new(recipe, self.machine_of(run), &run.free);
+        let mut trace = Trace { commands: Vec::with_capacity(n_rows), seen: Vec::new(), shown: Vec::new() };
         for row in 0..n_rows {
-            seen.push(play.seen());
+            let time = row as f64 * recipe.sample_s;
+            let seen = play.seen();
+            trace.commands.push(match &mut control {
+                Some((control, noise)) => {
+                    let shown: Vec<f64> = seen.iter().map(|q| recipe.encoder(*q, noise)).collect();
+                    let reference: Vec<f64> = (0..n_joints).map(|joint| recipe.reference(run, joint, time)).collect();
+                    let commands = control.command(recipe.sample_s, &reference, &shown, n_joints);
+                    trace.shown.push(shown);
+                    commands
+                }
+                None => (0..n_joints).map(|joint| sum(&run.torque, joint, time)).map(as_logged).collect(),
+            });
+            trace.seen.push(seen);
             if row + 1 < n_rows {
-                play.sample(&commands, row)?;
+                play.sample(&trace.commands, row)?;
             }
         }
-        Ok(Trace { commands, seen })
+        Ok(trace)
+    }
+
+    /// The fastest rate (1/s) at which the free joints' motion and states relax or turn, about the start at rest: what a step
+    /// of the integration has to resolve.
+    ///
+    /// # Errors
+    /// A machine that cannot be played.
+    pub fn fastest_rate(&self, free: &[usize]) -> Result<f64, String> {
+        Play::new(self.recipe, &self.machine, free).fastest_rate()
+    }
+
+    /// The diagonal of the inertia matrix at the start, rotors included: one entry a free joint.
+    pub fn inertia_at_start(&self, free: &[usize]) -> Vec<f64> {
+        let n = free.len();
+        let (inertia, _) = self.machine.mechanism.inertia_and_bias(free, &self.recipe.start, &vec![0.0; n]);
+        free.iter()
+            .enumerate()
+            .map(|(slot, &joint)| inertia[slot * n + slot] + self.machine.effects[joint].rotor_inertia)
+            .collect()
+    }
+
+    fn machine_of(&self, run: &RunEntry) -> &Machine {
+        let number = self.recipe.runs.iter().position(|own| own.file == run.file);
+        number.and_then(|number| self.altered.get(&number)).unwrap_or(&self.machine)
     }
 
     /// The logs that its runs leave, and `experiment.toml`.
@@ -203,6 +304,10 @@ impl<'a> Plant<'a> {
         for (run, trace) in recipe.runs.iter().zip(traces) {
             let RunEntry { file, free, role, .. } = run;
             let _ = write!(experiment, "\n[[run]]\nfile = \"{file}\"\nfree = {free:?}\nrole = \"{role}\"\n");
+            if let (Some(controller), true) = (&recipe.controller, run.is_closed_loop()) {
+                experiment.push_str("controller = \"controller.toml\"\n");
+                files.insert("controller.toml".to_owned(), controller.file(recipe.quantum));
+            }
             files.insert(file.clone(), self.log(run, trace, &mut noise));
         }
         files.insert("experiment.toml".to_owned(), experiment);
@@ -212,22 +317,35 @@ impl<'a> Plant<'a> {
     /// The log that a run leaves.
     fn log(&self, run: &RunEntry, trace: &Trace, noise: &mut Noise) -> String {
         let recipe = self.recipe;
-        let n_joints = self.mechanism.n_joints();
+        let n_joints = self.machine.mechanism.n_joints();
         let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();
-        let mut log = format!("t{}{}\n", names("tau"), names("q"));
+        let references = if run.is_closed_loop() { names("ref") } else { String::new() };
+        let mut log = format!("t{}{}{references}\n", names("tau"), names("q"));
         for (row, (commands, seen)) in trace.commands.iter().zip(&trace.seen).enumerate() {
-            let _ = write!(log, "{}", trimmed(row as f64 * recipe.sample_s, 6));
-            for command in commands {
-                let _ = write!(log, ",{}", trimmed(*command, 6));
+            let time = row as f64 * recipe.sample_s;
+            let _ = write!(log, "{}", trimmed(time, 6));
+            for (joint, command) in commands.iter().enumerate() {
+                let noise = match recipe.torque_noise_rms.get(joint) {
+                    Some(rms) if run.free.contains(&joint) => rms * noise.gaussian(),
+                    _ => 0.0,
+                };
+                let _ = write!(log, ",{}", trimmed(command + noise, 6));
             }
             for joint in 0..n_joints {
                 // a locked joint is held by its brake: its encoder shows one angle
-                let q = match run.free.iter().position(|&free| free == joint) {
-                    Some(slot) => seen[slot] + recipe.noise_rms * noise.gaussian(),
-                    None => self.effects[joint].seen(recipe.start[joint]),
+                let shown = match run.free.iter().position(|&free| free == joint) {
+                    Some(slot) => match trace.shown.get(row) {
+                        Some(shown) => shown[slot],
+                        None => recipe.encoder(seen[slot], noise),
+                    },
+                    None => recipe.rounded(self.machine.effects[joint].seen(recipe.start[joint])),
                 };
-                let shown = if recipe.quantum > 0.0 { (q / recipe.quantum).round() * recipe.quantum } else { q };
                 let _ = write!(log, ",{}", trimmed(shown, 9));
+            }
+            if run.is_closed_loop() {
+                for joint in 0..n_joints {
+                    let _ = write!(log, ",{}", trimmed(recipe.reference(run, joint, time), 9));
+                }
             }
             log.push('\n');
         }
@@ -235,15 +353,34 @@ impl<'a> Plant<'a> {
     }
 }
 
-/// Commanded torque, rounded as the log shows it.
-fn command(run: &RunEntry, joint: usize, time: f64) -> f64 {
-    let waves = run.torque.iter().filter(|wave| wave.joint == joint);
-    let torque: f64 = waves
+impl Recipe {
+    /// What an encoder shows of a position.
+    fn encoder(&self, q: f64, noise: &mut Noise) -> f64 {
+        self.rounded(q + self.noise_rms * noise.gaussian())
+    }
+
+    fn rounded(&self, q: f64) -> f64 {
+        if self.quantum > 0.0 { (q / self.quantum).round() * self.quantum } else { q }
+    }
+
+    /// Where the controller is to bring a joint.
+    fn reference(&self, run: &RunEntry, joint: usize, time: f64) -> f64 {
+        self.start[joint] + sum(&run.reference, joint, time)
+    }
+}
+
+fn sum(waves: &[Cosine], joint: usize, time: f64) -> f64 {
+    let waves = waves.iter().filter(|wave| wave.joint == joint);
+    waves
         .map(|wave| {
             let turns = (wave.hz + 0.5 * wave.hz_per_s * time) * time;
             wave.amplitude * (TAU * turns + wave.phase).cos()
         })
-        .sum();
+        .sum()
+}
+
+/// Torques are rounded as the log shows them.
+fn as_logged(torque: f64) -> f64 {
     (torque * 1e6).round() / 1e6
 }
 
@@ -256,7 +393,8 @@ fn trimmed(value: f64, decimals: usize) -> String {
 
 /// Everything that moves.
 struct Play<'a> {
-    plant: &'a Plant<'a>,
+    recipe: &'a Recipe,
+    effects: &'a [JointEffects],
     /// With the locked joints held.
     mechanism: Mechanism,
     free: &'a [usize],
@@ -279,27 +417,50 @@ struct Stretch<'a> {
 }
 
 impl<'a> Play<'a> {
-    fn new(plant: &'a Plant<'a>, free: &'a [usize]) -> Self {
-        let n_states: usize = free.iter().map(|&joint| plant.effects[joint].n_states()).sum();
+    fn new(recipe: &'a Recipe, machine: &'a Machine, free: &'a [usize]) -> Self {
+        let effects = &machine.effects;
+        let n_states: usize = free.iter().map(|&joint| effects[joint].n_states()).sum();
         let mut state = vec![0.0; 2 * free.len() + n_states];
         for (slot, &joint) in free.iter().enumerate() {
-            state[slot] = plant.recipe.start[joint];
+            state[slot] = recipe.start[joint];
         }
-        let mechanism = plant.mechanism.holding(free, &plant.recipe.start);
-        Self { plant, mechanism, free, state, lagged: vec![0.0; free.len()] }
+        let mechanism = machine.mechanism.holding(free, &recipe.start);
+        Self { recipe, effects, mechanism, free, state, lagged: vec![0.0; free.len()] }
+    }
+
+    /// Of the linearised motion, by differences.
+    fn fastest_rate(&self) -> Result<f64, String> {
+        const NUDGE: f64 = 1e-6;
+        let still = vec![0.0; self.effects.len()];
+        let nothing = vec![0.0; self.free.len()];
+        let stretch = Stretch { start: 0.0, commands: &still, entering: &nothing, before: &nothing };
+        let n = self.state.len();
+        let mut jacobian = DMatrix::zeros(n, n);
+        for column in 0..n {
+            let at = |by: f64| {
+                let mut state = self.state.clone();
+                state[column] += by;
+                self.rates(&state, &stretch, 0.0)
+            };
+            let (after, before) = (at(NUDGE)?, at(-NUDGE)?);
+            for row in 0..n {
+                jacobian[(row, column)] = (after[row] - before[row]) / (2.0 * NUDGE);
+            }
+        }
+        Ok(jacobian.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, f64::max))
     }
 
     /// What the encoders would show without noise.
     fn seen(&self) -> Vec<f64> {
-        self.free.iter().zip(&self.state).map(|(&joint, &q)| self.plant.effects[joint].seen(q)).collect()
+        self.free.iter().zip(&self.state).map(|(&joint, &q)| self.effects[joint].seen(q)).collect()
     }
 
     /// From one row to the next, in stretches that end where a delayed command arrives: a staircase stays a staircase.
     fn sample(&mut self, commands: &[Vec<f64>], row: usize) -> Result<(), String> {
-        let recipe = self.plant.recipe;
+        let recipe = self.recipe;
         let (sample_s, start) = (recipe.sample_s, row as f64 * recipe.sample_s);
         let mut ends: Vec<f64> =
-            self.free.iter().map(|&joint| self.plant.effects[joint].drive.delay.rem_euclid(sample_s)).collect();
+            self.free.iter().map(|&joint| self.effects[joint].drive.delay.rem_euclid(sample_s)).collect();
         ends.push(sample_s);
         ends.retain(|end| *end > 1e-9 * sample_s);
         ends.sort_by(f64::total_cmp);
@@ -311,7 +472,7 @@ impl<'a> Play<'a> {
                 .free
                 .iter()
                 .map(|&joint| {
-                    let drive = &self.plant.effects[joint].drive;
+                    let drive = &self.effects[joint].drive;
                     let arrived = (middle - drive.delay) / sample_s;
                     // before the log its first command stands; the cast takes what is negative to row 0
                     drive.before_lag(commands[arrived as usize][joint])
@@ -326,7 +487,7 @@ impl<'a> Play<'a> {
                 self.step(&stretch, k as f64 * step, step)?;
             }
             for (slot, &joint) in self.free.iter().enumerate() {
-                self.lagged[slot] = self.plant.effects[joint].drive.lagged(before[slot], entering[slot], end - from);
+                self.lagged[slot] = self.effects[joint].drive.lagged(before[slot], entering[slot], end - from);
             }
             from = end;
         }
@@ -351,7 +512,7 @@ impl<'a> Play<'a> {
 
     fn rates(&self, state: &[f64], stretch: &Stretch<'_>, elapsed: f64) -> Result<Vec<f64>, String> {
         let n = self.free.len();
-        let (mut q, mut dq) = (self.plant.recipe.start.clone(), vec![0.0; self.plant.recipe.start.len()]);
+        let (mut q, mut dq) = (self.recipe.start.clone(), vec![0.0; self.recipe.start.len()]);
         for (slot, &joint) in self.free.iter().enumerate() {
             q[joint] = state[slot];
             dq[joint] = state[n + slot];
@@ -361,7 +522,7 @@ impl<'a> Play<'a> {
         let mut force = DVector::zeros(n);
         let mut used = 2 * n;
         for (slot, &joint) in self.free.iter().enumerate() {
-            let effects = &self.plant.effects[joint];
+            let effects = &self.effects[joint];
             let own = used..used + effects.n_states();
             used = own.end;
             let time = stretch.start + elapsed;

@@ -374,8 +374,9 @@ fn played_log_follows_the_closed_form() {
             free: vec![0],
             role: "fit".to_owned(),
             duration_s: 2.0,
-            torque: Vec::new(),
+            ..RunEntry::default()
         }],
+        ..Recipe::default()
     };
     let files = make(&recipe, &device).unwrap();
     assert!(files["experiment.toml"].contains("file = \"swing.csv\"\nfree = [0]\nrole = \"fit\""));

@@ -65,9 +65,8 @@ fn played(effects: Vec<EffectEntry>, hz: f64, duration_s: f64) -> Vec<f64> {
         noise_rms: 0.0,
         quantum: 0.0,
         start: vec![0.0],
-        parameters: BTreeMap::new(),
         effects,
-        runs: Vec::new(),
+        ..Recipe::default()
     };
     let run = RunEntry {
         file: String::new(),
@@ -75,6 +74,7 @@ fn played(effects: Vec<EffectEntry>, hz: f64, duration_s: f64) -> Vec<f64> {
         role: String::new(),
         duration_s,
         torque: vec![Cosine { joint: 0, amplitude: TORQUE, hz, hz_per_s: 0.0, phase: 0.0 }],
+        ..RunEntry::default()
     };
     let device = rotor(0.0);
     let trace = Plant::new(&recipe, &device).unwrap().play(&run).unwrap();

@@ -12,13 +12,13 @@ const MASS: &str = "oscillator";
 /// All cases, in an order that stays.
 #[must_use]
 pub fn cases() -> Vec<Case> {
-    drawn(0)
+    varied(0)
 }
 
-/// The same questions asked of other machines: what was mended by looking at one draw is judged by others.
+/// The same questions asked of other machines: what was mended by looking at one variation is judged by others.
 #[must_use]
-pub fn drawn(draw: u32) -> Vec<Case> {
-    (1..).zip(plans()).map(|(number, plan)| make(number, &plan, draw)).collect()
+pub fn varied(variation: u32) -> Vec<Case> {
+    (1..).zip(plans()).map(|(number, plan)| make(number, &plan, variation)).collect()
 }
 
 fn hidden(device: &'static str, free: &[usize], friction: &'static str, effect: &'static str) -> Plan {

@@ -13,6 +13,7 @@ use std::time::Instant;
 use serde_json::Value;
 
 use super::{Case, Kind, Spot, noise_floor};
+use crate::recipe::Files;
 
 /// How far above the noise floor the held-out error may stay when the effect has been added.
 pub const EXPLAINED: f64 = 1.5;
@@ -51,9 +52,17 @@ struct Bench<'a> {
 /// # Errors
 /// A machine that cannot be played, a folder that cannot be written.
 pub fn write(case: &Case, folder: &Path) -> Result<(), String> {
+    write_files(case.files()?, folder)
+}
+
+/// Writes files into `folder`, over what is there.
+///
+/// # Errors
+/// A folder that cannot be written.
+pub fn write_files(files: Files, folder: &Path) -> Result<(), String> {
     let told = |path: &Path, error: std::io::Error| format!("{}: {error}", path.display());
     fs::create_dir_all(folder).map_err(|error| told(folder, error))?;
-    for (name, text) in case.files()? {
+    for (name, text) in files {
         let path = folder.join(name);
         fs::write(&path, text).map_err(|error| told(&path, error))?;
     }
@@ -91,13 +100,15 @@ pub fn run(case: &Case, folder: &Path, program: &Path) -> Result<Outcome, String
         after = if bench.fit("better", "better-fitted")? { bench.held_out("better-fitted")? } else { None };
     }
     let discovered = if case.kind == Kind::Outside && !case.terms.is_empty() && verdict == "unexplained" {
-        Some(discovers(case, &diagnosis["discovered"]))
+        Some(discovers(&case.terms, &diagnosis["discovered"]))
     } else {
         None
     };
     let right = match case.kind {
-        Kind::Hidden => verdict == "missing_effect" && rank == Some(1) && after.is_some_and(|after| after <= EXPLAINED),
-        Kind::Nothing => verdict == "nothing_missing",
+        Kind::Hidden | Kind::TwoAtOnce => {
+            verdict == "missing_effect" && rank == Some(1) && after.is_some_and(|after| after <= EXPLAINED)
+        }
+        Kind::Nothing | Kind::PayloadInOneRun => verdict == "nothing_missing",
         Kind::Outside => verdict == "unexplained",
     };
     Ok(Outcome { verdict, first, rank, tied, before, after, discovered, seconds, right })
@@ -124,7 +135,7 @@ impl fmt::Display for Spot {
     }
 }
 
-fn spot(entry: &Value) -> Result<Spot, String> {
+pub(super) fn spot(entry: &Value) -> Result<Spot, String> {
     let index = |key: &str| entry[key].as_u64().map(|joint| joint as usize);
     let effect = entry["effect"].as_str().ok_or("an entry of the ranking names no `effect`")?;
     // an effect of the whole device has no joint; no case hides one
@@ -198,13 +209,13 @@ impl Bench<'_> {
     }
 }
 
-/// Whether a formula that a diagnosis discovered, at any joint, holds one of the case's terms.
-fn discovers(case: &Case, discovered: &Value) -> bool {
+/// Whether a formula that a diagnosis discovered, at any joint, holds one of these terms.
+pub(super) fn discovers(wanted: &[String], discovered: &Value) -> bool {
     let elsewhere = discovered["elsewhere"].as_array().into_iter().flatten();
     let terms =
         std::iter::once(discovered).chain(elsewhere).filter_map(|formula| formula["terms"].as_array()).flatten();
     let found: Vec<&str> = terms.filter_map(|term| term["term"].as_str()).collect();
-    case.terms.iter().any(|wanted| found.iter().any(|found| is_term(found, wanted)))
+    wanted.iter().any(|wanted| found.iter().any(|found| is_term(found, wanted)))
 }
 
 /// Whether a discovered product such as `load3 * sin(9*q3)` is of exactly these signals, such as `tau3*sin(q3)`: whatever the

@@ -49,8 +49,8 @@ pub enum DiagnoseProgress<'a> {
 }
 
 /// Asks which effect of the library `model` lacks, at which joint, how sure that is and what else it could be: the model is
-/// fitted, every effect at every place is screened without a fit, and the most promising are fitted for good and judged by
-/// runs that no fit saw. `progress` hears of each step, from several threads, and may stop it.
+/// fitted by the prediction-error method, every effect at every place is asked without a fit what it would add to the likelihood of the
+/// logs, and the most promising are fitted and judged by that of all runs, those that no fit saw included. `progress` hears of each step, from several threads, and may stop it.
 ///
 /// # Errors
 /// A model of another device; no such runs, none to fit to, or runs too short to tell anything; stopped by `progress`

@@ -30,9 +30,10 @@ Examples:
   dynid diagnose experiment.toml --model fitted.toml --depth 3              up to three effects, one after the other
   dynid diagnose experiment.toml --model fitted.toml --free 4,5             only runs with just these joints free
 
-The model is fitted first. Every effect of the library is then tried at every place without a fit: how much of what is left
-would it explain if the model's own parameters may make up for it? The best are fitted for good, and the runs that were
-not fitted (role \"validate\") decide. Ctrl-C keeps the fits that are done; the same command goes on from them.
+The model is fitted so that its one-step predictions make the logs likeliest, and every effect of the library is asked at every
+place what it would add to that likelihood. The most promising are fitted, and the likelihood of all runs, those held out (role
+\"validate\") included, decides; it goes on while another effect explains what is left. With --error, errors of simulations or of the
+torque decide instead. Ctrl-C keeps the fits that are done; the same command goes on from them.
 
 Verdicts: missing_effect, nothing_missing (what is left is noise), unexplained (no effect of the library explains it).
 delta BIC below 0 means that an effect is worth its parameters.")]

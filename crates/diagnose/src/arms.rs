@@ -50,7 +50,7 @@ pub fn race(
     /// Integration steps per sample, over all iterations, that an arm gets in the first round; in each later one twice as many.
     const STEPS: usize = 20;
     /// A search that is not at its end after so many is not followed any more.
-    const MOST_STEPS: usize = 1000;
+    const MOST_STEPS: usize = 640;
     /// So many rounds like the last one should bring an arm to the best one.
     const ROUNDS: f64 = 5.0;
     let mut steps = STEPS;

@@ -9,9 +9,9 @@
 //! 5. `arms`: one queue of starts, halved again and again; then starts from the best one's values; as long as that changes the best.
 //! 6. What is compared is the log likelihood of the fitted and the held-out runs, less the price of the unknowns.
 //! 7. Effects that this does not tell apart are named together.
-//! 8. The best is the missing effect if its innovations are white and its rates 0, and the nearest if they are not and no formula leaves far
-//!    less.
-//! 9. It is added, and all goes on from 3 while it pays.
+//! 8. The best is the missing effect if its innovations are white and its rates 0, or if it makes up for most of what the logs' own noise
+//!    leaves to explain and no formula leaves far less; else it is the nearest.
+//! 9. It is added, and all goes on from 3 while it pays; what is found so counts where it explains all in the end.
 //! 10. A formula (`discover`) is looked for where no effect explains what is left.
 
 use dynid_dynamics::simulate::Intersample;
@@ -20,6 +20,7 @@ use dynid_identify::identify::ErrorSignal;
 use dynid_identify::position::PositionFitError;
 use dynid_identify::prediction::{JointInnovations, Settings, State};
 use dynid_logs::experiment::{Experiment, Role, Run};
+use dynid_logs::noise::noise_of_log;
 use dynid_user_model::Model;
 
 use crate::missing::{Fitted, Logs};
@@ -32,10 +33,26 @@ use crate::{
 
 /// An effect is chance if its log likelihood rises by less than the logarithm of the places asked over this.
 const BY_CHANCE: f64 = 0.01;
+/// An effect that does not explain all is named if it explains this share.
+const MUCH: f64 = 0.5;
 /// So many effects are looked for one after the other, unless it is said how many.
-const DEEPEST: usize = 4;
+const DEEPEST: usize = 2;
 /// Effects of a step that are shown, and judged by simulations.
 const SHOWN: usize = 5;
+
+/// Whether the likelihood decides where nobody asks for an error: not of a loop that a controller closed, nor of logs that are prepared
+/// for the torque error, nor where more joints move at once than a race can be run with in minutes.
+pub(super) fn is_for(runs: &[&Run]) -> bool {
+    runs.iter().all(|run| {
+        let settings = &run.settings;
+        let is_open = settings.controller.is_none() && run.log.reference.is_none();
+        let is_prepared = settings.cutoff_hz.is_some()
+            || settings.decimate > 1
+            || run.log.mask.is_some()
+            || settings.min_speed.iter().any(|speed| *speed > 0.0);
+        is_open && !is_prepared && run.free.len() <= crate::FEW_JOINTS
+    })
+}
 
 /// Diagnoses by the likelihood of the logs.
 pub(super) fn diagnose(
@@ -85,9 +102,7 @@ pub(super) fn diagnose(
         }
     }
     let judged: Vec<&Run> = if lines.is_empty() { judged } else { lines.iter().collect() };
-    // What is shown of a loop that a controller closed is its torque error.
-    let is_closed = |run: &&Run| run.settings.controller.is_some() || run.log.reference.is_some();
-    let error = if judged.iter().any(is_closed) { ErrorSignal::Torque } else { ErrorSignal::Position };
+    let error = ErrorSignal::Position;
     let options_of_fit = crate::fit_options(options, error, &judged);
     let judge = Judge { error, experiment, runs: &judged, options: options_of_fit };
     let first = refit(&judge, &base, 0.0)?;
@@ -99,6 +114,7 @@ pub(super) fn diagnose(
         Work { runs, prior: model, judge: &judge, folds: &[], options, finished, tell, stop };
     let mut steps: Vec<Step> = Vec::new();
     let mut before = (base, first.clone());
+    let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(DEEPEST).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, tell, stop)?;
         let goes_on = step.verdict == Verdict::MissingEffect && !found.first().is_some_and(Fitted::is_whole);
@@ -127,10 +143,15 @@ pub(super) fn diagnose(
                 }
             }
         }
-        if !goes_on || fitted.is_whole() {
+        is_whole = fitted.is_whole();
+        if !goes_on || is_whole {
             break;
         }
         before = (fitted.as_base(), refit);
+    }
+    // Where nothing explains all, what was added to the first may make up for its values; unless more was asked for, only that is said.
+    if options.depth.is_none() && !is_whole {
+        steps.truncate(1);
     }
     verdict::conclude(&outer, &first, steps, notes)
 }
@@ -149,7 +170,8 @@ fn step(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Vec<Fitted>, Step), DiagnoseError> {
     let nothing = |verdict| Step { verdict, base: before.clone(), screening: Vec::new(), fitted: Vec::new(), failed: Vec::new() };
-    if base.is_whole() {
+    // Where free simulations leave no more than the noise of the logs, a pattern in it is not worth a name.
+    if base.is_whole() || verdict::reaches_the_floor(before) {
         return Ok((Vec::new(), nothing(Verdict::NothingMissing)));
     }
     let starts = work.starts(base, &[]).map_err(FitError::from)?;
@@ -186,6 +208,7 @@ fn step(
         None if is_near_noise(before) => Verdict::NothingMissing,
         None => Verdict::Unexplained,
         Some(best) if best.is_whole() => Verdict::MissingEffect,
+        Some(best) if explained(base, best, &work.fit) < MUCH => Verdict::Unexplained,
         Some(best) => {
             let joint = helped(base, best);
             let formula = discover::better_than(&base.parsed(), &[&best.parsed()], judge.runs, joint, 0.5);
@@ -198,6 +221,17 @@ fn step(
 /// Whether hardly more than noise is left.
 fn is_near_noise(refit: &Refit) -> bool {
     refit.worst_ratio().is_some_and(|ratio| ratio < verdict::NEAR_THE_FLOOR)
+}
+
+/// How much of what the log likelihood falls short of at the noise of the logs an effect makes up for.
+fn explained(before: &Fitted, after: &Fitted, runs: &[Run]) -> f64 {
+    let short = |joint: &JointInnovations| {
+        let free = runs.iter().filter(|run| run.free.contains(&joint.joint));
+        let noise = free.map(|run| noise_of_log(&run.log.q[joint.joint])).fold(0.0, f64::max);
+        joint.samples * (joint.deviation / noise.max(f64::MIN_POSITIVE)).ln().max(0.0)
+    };
+    let attainable: f64 = before.fit.joints.iter().map(short).sum();
+    (after.fit.log_likelihood - before.fit.log_likelihood) / attainable.max(f64::MIN_POSITIVE)
 }
 
 /// The joint whose logs become likelier most.

@@ -1,6 +1,7 @@
 //! Diagnosis: which physical effect a model lacks, at which joint, and how sure that is ([`diagnose`]).
 //!
-//! The order of a diagnosis:
+//! What decides is the likelihood of the logs (`by_likelihood`, where the order is listed). Where an error signal is asked for instead
+//! ([`Options::error`]), the order is:
 //!
 //! 1. `excitation`: runs that are too short, or in which nothing moves, are errors; joints that stand still and parameters that
 //!    the runs leave open are notes.
@@ -213,7 +214,7 @@ pub struct Moved {
 /// How to diagnose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Which error; by default the one that a fit would make small.
+    /// Which error decides; without one, the likelihood of the logs.
     pub error: Option<ErrorSignal>,
     /// How many effects are looked for, one after the other; `None` for as many as it pays.
     pub depth: Option<usize>,
@@ -292,16 +293,16 @@ pub fn diagnose(
     tell: &(dyn Fn(&Event<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, DiagnoseError> {
-    let Some(error) = options.error else {
+    if options.error.is_none() && by_likelihood::is_for(runs) {
         return by_likelihood::diagnose(model, experiment, runs, options, finished, tell, stop);
-    };
+    }
     let mut notes = Vec::new();
-    let error = match error {
-        ErrorSignal::Both => match default_error(model, runs) {
+    let error = match options.error {
+        Some(ErrorSignal::Both) | None => match default_error(model, runs) {
             ErrorSignal::Torque => ErrorSignal::Torque,
             _ => ErrorSignal::Position,
         },
-        error => error,
+        Some(error) => error,
     };
     let split = blocks::Split::of(runs, error);
     if split.is_cut() {

@@ -98,8 +98,8 @@ const LOOKED_AT_S: f64 = 30.0;
 const LEAST_S: f64 = 5.0;
 /// Arms of a batch, batches at most, and arms that are followed to their end.
 const ARMS: usize = 16;
-const BATCHES: usize = 3;
-const LAST: usize = 4;
+const BATCHES: usize = 2;
+const LAST: usize = 3;
 /// Share of the errors that may be the integration's in a race, and what that may change of a log likelihood per sample.
 const RACE: f64 = 0.25;
 const ROUGH: f64 = 0.1;
@@ -150,8 +150,11 @@ impl Logs<'_> {
         let model = fitted.parsed();
         let problem = self.problem(&model)?;
         let key = format!("{key} final");
-        let state = (self.recall)(&key).unwrap_or_else(|| fitted.state.clone());
-        let mut search = Search::new(&problem, Some(state))?;
+        let recalled = (self.recall)(&key);
+        let mut search = Search::new(&problem, recalled.clone().or_else(|| Some(fitted.state.clone())))?;
+        if recalled.is_none() {
+            search.reopen(&self.search);
+        }
         self.advance(&mut search);
         (self.keep)(&key, search.state());
         self.fitted(fitted.candidate.as_ref(), &model, &search, true)

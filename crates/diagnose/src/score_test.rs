@@ -46,6 +46,8 @@ const RATES: [f64; 3] = [1.0, 0.3, 0.1];
 /// Columns, and states of effects, that one evaluation takes at most.
 const MOST_COLUMNS: usize = 160;
 const MOST_STATES: usize = 8;
+/// Integration steps so many times shorter than the model's are tried for what stands in the drive path.
+const SHORTER: [usize; 3] = [1, 4, 16];
 /// The first samples tell whether an effect does nothing.
 const FIRST: usize = 300;
 
@@ -66,13 +68,20 @@ impl<'a> ScoreTest<'a> {
         let rates = RATES.iter().map(|factor| multiplied(*factor).collect()).collect();
         let initial = initial.to_vec();
         let mut test = Self { model, runs, ready, initial, rates, without: Vec::new(), substeps, expected };
-        test.without = test.rates.par_iter().map(|rates| test.cost(model, test.ready.clone(), rates)).collect();
+        test.without =
+            test.rates.par_iter().map(|rates| test.cost(model, test.ready.clone(), rates, test.substeps)).collect();
         Ok(test)
     }
 
     /// Cost of a model at its values and these rates, once all its unknowns have taken their step.
-    fn cost(&self, model: &Model, ready: Vec<FitRun>, rates: &BTreeMap<usize, f64>) -> Option<f64> {
-        let expansion = Expansion::new(&self.problem(model, ready, rates), self.substeps)?;
+    fn cost(
+        &self,
+        model: &Model,
+        ready: Vec<FitRun>,
+        rates: &BTreeMap<usize, f64>,
+        substeps: usize,
+    ) -> Option<f64> {
+        let expansion = Expansion::new(&self.problem(model, ready, rates), substeps)?;
         Some(expansion.reduced(&[])?.cost())
     }
 
@@ -233,8 +242,10 @@ impl<'a> ScoreTest<'a> {
         let (candidate, probe) = (&probes[own].0, &probes[own].1[k]);
         let ready: Vec<FitRun> =
             self.runs.iter().map(|run| FitRun::of_run(&probe.model, run)).collect::<Result<_, _>>().ok()?;
+        // A transmission may need shorter steps than the model without it.
         let gains = self.rates.iter().zip(&self.without).filter_map(|(rates, without)| {
-            let gain = (*without)? - self.cost(&probe.model, ready.clone(), rates)?;
+            let cost = |shorter: usize| self.cost(&probe.model, ready.clone(), rates, shorter * self.substeps);
+            let gain = (*without)? - SHORTER.into_iter().find_map(cost)?;
             gain.is_finite().then_some(gain)
         });
         let best = gains.max_by(f64::total_cmp);

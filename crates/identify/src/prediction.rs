@@ -200,13 +200,6 @@ impl<'a> Search<'a> {
     /// Takes `iterations` more linearisations at most; `watch` sees the negative log likelihood after each.
     pub fn advance(&mut self, settings: &Settings, iterations: usize, watch: &mut dyn FnMut(f64) -> SearchControl) {
         let end = self.iterations() + iterations;
-        if self.state.is_done {
-            // With finer steps than it was done with, there may be more to find.
-            let substeps = self.evaluator.substeps(&self.state.search.x, self.state.substeps, settings.integration);
-            if substeps > self.state.substeps {
-                self.refine(substeps);
-            }
-        }
         while self.iterations() < end && !self.state.is_done {
             let Self { problem, evaluator, state } = self;
             let at = evaluator.at(state.substeps);
@@ -253,9 +246,16 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Takes up a search that came to its end with rougher steps, or in a part of the logs.
+    pub fn reopen(&mut self, settings: &Settings) {
+        let substeps = self.evaluator.substeps(&self.state.search.x, self.state.substeps, settings.integration);
+        self.refine(substeps);
+    }
+
     fn refine(&mut self, substeps: usize) {
         let Self { problem, evaluator, state } = self;
         state.is_done = false;
+        state.cost = None;
         state.iterations += state.search.iterations;
         state.substeps = substeps;
         state.search = sqp::State::start(&state.search.x, &problem.region(evaluator));

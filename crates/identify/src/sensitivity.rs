@@ -888,6 +888,70 @@ mod tests {
         }
     }
 
+    /// Predictions of the arm's samples, against positions that no model explains, at these rates.
+    fn predictions(rates: &[f64; 2], viscous: f64, q0: &[f64; 2]) -> Vec<f64> {
+        let (system, time, command, position) = predicted_arm(viscous);
+        let predictor = Predictor { position: &position, rates, every: 1 };
+        let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
+        dynid_dynamics::simulate::predict(&system, &input, &predictor, q0, &Options::default()).unwrap().q
+    }
+
+    fn predicted_arm(change: f64) -> (System, Vec<f64>, Vec<f64>, Vec<f64>) {
+        let mut system = full_arm();
+        let links = system.link_parameters().to_vec();
+        let mut effects = system.effect_parameters().to_vec();
+        effects[0] += change;
+        system.set_parameters(&links, &effects);
+        let time: Vec<f64> = (0..61).map(|k| f64::from(k) * 0.01).collect();
+        let command = time.iter().flat_map(|t| [4.0 + (9.0 * t).sin(), 3.0 * (5.0 * t).cos()]).collect();
+        let position = time.iter().flat_map(|t| [0.3 + 0.2 * (4.0 * t).sin(), -0.5 + 0.1 * (7.0 * t).cos()]).collect();
+        (system, time, command, position)
+    }
+
+    #[test]
+    fn predictions_have_exact_derivatives_by_parameters_rates_and_starts() {
+        let (rates, q0) = ([20.0, 90.0], [0.31, -0.42]);
+        let (system, time, command, position) = predicted_arm(0.0);
+        let columns = Columns::new(&system, |_| true, Lumps::Wanted).predicting(2);
+        let predictor = Predictor { position: &position, rates: &rates, every: 1 };
+        let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
+        let (mut q, mut s) = (Vec::new(), Vec::new());
+        predict(&system, &columns, &input, &predictor, &q0, &Options::default(), |_, position, rows| {
+            q.extend_from_slice(position);
+            s.extend(rows.chunks(columns.width()).map(<[f64]>::to_vec));
+        })
+        .unwrap();
+        for (with, plain) in q.iter().zip(predictions(&rates, 0.0, &q0)) {
+            assert!((with - plain).abs() < 1e-12, "{with} is not {plain}");
+        }
+        let compare = |column: usize, size: f64, at: &dyn Fn(f64) -> Vec<f64>| {
+            let (plus, minus) = (at(size), at(-size));
+            let exact: Vec<f64> = s.iter().map(|row| row[column]).collect();
+            let scale = exact.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));
+            assert!(scale > 0.0, "column {column} matters");
+            for ((plus, minus), exact) in plus.iter().zip(&minus).zip(&exact) {
+                let difference = (plus - minus) / (2.0 * size);
+                assert!((difference - exact).abs() <= 1e-4 * scale, "column {column}: {difference} is not {exact}");
+            }
+        };
+        let first_effect = columns.effect(0).unwrap();
+        compare(first_effect, 1e-5, &|step| predictions(&rates, step, &q0));
+        for slot in 0..2 {
+            let rate = columns.rates().nth(slot).unwrap();
+            compare(rate, 1e-3, &|step| {
+                let mut rates = rates;
+                rates[slot] += step;
+                predictions(&rates, 0.0, &q0)
+            });
+            let start = columns.initial().nth(slot).unwrap();
+            compare(start, 1e-5, &|step| {
+                let mut q0 = q0;
+                q0[slot] += step;
+                predictions(&rates, 0.0, &q0)
+            });
+        }
+    }
+
     /// The numeric solution has small steps of its own where the friction jumps, so the difference is a wide one of fine
     /// integration. Without the jumps of S the error would be a third of the derivative.
     #[test]

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use assert_cmd::Command;
 
 use dynid_diagnose::{
-    DiagnoseError, Diagnosis, Event, Finished, Note, Options, Statement, Verdict, candidates, diagnose,
+    DiagnoseError, Diagnosis, Event, Finished, FinishedFit, Note, Options, Statement, Verdict, candidates, diagnose,
 };
 use dynid_identify::identify::ErrorSignal;
 use dynid_logs::{experiment::Experiment, experiment::Run};
@@ -164,7 +164,7 @@ fn a_diagnosis_that_was_stopped_goes_on() {
     let asked = AtomicBool::new(false);
     let keep = |event: &Event<'_>| {
         if let Event::Refitted(key, refit) = event {
-            kept.lock().unwrap().insert((*key).to_owned(), (*refit).clone());
+            kept.lock().unwrap().insert((*key).to_owned(), FinishedFit::Refit((*refit).clone()));
             asked.fetch_or(refit.candidate.is_some(), Ordering::SeqCst);
         }
     };
@@ -212,7 +212,7 @@ fn comparing_candidates_with_an_observer_changes_with_neither_threads_nor_a_stop
             asked.store(true, Ordering::SeqCst);
         }
         Event::Refitted(key, refit) => {
-            kept.lock().unwrap().insert((*key).to_owned(), (*refit).clone());
+            kept.lock().unwrap().insert((*key).to_owned(), FinishedFit::Refit((*refit).clone()));
         }
         _ => (),
     };

@@ -3,8 +3,8 @@
 
 use rayon::prelude::*;
 
-use dynid_identify::prediction::{PredictionProblem, Search, Settings, State};
 use dynid_identify::SearchControl;
+use dynid_identify::prediction::{PredictionProblem, Search, Settings, State};
 use dynid_user_model::Model;
 
 use crate::candidate::Candidate;
@@ -84,7 +84,7 @@ pub fn race(
         // What falls so slowly that it would not come to the best within as many rounds is no rival.
         let best = arms.first().map_or(f64::INFINITY, Arm::cost);
         let falls: Vec<f64> = arms.iter().map(|arm| arm.before - arm.cost()).collect();
-        let mut rivals = falls.iter().map(|fall| *fall);
+        let mut rivals = falls.iter().copied();
         arms.retain(|arm| {
             let fall = rivals.next().unwrap_or(0.0);
             round == 0 || arm.is_done() || arm.cost() - best <= ROUNDS * fall

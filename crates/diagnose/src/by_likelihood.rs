@@ -27,8 +27,8 @@ use crate::missing::{Fitted, Logs};
 use crate::refit::{EffectParameter, Judge, Refit};
 use crate::verdict::{self, Judged};
 use crate::{
-    Candidate, Diagnosis, DiagnoseError, Event, Finished, FinishedFit, Note, Options, RejectedCandidate, Rejection, Screened, Step,
-    Verdict, Work, blocks, discover, excitation, intersample,
+    Candidate, DiagnoseError, Diagnosis, Event, Finished, FinishedFit, Note, Options, RejectedCandidate, Rejection,
+    Screened, Step, Verdict, Work, blocks, discover, excitation, intersample,
 };
 
 /// An effect is chance if its log likelihood rises by less than the logarithm of the places asked over this.
@@ -110,8 +110,7 @@ pub(super) fn diagnose(
         notes.push(Note::StraightCommand { rmse_straight: first.rmse_validate, rmse_standing: None });
     }
     notes.extend(excitation::left_open(model, runs, &first));
-    let outer =
-        Work { runs, prior: model, judge: &judge, folds: &[], options, finished, tell, stop };
+    let outer = Work { runs, prior: model, judge: &judge, folds: &[], options, finished, tell, stop };
     let mut steps: Vec<Step> = Vec::new();
     let mut before = (base, first.clone());
     let mut is_whole = false;
@@ -169,7 +168,8 @@ fn step(
     tell: &(dyn Fn(&Event<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Vec<Fitted>, Step), DiagnoseError> {
-    let nothing = |verdict| Step { verdict, base: before.clone(), screening: Vec::new(), fitted: Vec::new(), failed: Vec::new() };
+    let nothing =
+        |verdict| Step { verdict, base: before.clone(), screening: Vec::new(), fitted: Vec::new(), failed: Vec::new() };
     // Where free simulations leave no more than the noise of the logs, a pattern in it is not worth a name.
     if base.is_whole() || verdict::reaches_the_floor(before) {
         return Ok((Vec::new(), nothing(Verdict::NothingMissing)));
@@ -187,13 +187,28 @@ fn step(
     for start in &starts {
         if screening.iter().all(|other| other.candidate != start.candidate) {
             let (position, candidate) = (Some(-2.0 * start.promise), start.candidate.clone());
-            screening.push(Screened { candidate, torque: None, torque_explained: None, position, position_explained: None });
+            screening.push(Screened {
+                candidate,
+                torque: None,
+                torque_explained: None,
+                position,
+                position_explained: None,
+            });
         }
     }
     screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
-    let (paying, others): (Vec<Fitted>, Vec<Fitted>) =
+    let (mut paying, others): (Vec<Fitted>, Vec<Fitted>) =
         found.into_iter().partition(|fitted| fitted.score() - base.score() > least);
-    let bic = |fitted: &Fitted| -2.0 * (fitted.fit.log_likelihood - base.fit.log_likelihood) + 2.0 * (fitted.price() - base.price());
+    // Of those that differ by what may be chance the plainest comes first.
+    let best = paying.first().map_or(0.0, Fitted::score);
+    let alike = paying.iter().take_while(|fitted| best - fitted.score() < least).count();
+    let plainest = (0..alike).min_by(|a, b| paying[*a].unknowns.total_cmp(&paying[*b].unknowns).then(a.cmp(b)));
+    if let Some(plainest) = plainest {
+        paying[..=plainest].rotate_right(1);
+    }
+    let bic = |fitted: &Fitted| {
+        -2.0 * (fitted.fit.log_likelihood - base.fit.log_likelihood) + 2.0 * (fitted.price() - base.price())
+    };
     let failed = others.iter().filter_map(|fitted| {
         let reason = Rejection::NotWorthItsParameters { delta_bic: bic(fitted) };
         Some(RejectedCandidate { candidate: fitted.candidate.clone()?, reason })
@@ -247,14 +262,16 @@ fn helped(before: &Fitted, after: &Fitted) -> usize {
 /// What simulations and torques say of a fitted model.
 fn refit(judge: &Judge<'_>, fitted: &Fitted, base_unknowns: f64) -> Result<Refit, DiagnoseError> {
     let model = fitted.parsed();
-    let own = |name: &str| fitted.candidate.as_ref().is_none_or(|candidate| crate::refit::is_own(candidate, &model, name));
-    let parameters = fitted.fit.parameters.iter().filter(|estimate| own(&estimate.name)).map(|estimate| EffectParameter {
-        name: estimate.name.clone(),
-        value: estimate.value,
-        std_error: estimate.std_error,
-        at_bound: estimate.at_bound && !crate::refit::is_null(&model, &estimate.name, estimate.value),
-        identifiable: estimate.identifiable,
-    });
+    let own =
+        |name: &str| fitted.candidate.as_ref().is_none_or(|candidate| crate::refit::is_own(candidate, &model, name));
+    let parameters =
+        fitted.fit.parameters.iter().filter(|estimate| own(&estimate.name)).map(|estimate| EffectParameter {
+            name: estimate.name.clone(),
+            value: estimate.value,
+            std_error: estimate.std_error,
+            at_bound: estimate.at_bound && !crate::refit::is_null(&model, &estimate.name, estimate.value),
+            identifiable: estimate.identifiable,
+        });
     Ok(Refit {
         candidate: fitted.candidate.clone(),
         parameters: parameters.collect(),

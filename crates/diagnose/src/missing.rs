@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use dynid_identify::position::{FitRun, PositionFitError};
 use dynid_identify::SearchControl;
+use dynid_identify::position::{FitRun, PositionFitError};
 use dynid_identify::prediction::{self, HeldOut, PredictionFit, PredictionProblem, Search, Settings, State};
 use dynid_logs::experiment::Run;
 use dynid_logs::log::Log;
@@ -339,7 +339,13 @@ impl Logs<'_> {
         self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 
-    fn race(&self, base: &Fitted, starts: &[Start], key: &str, found: &mut Vec<Fitted>) -> Result<(), PositionFitError> {
+    fn race(
+        &self,
+        base: &Fitted,
+        starts: &[Start],
+        key: &str,
+        found: &mut Vec<Fitted>,
+    ) -> Result<(), PositionFitError> {
         let beginnings = self.beginnings();
         let samples: usize = beginnings.iter().map(|run| run.log.len() * run.free.len()).sum();
         let mut arms = Vec::new();

@@ -74,13 +74,7 @@ impl<'a> ScoreTest<'a> {
     }
 
     /// Cost of a model at its values and these rates, once all its unknowns have taken their step.
-    fn cost(
-        &self,
-        model: &Model,
-        ready: Vec<FitRun>,
-        rates: &BTreeMap<usize, f64>,
-        substeps: usize,
-    ) -> Option<f64> {
+    fn cost(&self, model: &Model, ready: Vec<FitRun>, rates: &BTreeMap<usize, f64>, substeps: usize) -> Option<f64> {
         let expansion = Expansion::new(&self.problem(model, ready, rates), substeps)?;
         Some(expansion.reduced(&[])?.cost())
     }
@@ -89,8 +83,7 @@ impl<'a> ScoreTest<'a> {
     pub fn ask(&self, probes: &[(Candidate, Vec<Probe>)], go_on: &(dyn Fn() -> bool + Sync)) -> Vec<Start> {
         let all: Vec<(usize, usize)> =
             probes.iter().enumerate().flat_map(|(own, (_, probes))| (0..probes.len()).map(move |k| (own, k))).collect();
-        let vanish: Vec<bool> =
-            all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].1[*k])).collect();
+        let vanish: Vec<bool> = all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].1[*k])).collect();
         let mut chunks: Vec<Vec<(usize, usize)>> = Vec::new();
         let (mut columns, mut states) = (0, 0);
         let mut jobs: Vec<Vec<(usize, usize)>> = Vec::new();
@@ -198,8 +191,12 @@ impl<'a> ScoreTest<'a> {
             let state_names = placed.state_names.iter().map(|name| named(name)).collect();
             effects.push(PlacedEffect { names, state_names, ..placed });
         }
-        let ready: Vec<FitRun> =
-            self.runs.iter().map(|run| FitRun::of_run_with(self.model, run, &effects)).collect::<Result<_, _>>().ok()?;
+        let ready: Vec<FitRun> = self
+            .runs
+            .iter()
+            .map(|run| FitRun::of_run_with(self.model, run, &effects))
+            .collect::<Result<_, _>>()
+            .ok()?;
         let mut best: Vec<Option<Start>> = vec![None; chunk.len()];
         for (rates, without) in self.rates.iter().zip(&self.without) {
             let Some(without) = without else { continue };
@@ -228,8 +225,7 @@ impl<'a> ScoreTest<'a> {
                 if !gain.is_finite() || best[number].as_ref().is_some_and(|best| best.promise >= gain) {
                     continue;
                 }
-                let units: Vec<f64> =
-                    probe.steps.iter().zip(&promise.step).map(|(step, by)| by / step.unit).collect();
+                let units: Vec<f64> = probe.steps.iter().zip(&promise.step).map(|(step, by)| by / step.unit).collect();
                 best[number] =
                     Some(Start { candidate: candidate.clone(), model: probe.at(1.0, &units), promise: gain });
             }

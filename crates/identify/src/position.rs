@@ -23,8 +23,8 @@ use dynid_model::instance::EQUAL;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-pub use evaluate::{first_state, noise_of};
 pub(crate) use evaluate::start_of;
+pub use evaluate::{first_state, noise_of};
 pub use motion::{RunMotion, motions};
 pub use physical_links::made_physical;
 pub use result::{Direction, Estimate, PositionFit, RunError};

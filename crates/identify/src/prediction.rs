@@ -1,7 +1,7 @@
 //! The prediction-error method: the likelihood of a log under a model, from the errors of its one-step predictions (Ljung, *System
 //! Identification*, chapter 7; Kristensen, Madsen and Jorgensen 2004).
 //!
-//! A [`Predictor`] corrects the simulation at every sample by a gain that follows from one *rate* per joint: how little the model
+//! A [`Predictor`](dynid_dynamics::simulate::Predictor) corrects the simulation at every sample by a gain that follows from one *rate* per joint: how little the model
 //! is trusted. The errors of its predictions (innovations) `e` are compared with one standard deviation `s` per joint:
 //!
 //! ```text
@@ -88,7 +88,16 @@ impl PredictionProblem {
             unknowns.push(unknown);
         }
         let inequalities = crate::orders(model);
-        Self { runs, unknowns, spreads, known, inequalities, initial: Vec::new(), rates: BTreeMap::new(), keeps_rates: false }
+        Self {
+            runs,
+            unknowns,
+            spreads,
+            known,
+            inequalities,
+            initial: Vec::new(),
+            rates: BTreeMap::new(),
+            keeps_rates: false,
+        }
     }
 
     /// Where the search may go: bounds of the parameters, orders among them, and rates that are positive.
@@ -119,7 +128,15 @@ fn link_spread(model: &Model, name: &str) -> Option<f64> {
     let diagonal = ["Ixx", "Iyy", "Izz"].map(|axis| Link::SYMBOLS.iter().position(|symbol| *symbol == axis));
     let inertia: f64 = diagonal.into_iter().flatten().filter_map(value).sum::<f64>() / 2.0;
     let radius = (centroid + inertia / mass).sqrt();
-    Some(SHARE * match symbol { 0 => mass, 1..=3 => radius, _ => mass * radius * radius }).filter(|spread| *spread > 0.0)
+    Some(
+        SHARE
+            * match symbol {
+                0 => mass,
+                1..=3 => radius,
+                _ => mass * radius * radius,
+            },
+    )
+    .filter(|spread| *spread > 0.0)
 }
 
 /// How to search.

@@ -16,8 +16,9 @@ use dynid_generated::{LANES, Lanes, Scalar};
 
 use dynid_dynamics::{
     simulate::Commands, simulate::Gains, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Observer,
-    simulate::Options, simulate::Predictor, simulate::SimulationError, simulate::check, simulate::check_state, simulate::interpolate, simulate::step_bounds,
-    system::Linear, system::NONE, system::Scratch, system::Switch, system::System,
+    simulate::Options, simulate::Predictor, simulate::SimulationError, simulate::check, simulate::check_state,
+    simulate::interpolate, simulate::step_bounds, system::Linear, system::NONE, system::Scratch, system::Switch,
+    system::System,
 };
 
 /// Columns come in blocks of this many: what one cache line holds, and whole vector registers of any width.
@@ -453,8 +454,11 @@ impl Variation {
             let gains = Gains::of(predictor.rates[slot], span);
             let error = predictor.error(sample, slot, shown);
             let at_speed = system.states_at_speed().iter().filter(|(_, at)| *at == slot).map(|(state, _)| *state);
-            let by_speed = std::iter::once(n + slot).chain(at_speed).map(|state| (state, gains.speed, gains.speed_by_rate));
-            for (state, gain, by_rate) in std::iter::once((slot, gains.position, gains.position_by_rate)).chain(by_speed) {
+            let by_speed =
+                std::iter::once(n + slot).chain(at_speed).map(|state| (state, gains.speed, gains.speed_by_rate));
+            for (state, gain, by_rate) in
+                std::iter::once((slot, gains.position, gains.position_by_rate)).chain(by_speed)
+            {
                 let sensitivities = &mut self.s[state * width..(state + 1) * width];
                 for (sensitivity, by) in sensitivities.iter_mut().zip(row) {
                     *sensitivity -= gain * by;

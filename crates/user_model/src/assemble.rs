@@ -41,8 +41,7 @@ impl Model {
             })
             .collect::<Result<_, _>>()?;
         let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
-        let mut effects =
-            self.effects.iter().map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
+        let mut effects = self.effects.iter().map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
         effects.extend_from_slice(more);
         System::new(kernel, self.device.joints.len(), link_parameters, locked, &effects)
     }

@@ -47,7 +47,7 @@ impl Gains {
 impl Predictor<'_> {
     /// Whether this sample is compared.
     pub fn compares(&self, sample: usize) -> bool {
-        sample % self.every == 0
+        sample.is_multiple_of(self.every)
     }
 
     /// The time that a prediction of this sample spans (s).

@@ -6,9 +6,7 @@ use rayon::prelude::*;
 
 use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links};
 use crate::{run_unknowns::RunUnknowns, sensitivity};
-use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError,
-};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
 /// A run, ready to be evaluated at any unknowns.
@@ -230,7 +228,9 @@ impl<'a> Ready<'a> {
         let options = Options { substeps: resolution.substeps, ..Options::default() };
         let (system, input) = (self.unknowns.system(self.run, x), self.input(resolution));
         let trajectory = match self.observer(resolution) {
-            Some(observer) => simulate::simulate_with_observer(&system, &input, &observer, self.unknowns.initial(x), &options),
+            Some(observer) => {
+                simulate::simulate_with_observer(&system, &input, &observer, self.unknowns.initial(x), &options)
+            }
             None => simulate::simulate(&system, &input, self.unknowns.initial(x), &options),
         };
         trajectory.map(|trajectory| trajectory.q)
@@ -299,7 +299,8 @@ impl<'a> Ready<'a> {
         let input = self.input(resolution);
         let observer = self.observer(resolution);
         let initial = self.unknowns.initial(x);
-        sensitivity::simulate(&system, self.unknowns.columns(), &input, observer.as_ref(), initial, &options, observe).ok()?;
+        sensitivity::simulate(&system, self.unknowns.columns(), &input, observer.as_ref(), initial, &options, observe)
+            .ok()?;
         let by_unknown = self.unknowns.chain(&system);
         let gradient = DVector::from_fn(count, |k, _| gradient[k]);
         let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
@@ -332,7 +333,16 @@ impl<'a> Ready<'a> {
         };
         let all = Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample };
         let options = Options { substeps, ..Options::default() };
-        sensitivity::simulate(&system, self.unknowns.columns(), &all, None, self.unknowns.initial(x), &options, observe).ok()?;
+        sensitivity::simulate(
+            &system,
+            self.unknowns.columns(),
+            &all,
+            None,
+            self.unknowns.initial(x),
+            &options,
+            observe,
+        )
+        .ok()?;
         let by_unknown = self.unknowns.chain(&system);
         Some(sums.into_iter().map(|sum| by_unknown.transpose() * sum * &by_unknown).collect())
     }

@@ -70,9 +70,9 @@ impl<'a> Evaluator<'a> {
             for (slot, joint) in own.iter().enumerate() {
                 shortest[*joint] = shortest[*joint].min(sample_s.max(f64::MIN_POSITIVE));
                 let measured = run.measured(slot);
-                let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-                    (low.min(*value), high.max(*value))
-                });
+                let (low, high) = measured
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)));
                 floors[*joint] = floors[*joint].max((ROUNDING * (high - low)).powi(2)).max(f64::MIN_POSITIVE);
             }
             let unknowns = RunUnknowns::new(run, &problem.unknowns, first_initial)
@@ -185,7 +185,9 @@ impl<'a> Evaluator<'a> {
             }
         }
         let floors = self.floors.iter();
-        sums.iter().zip(floors).all(|((change, error, count), floor)| *change <= share * share * (error + count * floor))
+        sums.iter()
+            .zip(floors)
+            .all(|((change, error, count), floor)| *change <= share * share * (error + count * floor))
     }
 
     fn prior_cost(&self, x: &[f64]) -> f64 {
@@ -283,7 +285,8 @@ impl Ready<'_> {
         let input = self.input().first(self.run.time.partition_point(|t| *t <= end));
         let predictor = Predictor { position: &self.run.position, rates: &rates, every: 1 };
         let options = Options { substeps, ..Options::default() };
-        simulate::predict(&system, &input, &predictor, self.unknowns.initial(x), &options).map(|trajectory| trajectory.q)
+        simulate::predict(&system, &input, &predictor, self.unknowns.initial(x), &options)
+            .map(|trajectory| trajectory.q)
     }
 
     /// Squares of each joint's errors.
@@ -374,11 +377,8 @@ impl Objective for At<'_, '_> {
                 totals[*joint].1 += sums.squares;
             }
         }
-        let mut total = Quadratic {
-            cost: evaluator.prior_cost(x),
-            gradient: DVector::zeros(n),
-            hessian: DMatrix::zeros(n, n),
-        };
+        let mut total =
+            Quadratic { cost: evaluator.prior_cost(x), gradient: DVector::zeros(n), hessian: DMatrix::zeros(n, n) };
         let mut variances = Vec::with_capacity(totals.len());
         for (joint, (samples, squares)) in totals.iter().enumerate() {
             let variance = evaluator.variance(joint, *squares, *samples);

@@ -96,7 +96,9 @@ pub(super) fn conclude(
     for (index, joint) in evaluator.joints.iter().enumerate() {
         let mut series: Vec<&[f64]> = Vec::new();
         for (run, errors) in errors.iter().enumerate() {
-            series.extend(evaluator.joints_of(run).zip(errors).filter(|(own, _)| own == joint).map(|(_, e)| e.as_slice()));
+            series.extend(
+                evaluator.joints_of(run).zip(errors).filter(|(own, _)| own == joint).map(|(_, e)| e.as_slice()),
+            );
         }
         let samples = series.iter().map(|errors| errors.len()).sum::<usize>() as f64;
         let squares = series.iter().flat_map(|errors| errors.iter()).map(|error| error * error).sum::<f64>();

@@ -1,6 +1,6 @@
 //! Cases that nobody has seen: machine, instrument, belief and what is hidden are drawn from a seed.
 //!
-//! A draw is a [`deck`] of cards that say what is asked, and [`case`] makes the case of a card: a machine that ships, an
+//! A draw is a [`deck()`] of cards that say what is asked, and [`case`] makes the case of a card: a machine that ships, an
 //! [`Instrument`], a place that the effect suits, a size in proportion to what the machine does, and a belief that is off by
 //! 2 to 20 %. What cannot be played, or does not show in the logs ([`Visibility`]), is drawn again with the next sub-seed.
 //!

@@ -254,7 +254,7 @@ fn wrong_sign(own: &Balance<'_>, slot: usize) -> Option<FindingKind> {
 /// Torque at other places in time, in half samples: how much of it the motion leaves unexplained.
 fn timing(own: &Balance<'_>, slots: &[usize]) -> Vec<(usize, FindingKind)> {
     /// Longest shift that is looked for (s), and in samples at least and at most.
-    const LONGEST_S: f64 = 0.25;
+    const LONGEST_S: f64 = 0.1;
     const SAMPLES: (f64, f64) = (4.0, 64.0);
     /// A shift must take so much off the squared error, by so much of the log likelihood, and leave little.
     const WORTH: f64 = 0.35;

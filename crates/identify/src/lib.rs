@@ -21,7 +21,6 @@ mod follows_log;
 pub mod identify;
 pub mod position;
 pub mod prediction;
-mod run_unknowns;
 pub mod sensitivity;
 pub mod sequence;
 pub mod starts;

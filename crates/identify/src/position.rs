@@ -15,6 +15,7 @@ mod evaluate;
 mod motion;
 pub(crate) mod physical_links;
 mod result;
+pub(crate) mod run_unknowns;
 mod searches;
 
 use std::collections::BTreeMap;

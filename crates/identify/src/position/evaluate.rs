@@ -4,8 +4,8 @@ use dynid_logs::noise::noise_of_log;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links};
-use crate::{run_unknowns::RunUnknowns, sensitivity};
+use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links, run_unknowns::RunUnknowns};
+use crate::sensitivity;
 use dynid_dynamics::{simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 

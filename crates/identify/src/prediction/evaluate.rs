@@ -6,8 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::PredictionProblem;
-use crate::position::{FitRun, PositionFitError, physical_links, start_of};
-use crate::{run_unknowns::RunUnknowns, sensitivity};
+use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
+use crate::sensitivity;
 use dynid_dynamics::simulate::{self, Input, Options, Predictor, SimulationError};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 

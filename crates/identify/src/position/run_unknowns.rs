@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::position::{FitRun, Unknown};
+use super::{FitRun, Unknown};
 use crate::sensitivity::{Columns, Lumps};
 use dynid_dynamics::system::System;
 

@@ -33,6 +33,8 @@ use crate::{
 
 /// An effect is chance if its log likelihood rises by less than the logarithm of the places asked over this.
 const BY_CHANCE: f64 = 0.01;
+/// A command that runs straight must leave so much less of the squared errors.
+const LESS: f64 = 0.3;
 /// An effect that does not explain all is named if it explains this share.
 const MUCH: f64 = 0.5;
 /// So many effects are looked for one after the other, unless it is said how many.
@@ -41,9 +43,11 @@ const DEEPEST: usize = 2;
 const SHOWN: usize = 5;
 
 /// Whether the likelihood decides where nobody asks for an error: not of a loop that a controller closed, nor of logs that are prepared
-/// for the torque error, nor where more joints move at once than a race can be run with in minutes.
+/// for the torque error, nor where so many joints move at once, or so many samples were logged, that a race takes more than minutes.
 pub(super) fn is_for(runs: &[&Run]) -> bool {
-    runs.iter().all(|run| {
+    const MOST_SAMPLES: usize = 60_000;
+    let samples: usize = runs.iter().map(|run| run.log.len() * run.free.len()).sum();
+    let is_plain = |run: &&Run| {
         let settings = &run.settings;
         let is_open = settings.controller.is_none() && run.log.reference.is_none();
         let is_prepared = settings.cutoff_hz.is_some()
@@ -51,7 +55,8 @@ pub(super) fn is_for(runs: &[&Run]) -> bool {
             || run.log.mask.is_some()
             || settings.min_speed.iter().any(|speed| *speed > 0.0);
         is_open && !is_prepared && run.free.len() <= crate::FEW_JOINTS
-    })
+    };
+    samples <= MOST_SAMPLES && runs.iter().all(is_plain)
 }
 
 /// Diagnoses by the likelihood of the logs.
@@ -94,7 +99,8 @@ pub(super) fn diagnose(
         let straight = Logs { fit, held_out, ..work };
         let refitted = straight.base(model, "base, straight").map_err(FitError::from)?;
         asked_to_stop(stop)?;
-        if refitted.score() > base.score() + (1.0 / BY_CHANCE).ln() && refitted.is_whole() {
+        let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
+        if refitted.score() - base.score() > -0.5 * samples * (1.0 - LESS).ln() {
             (base, work) = (refitted, straight);
         } else {
             work = Logs { fit: logs(&judged).0, held_out: logs(&judged).1, ..straight };

@@ -25,7 +25,7 @@ pub struct Gains {
     pub position: f64,
     /// Onto the speed [1/s].
     pub speed: f64,
-    /// Derivative of the first by the rate [s].
+    /// Derivative of the first by the rate (s).
     pub position_by_rate: f64,
     /// Derivative of the second by the rate.
     pub speed_by_rate: f64,

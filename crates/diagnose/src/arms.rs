@@ -83,12 +83,8 @@ pub fn race(
         arms.truncate((arms.len() / 2).max(last));
         // What falls so slowly that it would not come to the best within as many rounds is no rival.
         let best = arms.first().map_or(f64::INFINITY, Arm::cost);
-        let falls: Vec<f64> = arms.iter().map(|arm| arm.before - arm.cost()).collect();
-        let mut rivals = falls.iter().copied();
-        arms.retain(|arm| {
-            let fall = rivals.next().unwrap_or(0.0);
-            round == 0 || arm.is_done() || arm.cost() - best <= ROUNDS * fall
-        });
+        let may_come = |arm: &Arm| arm.cost() - best <= ROUNDS * (arm.before - arm.cost());
+        arms.retain(|arm| round == 0 || arm.is_done() || may_come(arm));
         steps *= 2;
     }
     arms

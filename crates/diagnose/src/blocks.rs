@@ -81,7 +81,7 @@ fn is_left(part: &Run) -> bool {
 }
 
 /// Those rows of a run as a run of their own.
-fn part(run: &Run, rows: std::ops::Range<usize>, role: Role) -> Run {
+pub(super) fn part(run: &Run, rows: std::ops::Range<usize>, role: Role) -> Run {
     let take = |values: &Vec<f64>| values[rows.clone()].to_vec();
     let mut settings = run.settings.clone();
     if rows.start > 0 {

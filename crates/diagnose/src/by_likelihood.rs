@@ -4,7 +4,7 @@
 //! 2. The model is fitted by the prediction-error method: its values, one rate and one standard deviation per joint, and where each run
 //!    starts; with a command that stands still between samples and, where something is left, with one that runs straight.
 //! 3. Its innovations are white and its rates 0: nothing is missing.
-//! 4. `score_test`: every effect at every place, at four rates, finite values where the derivative vanishes; from the fitted and from the
+//! 4. `score_test`: every effect at every place, at three rates, finite values where the derivative vanishes; from the fitted and from the
 //!    believed values.
 //! 5. `arms`: one queue of starts, halved again and again; then starts from the best one's values; as long as that changes the best.
 //! 6. What is compared is the log likelihood of the fitted and the held-out runs, less the price of the unknowns.
@@ -47,15 +47,8 @@ const SHOWN: usize = 5;
 pub(super) fn is_for(runs: &[&Run]) -> bool {
     const MOST_SAMPLES: usize = 60_000;
     let samples: usize = runs.iter().map(|run| run.log.len() * run.free.len()).sum();
-    let is_plain = |run: &&Run| {
-        let settings = &run.settings;
-        let is_open = settings.controller.is_none() && run.log.reference.is_none();
-        let is_prepared = settings.cutoff_hz.is_some()
-            || settings.decimate > 1
-            || run.log.mask.is_some()
-            || settings.min_speed.iter().any(|speed| *speed > 0.0);
-        is_open && !is_prepared && run.free.len() <= crate::FEW_JOINTS
-    };
+    let is_plain =
+        |run: &&Run| run.is_open_loop() && !run.is_prepared_for_torque_error() && run.free.len() <= crate::FEW_JOINTS;
     samples <= MOST_SAMPLES && runs.iter().all(is_plain)
 }
 
@@ -103,7 +96,6 @@ pub(super) fn diagnose(
         if refitted.score() - base.score() > -0.5 * samples * (1.0 - LESS).ln() {
             (base, work) = (refitted, straight);
         } else {
-            work = Logs { fit: logs(&judged).0, held_out: logs(&judged).1, ..straight };
             lines.clear();
         }
     }

@@ -6,14 +6,15 @@ use dynid_identify::SearchControl;
 use dynid_identify::position::{FitRun, PositionFitError};
 use dynid_identify::prediction::{self, HeldOut, PredictionFit, PredictionProblem, Search, Settings, State};
 use dynid_logs::experiment::Run;
-use dynid_logs::log::Log;
 use dynid_logs::motion::Motion;
 use dynid_model::Parameter;
 use dynid_user_model::Model;
 use serde::{Deserialize, Serialize};
 
 use crate::arms::{Arm, race};
+use crate::blocks::part;
 use crate::candidate::{Candidate, Sizes, candidates, probes};
+use crate::refit::count;
 use crate::score_test::{ScoreTest, Start};
 
 /// A model that was fitted, and what it makes of the runs.
@@ -178,20 +179,13 @@ impl Logs<'_> {
         let held_out = prediction::held_out(held_out?, &fit).ok();
         Ok(Fitted {
             candidate: candidate.cloned(),
-            unknowns: self.count(&model) - self.count(self.given),
+            unknowns: self.added_unknowns(&model),
             model: model.to_toml(),
             fit,
             held_out,
             state: search.state().clone(),
             is_final,
         })
-    }
-
-    /// Number of unknown effect parameters that the runs depend on.
-    fn count(&self, model: &Model) -> f64 {
-        let free = |joint: usize| self.fit.iter().any(|run| run.free.contains(&joint));
-        let effects = model.effects.iter().filter(|own| own.joint.is_none_or(free));
-        effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
     }
 
     /// Starts for every effect at every place, those that are fitted first coming first: asked at the values of `base`, at those that
@@ -219,13 +213,10 @@ impl Logs<'_> {
         let expected = |name: &str| self.expected(name);
         let mut lists = Vec::new();
         for (model, rates, initial, substeps) in &points {
-            let probes: Vec<_> = all
-                .iter()
-                .map(|candidate| {
-                    let sizes = Sizes::of(model, &with_motion, &motions, candidate.joint.unwrap_or(0));
-                    (candidate.clone(), probes(model, candidate, &sizes))
-                })
-                .collect();
+            let joints = 0..model.device.joints.len();
+            let sizes: Vec<Sizes> = joints.map(|joint| Sizes::of(model, &with_motion, &motions, joint)).collect();
+            let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
+            let probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
             let test = ScoreTest::new(model, rates, (initial, *substeps), &beginnings, &expected)?;
             let mut starts = test.ask(&probes, &|| !(self.stop)());
             starts.sort_by(|one, other| {
@@ -260,7 +251,7 @@ impl Logs<'_> {
                 let key = format!("{key}.{batch} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
                 let mut starts = self.starts(base, &[&best])?;
-                let is_rival = |start: &Start| !best.is_whole() || self.count_of(start) < best.unknowns;
+                let is_rival = |start: &Start| !best.is_whole() || self.added_unknowns(&start.model) < best.unknowns;
                 starts.retain(|start| Some(&start.candidate) != best.candidate.as_ref() && is_rival(start));
                 starts.truncate(LATER_ARMS);
                 starts.extend(self.kin(base, &best).into_iter().filter(is_rival));
@@ -319,8 +310,9 @@ impl Logs<'_> {
         self.fit.iter().map(|run| beginning(run, each)).collect()
     }
 
-    fn count_of(&self, start: &Start) -> f64 {
-        self.count(&start.model) - self.count(self.given)
+    /// Number of unknown effect parameters of `model` beyond those of the one that was given.
+    fn added_unknowns(&self, model: &Model) -> f64 {
+        count(model, &self.fit) - count(self.given, &self.fit)
     }
 
     /// The model without some of what was found before, fitted from the values with it: where the later makes the earlier needless.
@@ -353,7 +345,7 @@ impl Logs<'_> {
             let mut problem = self.problem_of(&start.model, &beginnings)?;
             problem.initial.clone_from(&base.fit.initial);
             problem.rates.clone_from(&base.fit.rates);
-            let price = 0.5 * self.count_of(start) * (samples as f64).max(2.0).ln();
+            let price = 0.5 * self.added_unknowns(&start.model) * (samples as f64).max(2.0).ln();
             arms.push(Arm {
                 candidate: Some(start.candidate.clone()),
                 model: start.model.clone(),
@@ -415,14 +407,5 @@ fn with_values(model: &Model, fit: &PredictionFit) -> Model {
 /// The first seconds of a run.
 fn beginning(run: &Run, seconds: f64) -> Run {
     let end = run.log.t[0] + run.settings.from_s.unwrap_or(0.0) + seconds;
-    let n = run.log.t.partition_point(|t| *t <= end);
-    let take = |values: &Vec<f64>| values[..n].to_vec();
-    let log = Log {
-        t: take(&run.log.t),
-        tau: run.log.tau.iter().map(take).collect(),
-        q: run.log.q.iter().map(take).collect(),
-        reference: run.log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
-        mask: run.log.mask.as_ref().map(|mask| mask[..n].to_vec()),
-    };
-    Run { log, ..run.clone() }
+    part(run, 0..run.log.t.partition_point(|t| *t <= end), run.role)
 }

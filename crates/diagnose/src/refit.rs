@@ -1,6 +1,6 @@
 //! Real fits of a candidate, judged on the held-out runs: only these decide.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use dynid_model::{Parameter, Place};
 use serde::{Deserialize, Serialize};
@@ -403,7 +403,7 @@ impl Judge<'_> {
 
     /// How many unknowns that the runs depend on `model` has more than `base`.
     pub(super) fn added_unknowns(&self, model: &Model, base: &Model) -> f64 {
-        count(model, self.runs) - count(base, self.runs)
+        count(model, self.runs.iter().copied()) - count(base, self.runs.iter().copied())
     }
 
     /// Fits `start` to the runs that are for it; a fit that stays poor is followed no longer than `limits` lasts. `None` where
@@ -453,8 +453,9 @@ fn broke_down(refit: &Refit) -> bool {
 }
 
 /// Number of unknown effect parameters that the runs depend on.
-fn count(model: &Model, runs: &[&Run]) -> f64 {
-    let free = |joint: usize| runs.iter().any(|run| run.free.contains(&joint));
+pub(super) fn count<'a>(model: &Model, runs: impl IntoIterator<Item = &'a Run>) -> f64 {
+    let free: BTreeSet<usize> = runs.into_iter().flat_map(|run| run.free.iter().copied()).collect();
+    let free = |joint: usize| free.contains(&joint);
     let effects = model.effects.iter().filter(|own| own.joint.is_none_or(free));
     effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
 }

@@ -7,8 +7,9 @@
 
 use std::collections::BTreeMap;
 
+use dynid_dynamics::simulate::{self, Input, Predictor};
 use dynid_dynamics::system::{PlacedEffect, SystemError};
-use dynid_identify::position::{FitRun, Unknown};
+use dynid_identify::position::{FitRun, Unknown, first_state};
 use dynid_identify::prediction::{Expansion, PredictionProblem};
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
@@ -35,6 +36,8 @@ pub struct ScoreTest<'a> {
     ready: Vec<FitRun>,
     initial: Vec<Vec<f64>>,
     rates: Vec<BTreeMap<usize, f64>>,
+    /// Its predictions of the first samples of each run.
+    first: Vec<Option<Vec<f64>>>,
     /// Cost of the model as it is at each of the rates, once its own unknowns have taken their step.
     without: Vec<Option<f64>>,
     substeps: usize,
@@ -67,7 +70,9 @@ impl<'a> ScoreTest<'a> {
         let multiplied = |factor: f64| rates.iter().map(move |(joint, rate)| (*joint, rate.max(LEAST_RATE) * factor));
         let rates = RATES.iter().map(|factor| multiplied(*factor).collect()).collect();
         let initial = initial.to_vec();
-        let mut test = Self { model, runs, ready, initial, rates, without: Vec::new(), substeps, expected };
+        let (first, without) = (Vec::new(), Vec::new());
+        let mut test = Self { model, runs, ready, initial, rates, first, without, substeps, expected };
+        test.first = test.ready.iter().map(|ready| test.first_of(ready)).collect();
         test.without =
             test.rates.par_iter().map(|rates| test.cost(model, test.ready.clone(), rates, test.substeps)).collect();
         Ok(test)
@@ -136,20 +141,21 @@ impl<'a> ScoreTest<'a> {
         if probe.steps.is_empty() {
             return false;
         }
-        let free = |model: &Model, run: &Run| -> Option<Vec<f64>> {
-            use dynid_dynamics::simulate::{Input, Options, Predictor, predict};
-            let ready = FitRun::of_run(model, run).ok()?;
-            let rates: Vec<f64> = ready.system.kernel().free.iter().map(|joint| self.rates[0][joint]).collect();
-            let predictor = Predictor { position: &ready.position, rates: &rates, every: 1 };
-            let input = Input { time: &ready.time, command: &ready.command, intersample: ready.intersample };
-            let start = dynid_identify::position::first_state(&ready);
-            let options = Options { substeps: self.substeps, ..Options::default() };
-            predict(&ready.system, &input.first(FIRST), &predictor, &start, &options).ok().map(|found| found.q)
-        };
-        self.runs.iter().all(|run| match (free(self.model, run), free(&probe.model, run)) {
-            (Some(one), Some(other)) => one.iter().zip(&other).all(|(one, other)| (one - other).abs() <= 1e-12),
+        let ready = self.runs.iter().map(|run| FitRun::of_run(&probe.model, run).ok());
+        ready.zip(&self.first).all(|(ready, without)| match (ready.and_then(|ready| self.first_of(&ready)), without) {
+            (Some(with), Some(without)) => with.iter().zip(without).all(|(one, other)| (one - other).abs() <= 1e-12),
             _ => false,
         })
+    }
+
+    /// Predictions of the first samples of a run.
+    fn first_of(&self, ready: &FitRun) -> Option<Vec<f64>> {
+        let rates: Vec<f64> = ready.system.kernel().free.iter().map(|joint| self.rates[0][joint]).collect();
+        let predictor = Predictor { position: &ready.position, rates: &rates, every: 1 };
+        let input = Input { time: &ready.time, command: &ready.command, intersample: ready.intersample };
+        let options = simulate::Options { substeps: self.substeps, ..simulate::Options::default() };
+        let found = simulate::predict(&ready.system, &input.first(FIRST), &predictor, &first_state(ready), &options);
+        Some(found.ok()?.q)
     }
 
     /// Probes that do nothing as yet; where one has no derivative there, the others are asked without it.

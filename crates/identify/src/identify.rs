@@ -198,19 +198,13 @@ pub struct Best {
 /// filtered or masked.
 pub fn default_error(model: &Model, runs: &[&Run]) -> ErrorSignal {
     let rests = |joint: usize| model.effects_at(joint).any(|instance| instance.effect.parameter("qeq").is_some());
-    let is_open = |run: &&Run| run.settings.controller.is_none() && run.log.reference.is_none();
-    let is_prepared = |run: &&Run| {
-        let settings = &run.settings;
-        settings.cutoff_hz.is_some()
-            || settings.decimate > 1
-            || run.log.mask.is_some()
-            || settings.min_speed.iter().any(|speed| *speed > 0.0)
-    };
-    if !runs.iter().all(is_open) {
+    if !runs.iter().all(|run| run.is_open_loop()) {
         ErrorSignal::Torque
     } else if runs.iter().all(|run| run.free.iter().all(|&joint| rests(joint))) {
         ErrorSignal::Position
-    } else if !runs.iter().any(is_prepared) && runs.iter().all(|run| stays_near(model, run)) {
+    } else if !runs.iter().any(|run| run.is_prepared_for_torque_error())
+        && runs.iter().all(|run| stays_near(model, run))
+    {
         ErrorSignal::Both
     } else {
         ErrorSignal::Torque

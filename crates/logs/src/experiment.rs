@@ -63,6 +63,17 @@ impl Run {
         self.settings.began_s.or_else(|| self.log.t.first().copied()).unwrap_or(0.0)
     }
 
+    /// Whether what moved the joints did not depend on where they were, as far as the experiment says.
+    pub fn is_open_loop(&self) -> bool {
+        self.settings.controller.is_none() && self.log.reference.is_none()
+    }
+
+    /// Whether the experiment says how the torque error is to be filtered or masked.
+    pub fn is_prepared_for_torque_error(&self) -> bool {
+        let Settings { cutoff_hz, decimate, min_speed, .. } = &self.settings;
+        cutoff_hz.is_some() || *decimate > 1 || self.log.mask.is_some() || min_speed.iter().any(|speed| *speed > 0.0)
+    }
+
     /// How many samples of the beginning leave the position error of a fit.
     pub fn n_cut(&self) -> usize {
         let (Some(span), Some(first)) = (self.settings.from_s, self.log.t.first()) else { return 0 };

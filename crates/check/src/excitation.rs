@@ -125,7 +125,7 @@ fn lines(q: &[f64], step: f64) -> Option<Vec<(f64, f64)>> {
 }
 
 /// The unknown parameters of the effects at a joint.
-fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
+pub fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
     let place = format!("joint.{joint}.");
     let parameters = model.parameters().into_iter();
     parameters.filter(|(name, parameter)| !parameter.fixed && name.starts_with(&place)).map(|(name, _)| name).collect()

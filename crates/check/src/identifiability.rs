@@ -307,6 +307,6 @@ fn weighted(linear: &LinearParameters, balances: &[Balance<'_>], unknowns: &[Unk
 }
 
 /// The joint that an effect's parameter belongs to.
-fn joint_of(name: &str) -> Option<usize> {
+pub fn joint_of(name: &str) -> Option<usize> {
     name.strip_prefix("joint.")?.split('.').next()?.parse().ok()
 }

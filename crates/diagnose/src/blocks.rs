@@ -8,9 +8,9 @@
 //! The values that are reported are those of the first fold.
 
 use super::Note;
-use super::excitation::LEAST_SAMPLES;
 use super::refit::{CostLimits, FOR_A_CANDIDATE, Judge, Refit, left};
 use crate::DiagnoseError;
+use dynid_check::excitation::LEAST_SAMPLES;
 use dynid_identify::identify::ErrorSignal;
 use dynid_judge::{compare::Comparison, compare::RunComparison, compare::compare};
 use dynid_logs::{experiment::Role, experiment::Run, log::Log};

@@ -153,7 +153,7 @@ pub(super) fn diagnose(
     verdict::conclude(&outer, &first, steps, notes)
 }
 
-fn asked_to_stop(stop: &(dyn Fn() -> bool + Sync)) -> Result<(), DiagnoseError> {
+pub(super) fn asked_to_stop(stop: &(dyn Fn() -> bool + Sync)) -> Result<(), DiagnoseError> {
     if stop() { Err(FitError::from(PositionFitError::Interrupted { iterations: 0 }).into()) } else { Ok(()) }
 }
 
@@ -224,7 +224,7 @@ fn step(
         Some(best) if explained(base, best, &work.fit) < MUCH => Verdict::Unexplained,
         Some(best) => {
             let joint = helped(base, best);
-            let formula = discover::better_than(&base.parsed(), &[&best.parsed()], judge.runs, joint, 0.5);
+            let formula = discover::better_than(&base.model, &[&best.model], judge.runs, joint, 0.5);
             if formula.is_some() { Verdict::Unexplained } else { Verdict::MissingEffect }
         }
     };
@@ -259,15 +259,15 @@ fn helped(before: &Fitted, after: &Fitted) -> usize {
 
 /// What simulations and torques say of a fitted model.
 fn refit(judge: &Judge<'_>, fitted: &Fitted, base_unknowns: f64) -> Result<Refit, DiagnoseError> {
-    let model = fitted.parsed();
+    let model = &fitted.model;
     let own =
-        |name: &str| fitted.candidate.as_ref().is_none_or(|candidate| crate::refit::is_own(candidate, &model, name));
+        |name: &str| fitted.candidate.as_ref().is_none_or(|candidate| crate::refit::is_own(candidate, model, name));
     let parameters =
         fitted.fit.parameters.iter().filter(|estimate| own(&estimate.name)).map(|estimate| EffectParameter {
             name: estimate.name.clone(),
             value: estimate.value,
             std_error: estimate.std_error,
-            at_bound: estimate.at_bound && !crate::refit::is_null(&model, &estimate.name, estimate.value),
+            at_bound: estimate.at_bound && !crate::refit::is_null(model, &estimate.name, estimate.value),
             identifiable: estimate.identifiable,
         });
     Ok(Refit {
@@ -276,7 +276,6 @@ fn refit(judge: &Judge<'_>, fitted: &Fitted, base_unknowns: f64) -> Result<Refit
         unknowns: fitted.unknowns - base_unknowns,
         status: fitted.fit.status(),
         followed: crate::SearchExtent::ToItsEnd,
-        model: fitted.model.clone(),
-        ..judge.as_it_is(&model)?
+        ..judge.as_it_is(model)?
     })
 }

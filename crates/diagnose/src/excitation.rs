@@ -5,14 +5,13 @@ use std::collections::BTreeSet;
 
 use super::{Note, blocks, refit::Refit};
 use crate::{DiagnoseError, error::WhySoMany};
+use dynid_check::{
+    excitation::{LEAST_SAMPLES, MOVES, moves, parameters_at},
+    identifiability::joint_of,
+};
 use dynid_identify::identify::ErrorSignal;
-use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError, noise::noise_of_log};
+use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError};
 use dynid_user_model::Model;
-
-/// Samples in which a pattern is told from noise: `compare` says nothing of fewer either.
-pub(super) const LEAST_SAMPLES: usize = 64;
-/// A joint moves if its positions span so many times their noise.
-const MOVES: f64 = 10.0;
 
 /// What should be known of `runs`, of which `folds` are all that is fitted to or held out in turn, before the fit.
 ///
@@ -124,24 +123,9 @@ fn enough_is_left(run: &Run, n_blocks: usize) -> Result<(), DiagnoseError> {
     Err(too_short(run, needed, WhySoMany::Cut { samples: cut }))
 }
 
-/// Whether a joint moves in a run by more than noise.
-pub(super) fn moves(run: &Run, joint: usize) -> bool {
-    let q = &run.log.q[joint];
-    let (low, high) = q.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
-    // Not `>=`: what never changes has no noise either.
-    high - low > MOVES * noise_of_log(q)
-}
-
 fn stands_still(model: &Model, run: &Run, joint: usize) -> Note {
     let parameters = parameters_at(model, joint);
     Note::StandsStill { run: run.file.clone(), joint, range_in_noises: MOVES, parameters }
-}
-
-/// The unknown parameters of the effects at a joint.
-fn parameters_at(model: &Model, joint: usize) -> Vec<String> {
-    let parameters = model.parameters().into_iter();
-    let unknown = parameters.filter(|(name, parameter)| !parameter.fixed && joint_of(name) == Some(joint));
-    unknown.map(|(name, _)| name).collect()
 }
 
 /// The unknowns that the runs leave open, as the fit `base` of `model` has it; `None` where they leave none.
@@ -194,9 +178,4 @@ fn first_guess(model: &Model, name: &str) -> Option<f64> {
         let index = (0..own.parameters.len()).find(|index| own.parameter_name(*index) == name)?;
         Some(own.effect.parameters[index].initial.abs())
     })
-}
-
-/// The joint that an effect's parameter belongs to.
-fn joint_of(name: &str) -> Option<usize> {
-    name.strip_prefix("joint.")?.split('.').next()?.parse().ok()
 }

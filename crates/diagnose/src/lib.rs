@@ -399,11 +399,7 @@ impl Step {
 
 impl Work<'_> {
     fn asked_to_stop(&self) -> Result<(), DiagnoseError> {
-        if (self.stop)() {
-            Err(FitError::from(position::PositionFitError::Interrupted { iterations: 0 }).into())
-        } else {
-            Ok(())
-        }
+        by_likelihood::asked_to_stop(self.stop)
     }
 
     /// The model itself, fitted; as it is where the fit was given up, for the values where it was are worth less than those

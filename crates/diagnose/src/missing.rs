@@ -9,7 +9,6 @@ use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
 use dynid_model::Parameter;
 use dynid_user_model::Model;
-use serde::{Deserialize, Serialize};
 
 use crate::arms::{Arm, race};
 use crate::blocks::part;
@@ -18,12 +17,12 @@ use crate::refit::count;
 use crate::score_test::{ScoreTest, Start};
 
 /// A model that was fitted, and what it makes of the runs.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone)]
 pub struct Fitted {
     /// What was added to the model that is diagnosed; `None` for that model itself.
     pub candidate: Option<Candidate>,
-    /// The model, as a file.
-    pub model: String,
+    /// The model.
+    pub model: Model,
     /// The fit.
     pub fit: PredictionFit,
     /// What it makes of the runs held out; `None` where it cannot simulate them.
@@ -68,11 +67,6 @@ impl Fitted {
     /// As the model that more is added to.
     pub fn as_base(&self) -> Self {
         Self { candidate: None, ..self.clone() }
-    }
-
-    /// The model.
-    pub fn parsed(&self) -> Model {
-        Model::parse(&self.model, std::path::Path::new("fitted.toml")).expect("what was written here")
     }
 }
 
@@ -148,8 +142,8 @@ impl Logs<'_> {
 
     /// Follows a fit to its end with fine integration steps.
     fn finish(&self, fitted: &Fitted, key: &str) -> Result<Fitted, PositionFitError> {
-        let model = fitted.parsed();
-        let problem = self.problem(&model)?;
+        let model = &fitted.model;
+        let problem = self.problem(model)?;
         let key = format!("{key} final");
         let recalled = (self.recall)(&key);
         let mut search = Search::new(&problem, recalled.clone().or_else(|| Some(fitted.state.clone())))?;
@@ -158,7 +152,7 @@ impl Logs<'_> {
         }
         self.advance(&mut search);
         (self.keep)(&key, search.state());
-        self.fitted(fitted.candidate.as_ref(), &model, &search, true)
+        self.fitted(fitted.candidate.as_ref(), model, &search, true)
     }
 
     fn advance(&self, search: &mut Search<'_>) {
@@ -180,7 +174,7 @@ impl Logs<'_> {
         Ok(Fitted {
             candidate: candidate.cloned(),
             unknowns: self.added_unknowns(&model),
-            model: model.to_toml(),
+            model,
             fit,
             held_out,
             state: search.state().clone(),
@@ -191,7 +185,7 @@ impl Logs<'_> {
     /// Starts for every effect at every place, those that are fitted first coming first: asked at the values of `base`, at those that
     /// were believed before any fit, and at those of others.
     pub fn starts(&self, base: &Fitted, others: &[&Fitted]) -> Result<Vec<Start>, PositionFitError> {
-        let model = base.parsed();
+        let model = &base.model;
         let mut points = Vec::new();
         if others.is_empty() {
             points.push((model.clone(), base.fit.rates.clone(), base.fit.initial.clone(), base.fit.substeps));
@@ -204,11 +198,11 @@ impl Logs<'_> {
         for other in others {
             let fit = &other.fit;
             let substeps = base.fit.substeps;
-            points.push((model.with_values_of(&other.parsed()), fit.rates.clone(), fit.initial.clone(), substeps));
+            points.push((model.with_values_of(&other.model), fit.rates.clone(), fit.initial.clone(), substeps));
         }
         let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
         let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
-        let all = candidates(&model, &self.fit.iter().collect::<Vec<_>>());
+        let all = candidates(model, &self.fit.iter().collect::<Vec<_>>());
         let beginnings = self.beginnings();
         let expected = |name: &str| self.expected(name);
         let mut lists = Vec::new();
@@ -285,15 +279,15 @@ impl Logs<'_> {
 
     /// Laws that contain the best one or are contained in it, with its values.
     fn kin(&self, base: &Fitted, best: &Fitted) -> Vec<Start> {
-        let (base, there) = (base.parsed(), best.parsed());
+        let (base, there) = (&base.model, &best.model);
         let Some(own) = &best.candidate else { return Vec::new() };
-        let all = candidates(&base, &self.fit.iter().collect::<Vec<_>>());
+        let all = candidates(base, &self.fit.iter().collect::<Vec<_>>());
         let start = |candidate: Candidate| {
             let Candidate { effect, joint, from } = &candidate;
             let model = if own.contains(&candidate) {
                 let mut model = base.clone();
                 model.add_effect(effect, *joint, *from).ok()?;
-                model.with_values_of(&there)
+                model.with_values_of(there)
             } else {
                 let mut model = there.clone();
                 model.add_effect(effect, *joint, *from).ok()?;
@@ -321,7 +315,7 @@ impl Logs<'_> {
         for Candidate { effect, joint, from } in kept {
             model.add_effect(effect, *joint, *from).ok()?;
         }
-        let model = model.with_values_of(&whole.parsed());
+        let model = model.with_values_of(&whole.model);
         let mut problem = self.problem(&model).ok()?;
         problem.initial.clone_from(&whole.fit.initial);
         problem.rates.clone_from(&whole.fit.rates);

@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::{
     FEW_JOINTS,
     candidate::{Candidate, instance},
-    excitation::moves,
     verdict,
 };
 use crate::DiagnoseError;
+use dynid_check::excitation::moves;
 use dynid_identify::{
     FitStatus, identify, identify::ErrorSignal, identify::FitResult, identify::FitTask, position,
     position::WithObserver, position::noise_of, starts::Starts,

@@ -607,18 +607,26 @@ fn value_of(problem: &PositionProblem, name: &str) -> Option<f64> {
     unknown.or_else(|| problem.known.get(name).copied())
 }
 
+/// Orders of parameters as half-spaces, as far as one of the two is unknown.
+pub(crate) fn half_spaces(
+    unknowns: &[Unknown],
+    known: &BTreeMap<String, f64>,
+    inequalities: &[(String, String)],
+) -> Vec<HalfSpace> {
+    let entry = |name: &String| {
+        let index = unknowns.iter().position(|unknown| unknown.name == *name);
+        index.map(Entry::Unknown).or_else(|| known.get(name).copied().map(Entry::Known))
+    };
+    let of_order = |(larger, smaller): &(String, String)| HalfSpace::of_order(entry(larger)?, entry(smaller)?);
+    inequalities.iter().filter_map(of_order).collect()
+}
+
 fn region(problem: &PositionProblem, evaluator: &Evaluator<'_>) -> Region {
     let n_initial = evaluator.n() - problem.unknowns.len();
     let bounds = |of: fn(&Unknown) -> f64, free: f64| {
         problem.unknowns.iter().map(of).chain(std::iter::repeat_n(free, n_initial)).collect()
     };
-    let entry = |name: &String| {
-        let index = problem.unknowns.iter().position(|unknown| unknown.name == *name);
-        index.map(Entry::Unknown).or_else(|| problem.known.get(name).copied().map(Entry::Known))
-    };
-    let inequalities = problem.inequalities.iter();
-    let half_spaces =
-        inequalities.filter_map(|(larger, smaller)| HalfSpace::of_order(entry(larger)?, entry(smaller)?)).collect();
+    let half_spaces = half_spaces(&problem.unknowns, &problem.known, &problem.inequalities);
     Region {
         lower: bounds(|unknown| unknown.lower, f64::NEG_INFINITY),
         upper: bounds(|unknown| unknown.upper, f64::INFINITY),

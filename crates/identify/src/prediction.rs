@@ -1,8 +1,9 @@
 //! The prediction-error method: the likelihood of a log under a model, from the errors of its one-step predictions (Ljung, *System
 //! Identification*, chapter 7; Kristensen, Madsen and Jorgensen 2004).
 //!
-//! A [`Predictor`](dynid_dynamics::simulate::Predictor) corrects the simulation at every sample by a gain that follows from one *rate* per joint: how little the model
-//! is trusted. The errors of its predictions (innovations) `e` are compared with one standard deviation `s` per joint:
+//! A [`Predictor`](dynid_dynamics::simulate::Predictor) corrects the simulation at every sample by a gain that follows from one
+//! *rate* per joint: how little the model is trusted. The errors of its predictions (innovations) `e` are compared with one
+//! standard deviation `s` per joint:
 //!
 //! ```text
 //! -2 log L = sum over joints, runs and samples of  log s^2 + e^2 / s^2
@@ -22,18 +23,18 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::position::{FitRun, PositionFitError, Unknown};
+use crate::position::{FitRun, PositionFitError, Unknown, half_spaces};
 use dynid_dynamics::system::SystemError;
 use dynid_logs::experiment::Run;
 use dynid_model::Link;
-use dynid_optimise::region::{Entry, HalfSpace, Region};
-use dynid_optimise::sqp::{self, Ended, Limits, SearchControl};
+use dynid_optimise::region::Region;
+use dynid_optimise::sqp::{self, Ended, Limits, Objective, SearchControl};
 use dynid_user_model::Model;
 
 use evaluate::Evaluator;
 pub use expansion::{Expansion, Promise, Reduced};
 pub use held_out::{HeldOut, held_out};
-pub use result::{Innovations, JointInnovations, PredictionFit};
+pub use result::{JointInnovations, PredictionFit};
 
 /// Logs, and what is unknown of the model that is to predict them.
 #[derive(Debug, Clone)]
@@ -102,13 +103,7 @@ impl PredictionProblem {
 
     /// Where the search may go: bounds of the parameters, orders among them, and rates that are positive.
     fn region(&self, evaluator: &Evaluator<'_>) -> Region {
-        let entry = |name: &String| {
-            let index = self.unknowns.iter().position(|unknown| unknown.name == *name);
-            index.map(Entry::Unknown).or_else(|| self.known.get(name).copied().map(Entry::Known))
-        };
-        let inequalities = self.inequalities.iter();
-        let half_spaces =
-            inequalities.filter_map(|(larger, smaller)| HalfSpace::of_order(entry(larger)?, entry(smaller)?)).collect();
+        let half_spaces = half_spaces(&self.unknowns, &self.known, &self.inequalities);
         let mut lower: Vec<f64> = self.unknowns.iter().map(|unknown| unknown.lower).collect();
         let mut upper: Vec<f64> = self.unknowns.iter().map(|unknown| unknown.upper).collect();
         evaluator.bound_rest(&mut lower, &mut upper);
@@ -255,7 +250,7 @@ impl<'a> Search<'a> {
         let at = evaluator.at(state.substeps);
         for share in [0.5, 0.25, 0.1, 0.03] {
             let x = evaluator.with_poles_nearer(&state.search.x, share);
-            let cost = dynid_optimise::sqp::Objective::cost(&at, &x);
+            let cost = at.cost(&x);
             if let Some(cost) = cost.filter(|cost| state.cost.is_some_and(|before| *cost < before)) {
                 state.search.x = x;
                 state.cost = Some(cost);

@@ -164,13 +164,10 @@ fn along(
     let mut view = View::new(system, columns);
     check_state(system, 0.0, &motion.x, options)?;
     let mut show = |motion: &mut Variation, sample: usize, t: f64| {
-        view.show(system, columns, t, motion, sample, &mut |sample, position, rows| {
-            observe(sample, position, rows);
-        });
+        view.take(system, columns, t, motion);
+        observe(sample, &view.position, &view.by_column);
         if let Some(predictor) = predictor.filter(|predictor| predictor.compares(sample)) {
-            let (position, rows) = view.shown(system, motion);
-            let (position, rows) = (position.to_vec(), rows.to_vec());
-            motion.correct(system, columns, predictor, (input.time, sample), &position, &rows);
+            motion.correct(system, columns, predictor, (input.time, sample), &view);
         }
     };
     show(&mut motion, 0, input.time.first().copied().unwrap_or(0.0));
@@ -258,38 +255,18 @@ struct View {
 
 impl View {
     fn new(system: &System, columns: &Columns) -> Self {
-        let room = if system.has_sensors() { system.n_free() * columns.width } else { 0 };
-        Self { linear: Linear::new(system), position: vec![0.0; system.n_free()], by_column: vec![0.0; room] }
+        let n = system.n_free();
+        Self { linear: Linear::new(system), position: vec![0.0; n], by_column: vec![0.0; n * columns.width] }
     }
 
-    fn show(
-        &mut self,
-        system: &System,
-        columns: &Columns,
-        t: f64,
-        motion: &Variation,
-        sample: usize,
-        observe: &mut impl FnMut(usize, &[f64], &[f64]),
-    ) {
+    fn take(&mut self, system: &System, columns: &Columns, t: f64, motion: &Variation) {
         let n = system.n_free();
-        let rows = &motion.s[..n * columns.width];
+        self.by_column.copy_from_slice(&motion.s[..n * columns.width]);
         if system.has_sensors() {
-            self.by_column.copy_from_slice(rows);
             let (position, by_column) = (&mut self.position, &mut self.by_column);
             self.linear.measure(system, t, &motion.x, position, by_column, &columns.of_effect);
-            observe(sample, &self.position, &self.by_column);
         } else {
-            observe(sample, &motion.x[..n], rows);
-        }
-    }
-
-    /// The positions last shown and their derivatives.
-    fn shown<'m>(&'m self, system: &System, motion: &'m Variation) -> (&'m [f64], &'m [f64]) {
-        let n = system.n_free();
-        if system.has_sensors() {
-            (&self.position, &self.by_column)
-        } else {
-            (&motion.x[..n], &motion.s[..n * motion.s.len() / motion.x.len()])
+            self.position.copy_from_slice(&motion.x[..n]);
         }
     }
 }
@@ -438,19 +415,19 @@ impl Variation {
         false
     }
 
-    /// Corrects states and sensitivities after a sample of which the positions `shown` were predicted, with derivatives `rows`.
+    /// Corrects states and sensitivities after a sample of which `view` holds the prediction.
     fn correct(
         &mut self,
         system: &System,
         columns: &Columns,
         predictor: &Predictor<'_>,
         (time, sample): (&[f64], usize),
-        shown: &[f64],
-        rows: &[f64],
+        view: &View,
     ) {
         let (n, width, span) = (system.n_free(), columns.width, predictor.span(time, sample));
+        let shown = &view.position;
         predictor.correct(system, time, sample, shown, &mut self.x);
-        for (slot, row) in rows.chunks_exact(width).enumerate() {
+        for (slot, row) in view.by_column.chunks_exact(width).enumerate() {
             let gains = Gains::of(predictor.rates[slot], span);
             let error = predictor.error(sample, slot, shown);
             let at_speed = system.states_at_speed().iter().filter(|(_, at)| *at == slot).map(|(state, _)| *state);

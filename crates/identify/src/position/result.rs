@@ -59,6 +59,19 @@ pub struct Estimate {
     pub at_bound: bool,
 }
 
+impl Estimate {
+    /// From the variance that the fit leaves, how far the parameter might have lain before it, and its bounds.
+    pub(crate) fn new(name: &str, value: f64, variance: f64, spread: f64, (lower, upper): (f64, f64)) -> Self {
+        let std_error = variance.max(0.0).sqrt();
+        // Of a range, and of what the data tell apart: a range may be so wide that it is far from every value.
+        let reach = (1e-9 * spread).min(1e-3 * std_error);
+        let identifiable = std_error < IDENTIFIED * spread;
+        let at_bound = value - lower <= reach || upper - value <= reach;
+        let std_error = Some(std_error).filter(|_| identifiable && !at_bound);
+        Self { name: name.to_owned(), value, std_error, identifiable, at_bound }
+    }
+}
+
 /// A combination of parameters, each in units of its range.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Direction {
@@ -175,18 +188,7 @@ pub(super) fn conclude(
         .iter()
         .enumerate()
         .map(|(k, unknown)| {
-            let std_error = covariance[(k, k)].max(0.0).sqrt();
-            // Of a range, and of what the data tell apart: a range may be so wide that it is far from every value.
-            let reach = (1e-9 * spread[k]).min(1e-3 * std_error);
-            let identifiable = std_error < IDENTIFIED * spread[k];
-            let at_bound = x[k] - region.lower[k] <= reach || region.upper[k] - x[k] <= reach;
-            Estimate {
-                name: unknown.name.clone(),
-                value: x[k],
-                std_error: Some(std_error).filter(|_| identifiable && !at_bound),
-                identifiable,
-                at_bound,
-            }
+            Estimate::new(&unknown.name, x[k], covariance[(k, k)], spread[k], (region.lower[k], region.upper[k]))
         })
         .collect();
     // Where nothing but noise is left there is nothing to gain, whatever small jumps of the cost stop the search.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{PredictionProblem, State, evaluate::Evaluator};
 use crate::FitStatus;
-use crate::position::{Estimate, PositionFitError};
+use crate::position::{Estimate, PositionFitError, Unknown};
 use dynid_optimise::sqp::Objective;
 use dynid_signal::statistics::autocorrelation;
 
@@ -30,9 +30,6 @@ pub struct PredictionFit {
     pub substeps: usize,
     /// Whether no step promises more.
     pub is_converged: bool,
-    /// Covariance of the parameters, initial positions and rates eliminated.
-    #[serde(with = "dynid_optimise::matrix")]
-    pub covariance: DMatrix<f64>,
 }
 
 impl PredictionFit {
@@ -59,28 +56,23 @@ pub struct JointInnovations {
     pub samples: f64,
     /// Their standard deviation [rad or m].
     pub deviation: f64,
-    /// How far they are from white: see [`Innovations::whiteness`].
+    /// How far they are from white: 1 for white ones.
     pub whiteness: f64,
 }
 
-/// Errors of one-step predictions: of every run, joint by joint.
-pub struct Innovations;
-
-impl Innovations {
-    /// Box and Pierce's sum `n sum rho(k)^2` over the first lags of several series, over its expectation: 1 for white ones.
-    pub fn whiteness(series: &[&[f64]]) -> f64 {
-        /// Lags that are looked at.
-        const LAGS: usize = 20;
-        let (mut sum, mut expected) = (0.0, 0.0);
-        for errors in series {
-            let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
-            let centred: Vec<f64> = errors.iter().map(|error| error - mean).collect();
-            let rho = autocorrelation(&centred, LAGS + 1);
-            sum += errors.len() as f64 * rho.iter().skip(1).map(|rho| rho * rho).sum::<f64>();
-            expected += rho.len().saturating_sub(1) as f64;
-        }
-        if expected > 0.0 { sum / expected } else { 0.0 }
+/// Box and Pierce's sum `n sum rho(k)^2` over the first lags of several series, over its expectation: 1 for white ones.
+fn whiteness(series: &[&[f64]]) -> f64 {
+    /// Lags that are looked at.
+    const LAGS: usize = 20;
+    let (mut sum, mut expected) = (0.0, 0.0);
+    for errors in series {
+        let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
+        let centred: Vec<f64> = errors.iter().map(|error| error - mean).collect();
+        let rho = autocorrelation(&centred, LAGS + 1);
+        sum += errors.len() as f64 * rho.iter().skip(1).map(|rho| rho * rho).sum::<f64>();
+        expected += rho.len().saturating_sub(1) as f64;
     }
+    if expected > 0.0 { sum / expected } else { 0.0 }
 }
 
 pub(super) fn conclude(
@@ -104,26 +96,14 @@ pub(super) fn conclude(
         let squares = series.iter().flat_map(|errors| errors.iter()).map(|error| error * error).sum::<f64>();
         let variance = evaluator.variance(index, squares, samples);
         log_likelihood -= 0.5 * samples * (variance.ln() + squares / samples / variance);
-        let whiteness = Innovations::whiteness(&series);
+        let whiteness = whiteness(&series);
         joints.push(JointInnovations { joint: *joint, samples, deviation: variance.sqrt(), whiteness });
     }
-    let n = problem.unknowns.len();
-    let covariance = covariance(&quadratic.hessian, n);
-    let parameters = problem.unknowns.iter().enumerate().map(|(k, unknown)| {
-        let std_error = covariance[(k, k)].max(0.0).sqrt();
-        let spread = problem.spreads[k];
-        let reach = (1e-9 * spread).min(1e-3 * std_error);
-        let identifiable = std_error < IDENTIFIED * spread;
-        let at_bound = x[k] - unknown.lower <= reach || unknown.upper - x[k] <= reach;
-        Estimate {
-            name: unknown.name.clone(),
-            value: x[k],
-            std_error: Some(std_error).filter(|_| identifiable && !at_bound),
-            identifiable,
-            at_bound,
-        }
-    });
-    let parameters = parameters.collect();
+    let variances = variances(&quadratic.hessian);
+    let estimate = |(k, unknown): (usize, &Unknown)| {
+        Estimate::new(&unknown.name, x[k], variances[k], problem.spreads[k], (unknown.lower, unknown.upper))
+    };
+    let parameters = problem.unknowns.iter().enumerate().map(estimate).collect();
     Ok(PredictionFit {
         parameters,
         initial: evaluator.initial(x),
@@ -133,24 +113,17 @@ pub(super) fn conclude(
         iterations: state.iterations + state.search.iterations,
         substeps: state.substeps,
         is_converged: state.is_done,
-        covariance,
     })
 }
 
-/// A parameter counts as identified when the data narrow its prior to less than this share.
-const IDENTIFIED: f64 = 0.5;
-
-/// Covariance of the first `n` unknowns.
-fn covariance(hessian: &DMatrix<f64>, n: usize) -> DMatrix<f64> {
+/// Variance of each unknown, all others being free.
+fn variances(hessian: &DMatrix<f64>) -> Vec<f64> {
     let all = hessian.nrows();
     let scale = DVector::from_fn(all, |k, _| hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip());
     let mut scaled = DMatrix::from_fn(all, all, |row, column| hessian[(row, column)] * scale[row] * scale[column]);
     // A rate that no sample depends on any more.
     (0..all).for_each(|k| scaled[(k, k)] += 1e-12);
     let inverse = scaled.cholesky().map(|factor| factor.inverse());
-    let entry = |row: usize, column: usize| match &inverse {
-        Some(inverse) => inverse[(row, column)] * scale[row] * scale[column],
-        None => f64::INFINITY,
-    };
-    DMatrix::from_fn(n, n, entry)
+    let variance = |k: usize| inverse.as_ref().map_or(f64::INFINITY, |inverse| inverse[(k, k)] * scale[k] * scale[k]);
+    (0..all).map(variance).collect()
 }

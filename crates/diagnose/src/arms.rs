@@ -66,7 +66,7 @@ pub fn race(
                 return;
             }
             let Ok(mut search) = Search::new(&arm.problem, arm.state.take()) else { return };
-            let iterations = (steps / search.state().substeps).clamp(1, settings.iterations);
+            let iterations = (steps / search.state().plan.mean_steps().ceil() as usize).clamp(1, settings.iterations);
             search.advance(settings, iterations, &mut |_| {
                 if stop() { SearchControl::Stop } else { SearchControl::Continue }
             });

@@ -90,10 +90,19 @@ pub(super) fn diagnose(
         lines = judged.iter().map(|run| intersample::with_line(run)).collect();
         let (fit, held_out) = logs(&lines.iter().collect::<Vec<_>>());
         let straight = Logs { fit, held_out, ..work };
-        let refitted = straight.base(model, "base, straight").map_err(FitError::from)?;
+        let refitted = straight.base(&base.model, "base, straight").map_err(FitError::from)?;
         asked_to_stop(stop)?;
         let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
-        if refitted.score() - base.score() > -0.5 * samples * (1.0 - LESS).ln() {
+        let is_better = |base: &Fitted| refitted.score() - base.score() > -0.5 * samples * (1.0 - LESS).ln();
+        if is_better(&base) {
+            // The search may have come further, and not the command.
+            let again = work.base(&refitted.model, "base, standing again").map_err(FitError::from)?;
+            asked_to_stop(stop)?;
+            if again.score() > base.score() {
+                base = again;
+            }
+        }
+        if is_better(&base) {
             (base, work) = (refitted, straight);
         } else {
             lines.clear();
@@ -172,7 +181,7 @@ fn step(
     if base.is_whole() || verdict::reaches_the_floor(before) {
         return Ok((Vec::new(), nothing(Verdict::NothingMissing)));
     }
-    let starts = work.starts(base, &[]).map_err(FitError::from)?;
+    let starts = work.starts(base, &[], &|_| true).map_err(FitError::from)?;
     asked_to_stop(stop)?;
     let mut asked: Vec<&Candidate> = starts.iter().map(|start| &start.candidate).collect();
     asked.sort();

@@ -95,8 +95,7 @@ const LEAST_S: f64 = 5.0;
 const ARMS: usize = 16;
 const BATCHES: usize = 2;
 const LAST: usize = 3;
-/// Share of the errors that may be the integration's in a race, and what that may change of a log likelihood per sample.
-const RACE: f64 = 0.25;
+/// What the values of a fit to the beginnings may lack of the log likelihood of all, per sample.
 const ROUGH: f64 = 0.1;
 /// Arms that start at the values of the best.
 const LATER_ARMS: usize = 8;
@@ -184,34 +183,42 @@ impl Logs<'_> {
 
     /// Starts for every effect at every place, those that are fitted first coming first: asked at the values of `base`, at those that
     /// were believed before any fit, and at those of others.
-    pub fn starts(&self, base: &Fitted, others: &[&Fitted]) -> Result<Vec<Start>, PositionFitError> {
+    pub fn starts(
+        &self,
+        base: &Fitted,
+        others: &[&Fitted],
+        is_asked: &dyn Fn(&Candidate) -> bool,
+    ) -> Result<Vec<Start>, PositionFitError> {
         let model = &base.model;
         let mut points = Vec::new();
         if others.is_empty() {
-            points.push((model.clone(), base.fit.rates.clone(), base.fit.initial.clone(), base.fit.substeps));
+            points.push((model.clone(), base.fit.rates.clone(), base.fit.initial.clone(), base.fit.plan.clone()));
             let believed = model.with_values(&|name| self.given.prior(name));
             if let Ok(search) = Search::new(&self.problem(&believed)?, None) {
                 let (rates, initial) = search.nuisance();
-                points.push((believed, rates, initial, search.state().substeps));
+                points.push((believed, rates, initial, search.state().plan.clone()));
             }
         }
         for other in others {
             let fit = &other.fit;
-            let substeps = base.fit.substeps;
-            points.push((model.with_values_of(&other.model), fit.rates.clone(), fit.initial.clone(), substeps));
+            points.push((model.with_values_of(&other.model), fit.rates.clone(), fit.initial.clone(), fit.plan.clone()));
         }
         let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
         let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
-        let all = candidates(model, &self.fit.iter().collect::<Vec<_>>());
+        let mut all = candidates(model, &self.fit.iter().collect::<Vec<_>>());
+        all.retain(is_asked);
+        if all.is_empty() {
+            return Ok(Vec::new());
+        }
         let beginnings = self.beginnings();
         let expected = |name: &str| self.expected(name);
         let mut lists = Vec::new();
-        for (model, rates, initial, substeps) in &points {
+        for (model, rates, initial, plan) in &points {
             let joints = 0..model.device.joints.len();
             let sizes: Vec<Sizes> = joints.map(|joint| Sizes::of(model, &with_motion, &motions, joint)).collect();
             let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
             let probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
-            let test = ScoreTest::new(model, rates, (initial, *substeps), &beginnings, &expected)?;
+            let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
             let mut starts = test.ask(&probes, &|| !(self.stop)());
             starts.sort_by(|one, other| {
                 other.promise.total_cmp(&one.promise).then_with(|| one.candidate.cmp(&other.candidate))
@@ -244,11 +251,18 @@ impl Logs<'_> {
             while let Some(best) = found.first().filter(|best| !asked_at.contains(&best.candidate)).cloned() {
                 let key = format!("{key}.{batch} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
-                let mut starts = self.starts(base, &[&best])?;
-                let is_rival = |start: &Start| !best.is_whole() || self.added_unknowns(&start.model) < best.unknowns;
-                starts.retain(|start| Some(&start.candidate) != best.candidate.as_ref() && is_rival(start));
+                // What leaves nothing has no rivals but with fewer unknowns.
+                let is_smaller = |model: &Model| !best.is_whole() || self.added_unknowns(model) < best.unknowns;
+                let is_rival = |candidate: &Candidate| {
+                    let mut model = base.model.clone();
+                    let Candidate { effect, joint, from } = candidate;
+                    Some(candidate) != best.candidate.as_ref()
+                        && model.add_effect(effect, *joint, *from).is_ok()
+                        && is_smaller(&model)
+                };
+                let mut starts = self.starts(base, &[&best], &is_rival)?;
                 starts.truncate(LATER_ARMS);
-                starts.extend(self.kin(base, &best).into_iter().filter(is_rival));
+                starts.extend(self.kin(base, &best).into_iter().filter(|start| is_smaller(&start.model)));
                 self.race(base, &starts, &key, &mut found)?;
                 self.settle(base, &mut found, &key)?;
             }
@@ -350,8 +364,7 @@ impl Logs<'_> {
                 before: f64::INFINITY,
             });
         }
-        let search = Settings { integration: RACE, ..self.search };
-        let arms = race(arms, &search, LAST, self.recall, self.keep, self.stop);
+        let arms = race(arms, &self.search, LAST, self.recall, self.keep, self.stop);
         for arm in arms.iter().filter(|arm| arm.cost().is_finite()) {
             let problem = self.problem(&arm.model)?;
             let Ok(search) = Search::new(&problem, arm.state.clone()) else { continue };

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use dynid_dynamics::simulate::{self, Input, Predictor};
 use dynid_dynamics::system::{PlacedEffect, SystemError};
 use dynid_identify::position::{FitRun, Unknown, first_state};
-use dynid_identify::prediction::{Expansion, PredictionProblem};
+use dynid_identify::prediction::{Expansion, Plan, PredictionProblem, Tangent};
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 use rayon::prelude::*;
@@ -38,9 +38,9 @@ pub struct ScoreTest<'a> {
     rates: Vec<BTreeMap<usize, f64>>,
     /// Its predictions of the first samples of each run.
     first: Vec<Option<Vec<f64>>>,
-    /// Cost of the model as it is at each of the rates, once its own unknowns have taken their step.
-    without: Vec<Option<f64>>,
-    substeps: usize,
+    /// The model as it is at each of the rates, and its cost once its own unknowns have taken their step.
+    without: Vec<Option<(Tangent, f64)>>,
+    plan: Plan,
     expected: &'a (dyn Fn(&str) -> Option<f64> + Sync),
 }
 
@@ -49,8 +49,8 @@ const RATES: [f64; 3] = [1.0, 0.3, 0.1];
 /// Columns, and states of effects, that one evaluation takes at most.
 const MOST_COLUMNS: usize = 160;
 const MOST_STATES: usize = 8;
-/// Integration steps so many times shorter than the model's are tried for what stands in the drive path.
-const SHORTER: [usize; 3] = [1, 4, 16];
+/// Schemes so much further up the ladder than the model's are tried for what stands in the drive path.
+const FURTHER: [usize; 3] = [0, 4, 9];
 /// The first samples tell whether an effect does nothing.
 const FIRST: usize = 300;
 
@@ -62,7 +62,7 @@ impl<'a> ScoreTest<'a> {
     pub fn new(
         model: &'a Model,
         rates: &BTreeMap<usize, f64>,
-        (initial, substeps): (&[Vec<f64>], usize),
+        (initial, plan): (&[Vec<f64>], &Plan),
         runs: &'a [Run],
         expected: &'a (dyn Fn(&str) -> Option<f64> + Sync),
     ) -> Result<Self, SystemError> {
@@ -71,17 +71,16 @@ impl<'a> ScoreTest<'a> {
         let rates = RATES.iter().map(|factor| multiplied(*factor).collect()).collect();
         let initial = initial.to_vec();
         let (first, without) = (Vec::new(), Vec::new());
-        let mut test = Self { model, runs, ready, initial, rates, first, without, substeps, expected };
-        test.first = test.ready.iter().map(|ready| test.first_of(ready)).collect();
-        test.without =
-            test.rates.par_iter().map(|rates| test.cost(model, test.ready.clone(), rates, test.substeps)).collect();
+        let mut test = Self { model, runs, ready, initial, rates, first, without, plan: plan.clone(), expected };
+        test.first = test.ready.iter().enumerate().map(|(run, ready)| test.first_of(run, ready)).collect();
+        let without = |rates: &BTreeMap<usize, f64>| {
+            let problem = test.problem(model, test.ready.clone(), rates);
+            let tangent = Tangent::new(&problem, plan)?;
+            let cost = tangent.cost(&problem, plan)?;
+            Some((tangent, cost))
+        };
+        test.without = test.rates.par_iter().map(without).collect();
         Ok(test)
-    }
-
-    /// Cost of a model at its values and these rates, once all its unknowns have taken their step.
-    fn cost(&self, model: &Model, ready: Vec<FitRun>, rates: &BTreeMap<usize, f64>, substeps: usize) -> Option<f64> {
-        let expansion = Expansion::new(&self.problem(model, ready, rates), substeps)?;
-        Some(expansion.reduced(&[])?.cost())
     }
 
     /// Every probe's promise, those of one candidate together; `go_on` is asked between them.
@@ -91,12 +90,13 @@ impl<'a> ScoreTest<'a> {
         let vanish: Vec<bool> = all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].1[*k])).collect();
         let mut chunks: Vec<Vec<(usize, usize)>> = Vec::new();
         let (mut columns, mut states) = (0, 0);
-        let mut jobs: Vec<Vec<(usize, usize)>> = Vec::new();
+        let mut jobs: Vec<(Vec<(usize, usize)>, bool)> = Vec::new();
         for (place, vanishes) in all.iter().zip(&vanish) {
             let (candidate, own) = &probes[place.0];
             let own = &own[place.1];
-            if !vanishes {
-                jobs.push(vec![*place]);
+            // What takes another law's place stands in a model of its own.
+            if !vanishes || own.model.effects.len() <= self.model.effects.len() {
+                jobs.push((vec![*place], *vanishes));
                 continue;
             }
             let more = instance(&own.model, candidate).map_or(0, |instance| instance.effect.states.len());
@@ -110,21 +110,16 @@ impl<'a> ScoreTest<'a> {
                 chunk.push(*place);
             }
         }
-        let n_chunks = chunks.len();
-        chunks.extend(jobs);
-        let asked: Vec<((usize, usize), Option<Start>)> = chunks
+        jobs.extend(chunks.into_iter().map(|chunk| (chunk, true)));
+        let asked: Vec<Vec<Option<Start>>> = jobs
             .par_iter()
-            .enumerate()
-            .flat_map_iter(|(index, chunk)| {
-                let found = match (go_on(), index < n_chunks) {
-                    (false, _) => Vec::new(),
-                    (true, true) => self.all_at_null(chunk, probes),
-                    (true, false) => chunk.iter().map(|place| self.at_values(*place, probes)).collect(),
-                };
-                chunk.iter().copied().zip(found)
+            .map(|(places, vanish)| match (go_on(), vanish) {
+                (false, _) => Vec::new(),
+                (true, true) => self.all_at_null(places, probes),
+                (true, false) => places.iter().map(|place| self.at_values(*place, probes)).collect(),
             })
             .collect();
-        asked.into_iter().filter_map(|(_, start)| start).collect()
+        asked.into_iter().flatten().flatten().collect()
     }
 
     fn problem(&self, model: &Model, runs: Vec<FitRun>, rates: &BTreeMap<usize, f64>) -> PredictionProblem {
@@ -142,18 +137,22 @@ impl<'a> ScoreTest<'a> {
             return false;
         }
         let ready = self.runs.iter().map(|run| FitRun::of_run(&probe.model, run).ok());
-        ready.zip(&self.first).all(|(ready, without)| match (ready.and_then(|ready| self.first_of(&ready)), without) {
-            (Some(with), Some(without)) => with.iter().zip(without).all(|(one, other)| (one - other).abs() <= 1e-12),
-            _ => false,
+        ready.zip(&self.first).enumerate().all(|(run, (ready, without))| {
+            match (ready.and_then(|ready| self.first_of(run, &ready)), without) {
+                (Some(with), Some(without)) => {
+                    with.iter().zip(without).all(|(one, other)| (one - other).abs() <= 1e-12)
+                }
+                _ => false,
+            }
         })
     }
 
     /// Predictions of the first samples of a run.
-    fn first_of(&self, ready: &FitRun) -> Option<Vec<f64>> {
+    fn first_of(&self, run: usize, ready: &FitRun) -> Option<Vec<f64>> {
         let rates: Vec<f64> = ready.system.kernel().free.iter().map(|joint| self.rates[0][joint]).collect();
-        let predictor = Predictor { position: &ready.position, rates: &rates, every: 1 };
+        let predictor = Predictor { position: &ready.position, rates: &rates, schemes: self.plan.of_run(run) };
         let input = Input { time: &ready.time, command: &ready.command, intersample: ready.intersample };
-        let options = simulate::Options { substeps: self.substeps, ..simulate::Options::default() };
+        let options = simulate::Options { substeps: 1, ..simulate::Options::default() };
         let found = simulate::predict(&ready.system, &input.first(FIRST), &predictor, &first_state(ready), &options);
         Some(found.ok()?.q)
     }
@@ -176,10 +175,14 @@ impl<'a> ScoreTest<'a> {
     fn at_null(&self, chunk: &[(usize, usize)], probes: &[(Candidate, Vec<Probe>)]) -> Option<Vec<Option<Start>>> {
         let mut effects: Vec<PlacedEffect> = Vec::new();
         let mut unknowns: Vec<Vec<Unknown>> = Vec::new();
+        // Effects that stand beside those of the model share it; what takes the place of one stands alone.
+        let alone = match chunk {
+            [(own, k)] => Some(&probes[*own].1[*k].model).filter(|own| own.effects.len() <= self.model.effects.len()),
+            _ => None,
+        };
         for (number, (own, k)) in chunk.iter().enumerate() {
             let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
-            let placed = probe.model.placed(instance(&probe.model, candidate)?).ok()?;
-            let named = |name: &str| format!("{name}#{number}");
+            let named = |name: &str| if alone.is_some() { name.to_owned() } else { format!("{name}#{number}") };
             unknowns.push(
                 probe
                     .steps
@@ -193,26 +196,36 @@ impl<'a> ScoreTest<'a> {
                     })
                     .collect(),
             );
-            let names = placed.names.iter().map(|name| named(name)).collect();
-            let state_names = placed.state_names.iter().map(|name| named(name)).collect();
-            effects.push(PlacedEffect { names, state_names, ..placed });
+            if alone.is_none() {
+                let placed = probe.model.placed(instance(&probe.model, candidate)?).ok()?;
+                let names = placed.names.iter().map(|name| named(name)).collect();
+                let state_names = placed.state_names.iter().map(|name| named(name)).collect();
+                effects.push(PlacedEffect { names, state_names, ..placed });
+            }
         }
-        let ready: Vec<FitRun> = self
-            .runs
-            .iter()
-            .map(|run| FitRun::of_run_with(self.model, run, &effects))
-            .collect::<Result<_, _>>()
-            .ok()?;
+        let model = alone.unwrap_or(self.model);
+        let with = |run: &Run| FitRun::of_run_with(model, run, &effects);
+        let ready: Vec<FitRun> = self.runs.iter().map(with).collect::<Result<_, _>>().ok()?;
         let mut best: Vec<Option<Start>> = vec![None; chunk.len()];
         for (rates, without) in self.rates.iter().zip(&self.without) {
-            let Some(without) = without else { continue };
-            let mut problem = self.problem(self.model, ready.clone(), rates);
-            let first = problem.unknowns.len();
+            let Some((_, without)) = without else { continue };
+            let mut problem = self.problem(model, ready.clone(), rates);
             // The model's own come first; then these, which no prior holds.
+            let is_other = |unknown: &Unknown| unknowns.iter().flatten().all(|own| own.name != unknown.name);
+            let kept: Vec<bool> = problem.unknowns.iter().map(is_other).collect();
+            let mut keep = kept.iter();
+            problem.unknowns.retain(|_| *keep.next().unwrap_or(&true));
+            let mut keep = kept.iter();
+            problem.spreads.retain(|_| *keep.next().unwrap_or(&true));
+            let first = problem.unknowns.len();
             problem.unknowns.extend(unknowns.iter().flatten().cloned());
             problem.spreads.resize(problem.unknowns.len(), f64::INFINITY);
             let own: Vec<usize> = (first..problem.unknowns.len()).collect();
-            let reduced = Expansion::new(&problem, self.substeps)?.reduced(&own)?;
+            // States that the model does not have may need shorter steps.
+            let expansion = |further: usize| Expansion::new(&problem, &self.plan.finer(further));
+            let reduced =
+                FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() }).find_map(expansion)?;
+            let reduced = reduced.reduced(&own)?;
             let mut place = 0;
             for (number, (own, k)) in chunk.iter().enumerate() {
                 let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
@@ -231,9 +244,8 @@ impl<'a> ScoreTest<'a> {
                 if !gain.is_finite() || best[number].as_ref().is_some_and(|best| best.promise >= gain) {
                     continue;
                 }
-                let units: Vec<f64> = probe.steps.iter().zip(&promise.step).map(|(step, by)| by / step.unit).collect();
-                best[number] =
-                    Some(Start { candidate: candidate.clone(), model: probe.at(1.0, &units), promise: gain });
+                // The fit itself takes the step, with all other unknowns and no further than it keeps its promise.
+                best[number] = Some(Start { candidate: candidate.clone(), model: probe.model.clone(), promise: gain });
             }
         }
         Some(best)
@@ -244,10 +256,12 @@ impl<'a> ScoreTest<'a> {
         let (candidate, probe) = (&probes[own].0, &probes[own].1[k]);
         let ready: Vec<FitRun> =
             self.runs.iter().map(|run| FitRun::of_run(&probe.model, run)).collect::<Result<_, _>>().ok()?;
-        // A transmission may need shorter steps than the model without it.
         let gains = self.rates.iter().zip(&self.without).filter_map(|(rates, without)| {
-            let cost = |shorter: usize| self.cost(&probe.model, ready.clone(), rates, shorter * self.substeps);
-            let gain = (*without)? - SHORTER.into_iter().find_map(cost)?;
+            let (tangent, without) = without.as_ref()?;
+            let problem = self.problem(&probe.model, ready.clone(), rates);
+            // A transmission may need shorter steps than the model without it.
+            let cost = |further: usize| tangent.cost(&problem, &self.plan.finer(further));
+            let gain = without - FURTHER.into_iter().find_map(cost)?;
             gain.is_finite().then_some(gain)
         });
         let best = gains.max_by(f64::total_cmp);

@@ -4,13 +4,17 @@
 //! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
 
 pub mod control;
+pub mod implicit;
 mod late;
 mod predictor;
+mod scheme;
 
 pub use late::Commands;
-pub use predictor::{Gains, Predictor};
+pub use predictor::{Gains, Planned, Predictor, plan};
+pub use scheme::Scheme;
 
 use crate::{system::Scratch, system::System};
+use implicit::Implicit;
 
 /// How the commanded torque runs between samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +40,31 @@ impl<'a> Input<'a> {
     /// The commands as a simulation plays them.
     pub fn commands(&self, n_joints: usize) -> Commands<'a> {
         Commands { time: self.time, rows: self.command, n_joints, intersample: self.intersample }
+    }
+
+    /// The commands of a sample and of the one after it.
+    pub fn around(&self, sample: usize, n_joints: usize) -> (&'a [f64], &'a [f64]) {
+        self.command[sample * n_joints..(sample + 2) * n_joints].split_at(n_joints)
+    }
+
+    /// What arrives at `t` within step `index` of `steps` from a sample to the next.
+    pub fn command_at(
+        &self,
+        system: &System,
+        sample: usize,
+        (index, steps): (usize, usize),
+        t: f64,
+        command: &mut [f64],
+    ) {
+        let (now, next) = self.around(sample, system.n_joints());
+        let (start, end) = (self.time[sample], self.time[sample + 1]);
+        match self.intersample {
+            Intersample::ZeroOrder => command.copy_from_slice(now),
+            Intersample::FirstOrder => interpolate((t - start) / (end - start), now, next, command),
+        }
+        if !system.delays().is_empty() {
+            self.commands(system.n_joints()).arrive(system, t, step_bounds(start, end, steps, index), command, None);
+        }
     }
 
     /// The first `samples` samples.
@@ -111,13 +140,16 @@ pub struct Options {
     /// Steps per (mean) sample time; a longer gap between two samples takes proportionally more. The thesis's coupled
     /// joints take 60.
     pub substeps: usize,
-    /// A position beyond this [rad or m] counts as diverged: a numerical choice, far beyond any joint.
+    /// A position beyond this [rad or m] counts as diverged.
     pub position_limit: f64,
 }
 
+/// What counts as diverged where nothing else is said [rad or m]: a numerical choice, far beyond any joint.
+pub const POSITION_LIMIT: f64 = 1e3;
+
 impl Default for Options {
     fn default() -> Self {
-        Self { substeps: 60, position_limit: 1e3 }
+        Self { substeps: 60, position_limit: POSITION_LIMIT }
     }
 }
 
@@ -197,7 +229,7 @@ pub fn simulate_from(
     x0: &[f64],
     options: &Options,
 ) -> Result<Trajectory, SimulationError> {
-    sample_by_sample(system, input, x0, options, |_, _, _| ())
+    sample_by_sample(system, input, x0, options, None, |_, _, _| ())
 }
 
 /// One-step predictions of a log: as [`simulate`], but once a sample is compared its prediction's error corrects the motion that
@@ -210,37 +242,35 @@ pub fn predict(
     options: &Options,
 ) -> Result<Trajectory, SimulationError> {
     check(system, input, q0)?;
-    sample_by_sample(system, input, &system.rest(q0), options, |sample, shown, x| {
+    sample_by_sample(system, input, &system.rest(q0), options, Some(predictor), |sample, shown, x| {
         predictor.correct(system, input.time, sample, shown, x);
     })
 }
 
-/// Simulates; `after` sees each sample, what is logged of it, and the state, which it may change.
+/// Simulates, each interval in its own steps where a predictor has planned them; `after` sees each sample, what is logged of it, and the
+/// state, which it may change.
 fn sample_by_sample(
     system: &System,
     input: &Input<'_>,
     x0: &[f64],
     options: &Options,
+    predictor: Option<&Predictor<'_>>,
     mut after: impl FnMut(usize, &[f64], &mut [f64]),
 ) -> Result<Trajectory, SimulationError> {
     check(system, input, x0.get(..system.n_free()).unwrap_or(&[]))?;
     if x0.len() != system.n_states() {
         return Err(SimulationError::Length { what: "initial state", found: x0.len(), expected: system.n_states() });
     }
-    let n_joints = system.n_joints();
     let mut recorder = Recorder::new(system, input.time.len());
     let mut stepper = Stepper::new(system, x0);
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
     after(0, recorder.last(), &mut stepper.x);
     let grid = Grid::new(input.time, options.substeps);
-    for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
-        let (now, next) = rows.split_at(n_joints);
+    for sample in 0..input.time.len().saturating_sub(1) {
         let (start, end) = (input.time[sample], input.time[sample + 1]);
-        let steps = grid.steps(start, end);
-        let late = input.commands(n_joints);
-        match input.intersample {
-            Intersample::ZeroOrder => stepper.held(system, start, end, steps, now, &late),
-            Intersample::FirstOrder => stepper.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
+        match predictor {
+            Some(predictor) => stepper.across(system, input, sample, predictor.scheme(sample)),
+            None => stepper.explicit(system, input, sample, grid.steps(start, end)),
         }
         recorder.take(system, end, &stepper.x, options)?;
         after(sample + 1, recorder.last(), &mut stepper.x);
@@ -353,6 +383,7 @@ pub struct Stepper {
     rate: Vec<f64>,
     sum: Vec<f64>,
     command: Vec<f64>,
+    implicit: Option<Box<Implicit>>,
 }
 
 impl Stepper {
@@ -366,6 +397,36 @@ impl Stepper {
             rate: room.clone(),
             sum: room,
             command: vec![0.0; system.n_joints()],
+            implicit: None,
+        }
+    }
+
+    /// From a sample to the next in explicit steps.
+    fn explicit(&mut self, system: &System, input: &Input<'_>, sample: usize, steps: usize) {
+        let (now, next) = input.around(sample, system.n_joints());
+        let (start, end) = (input.time[sample], input.time[sample + 1]);
+        let late = input.commands(system.n_joints());
+        match input.intersample {
+            Intersample::ZeroOrder => self.held(system, start, end, steps, now, &late),
+            Intersample::FirstOrder => self.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
+        }
+    }
+
+    /// From a sample to the next by a scheme; where implicit steps find no end, by the finest.
+    fn across(&mut self, system: &System, input: &Input<'_>, sample: usize, scheme: Scheme) {
+        match scheme {
+            Scheme::Explicit(_) => self.explicit(system, input, sample, scheme.steps()),
+            Scheme::Implicit(_) => {
+                let implicit = self.implicit.get_or_insert_with(|| Box::new(Implicit::new(system)));
+                self.stage.copy_from_slice(&self.x);
+                let steps = scheme.steps();
+                let is_solved =
+                    (0..steps).all(|index| implicit.step_of(system, input, sample, (index, steps), &mut self.x));
+                if !is_solved {
+                    self.x.copy_from_slice(&self.stage);
+                    self.explicit(system, input, sample, Scheme::FINEST.steps());
+                }
+            }
         }
     }
 

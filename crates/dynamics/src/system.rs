@@ -23,6 +23,7 @@ pub use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub use feedforward::InverseError;
 pub use linear::{Linear, fastest_rate};
+pub use solve::substitute;
 pub use switch::Switch;
 
 use std::fmt;

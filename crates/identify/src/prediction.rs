@@ -17,6 +17,7 @@
 mod evaluate;
 mod expansion;
 mod held_out;
+mod plan;
 mod result;
 
 use std::collections::BTreeMap;
@@ -32,8 +33,9 @@ use dynid_optimise::sqp::{self, Ended, Limits, Objective, SearchControl};
 use dynid_user_model::Model;
 
 use evaluate::Evaluator;
-pub use expansion::{Expansion, Promise, Reduced};
+pub use expansion::{Expansion, Promise, Reduced, Tangent};
 pub use held_out::{HeldOut, held_out};
+pub use plan::Plan;
 pub use result::{JointInnovations, PredictionFit};
 
 /// Logs, and what is unknown of the model that is to predict them.
@@ -141,21 +143,22 @@ pub struct Settings {
     pub iterations: usize,
     /// The search ends where a step promises less than this increase of the log likelihood.
     pub tolerance: f64,
-    /// Share of the errors that may be the integration's in the end.
+    /// Share of the errors that may be the integration's in the end, where the model is not trusted beyond a sample; less where it
+    /// is trusted longer.
     pub integration: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations: 60, tolerance: 0.05, integration: 0.07 }
+        Self { iterations: 60, tolerance: 0.05, integration: 0.1 }
     }
 }
 
 /// Where a search is: it goes on from here to the same bits as if it had never stopped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// Integration steps per sample.
-    pub substeps: usize,
+    /// Integration steps.
+    pub plan: Plan,
     /// Linearisations before this part of the search.
     pub iterations: usize,
     /// Where this part of the search is.
@@ -173,6 +176,8 @@ pub struct Search<'a> {
     state: State,
 }
 
+/// Integration steps must do where the model is trusted so much more, too: errors that a rate forgets keep it from falling.
+const AHEAD: f64 = 0.3;
 /// Linearisations after which the rates are tried on their own.
 const BETWEEN_LINES: usize = 4;
 
@@ -187,12 +192,16 @@ impl<'a> Search<'a> {
         }
         let evaluator = Evaluator::new(problem);
         let state = match state.filter(|state| state.search.x.len() == evaluator.n()) {
-            Some(state) => state,
+            Some(state) if evaluator.is_planned(&state.plan) => state,
+            // Of a part of these runs.
+            Some(state) => {
+                State { plan: evaluator.plan(&state.search.x, &Plan::default(), evaluate::ROUGHLY), ..state }
+            }
             None => {
                 let x = evaluator.start()?;
-                let substeps = evaluator.substeps(&x, 1, evaluate::ROUGHLY);
+                let plan = evaluator.plan(&x, &Plan::default(), evaluate::ROUGHLY);
                 let region = problem.region(&evaluator);
-                State { substeps, iterations: 0, search: sqp::State::start(&x, &region), cost: None, is_done: false }
+                State { plan, iterations: 0, search: sqp::State::start(&x, &region), cost: None, is_done: false }
             }
         };
         Ok(Self { problem, evaluator, state })
@@ -214,7 +223,8 @@ impl<'a> Search<'a> {
         let end = self.iterations() + iterations;
         while self.iterations() < end && !self.state.is_done {
             let Self { problem, evaluator, state } = self;
-            let at = evaluator.at(state.substeps);
+            let plan = state.plan.clone();
+            let at = evaluator.at(&plan);
             let mut region = problem.region(evaluator);
             let left = (end - state.iterations).min(state.search.iterations + BETWEEN_LINES);
             let limits = Limits { iterations: left, tolerance: settings.tolerance };
@@ -231,13 +241,12 @@ impl<'a> Search<'a> {
                 Ended::Interrupted => return,
                 Ended::IterationLimit => self.slacken(),
                 Ended::Converged | Ended::Stuck => {
-                    // What has stiffened on the way, or come nearer to the logs, needs shorter steps; so may what keeps no promise.
-                    let least = if outcome.ended == Ended::Stuck { 2 * state.substeps } else { state.substeps };
-                    let least = least.min(evaluate::MOST_STEPS).max(state.substeps);
-                    let substeps = evaluator.substeps(&state.search.x, least, settings.integration);
-                    state.is_done = substeps <= state.substeps;
+                    // What has stiffened on the way, or come nearer to the logs, needs shorter steps.
+                    let ahead = evaluator.with_poles_nearer(&state.search.x, AHEAD);
+                    let finer = evaluator.plan(&ahead, &plan, settings.integration);
+                    state.is_done = finer == plan;
                     if !state.is_done {
-                        self.refine(substeps);
+                        self.refine(finer);
                     }
                 }
             }
@@ -247,7 +256,7 @@ impl<'a> Search<'a> {
     /// Trusts the model more at once, where that is likelier: a valley in which the rates fall and all else follows is long.
     fn slacken(&mut self) {
         let Self { evaluator, state, .. } = self;
-        let at = evaluator.at(state.substeps);
+        let at = evaluator.at(&state.plan);
         for share in [0.5, 0.25, 0.1, 0.03] {
             let x = evaluator.with_poles_nearer(&state.search.x, share);
             let cost = at.cost(&x);
@@ -260,16 +269,17 @@ impl<'a> Search<'a> {
 
     /// Takes up a search that came to its end with rougher steps, or in a part of the logs.
     pub fn reopen(&mut self, settings: &Settings) {
-        let substeps = self.evaluator.substeps(&self.state.search.x, self.state.substeps, settings.integration);
-        self.refine(substeps);
+        let ahead = self.evaluator.with_poles_nearer(&self.state.search.x, AHEAD);
+        let plan = self.evaluator.plan(&ahead, &self.state.plan, settings.integration);
+        self.refine(plan);
     }
 
-    fn refine(&mut self, substeps: usize) {
+    fn refine(&mut self, plan: Plan) {
         let Self { problem, evaluator, state } = self;
         state.is_done = false;
-        state.cost = None;
+        state.cost = evaluator.at(&plan).cost(&state.search.x);
         state.iterations += state.search.iterations;
-        state.substeps = substeps;
+        state.plan = plan;
         state.search = sqp::State::start(&state.search.x, &problem.region(evaluator));
     }
 

@@ -16,10 +16,12 @@ use dynid_generated::{LANES, Lanes, Scalar};
 
 use dynid_dynamics::{
     simulate::Commands, simulate::Gains, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Observer,
-    simulate::Options, simulate::Predictor, simulate::SimulationError, simulate::check, simulate::check_state,
-    simulate::interpolate, simulate::step_bounds, system::Linear, system::NONE, system::Scratch, system::Switch,
-    system::System,
+    simulate::Options, simulate::Predictor, simulate::Scheme, simulate::SimulationError, simulate::check,
+    simulate::check_state, simulate::implicit, simulate::implicit::Implicit, simulate::interpolate,
+    simulate::step_bounds, system::Linear, system::NONE, system::Scratch, system::Switch, system::System,
+    system::substitute,
 };
+use nalgebra::DMatrix;
 
 /// Columns come in blocks of this many: what one cache line holds, and whole vector registers of any width.
 const BLOCK: usize = 8;
@@ -166,7 +168,7 @@ fn along(
     let mut show = |motion: &mut Variation, sample: usize, t: f64| {
         view.take(system, columns, t, motion);
         observe(sample, &view.position, &view.by_column);
-        if let Some(predictor) = predictor.filter(|predictor| predictor.compares(sample)) {
+        if let Some(predictor) = predictor {
             motion.correct(system, columns, predictor, (input.time, sample), &view);
         }
     };
@@ -174,17 +176,28 @@ fn along(
     let grid = Grid::new(input.time, options.substeps);
     for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
         let (now, next) = rows.split_at(n_joints);
-        let span = Span {
+        let scheme = predictor.map(|predictor| predictor.scheme(sample));
+        let steps = scheme.map_or_else(|| grid.steps(input.time[sample], input.time[sample + 1]), Scheme::steps);
+        let mut span = Span {
             sample,
             start: input.time[sample],
             end: input.time[sample + 1],
-            steps: grid.steps(input.time[sample], input.time[sample + 1]),
+            steps,
             intersample: input.intersample,
             now,
             next,
             late: input.commands(n_joints),
             observer,
         };
+        let is_implicit = matches!(scheme, Some(Scheme::Implicit(_)));
+        if is_implicit && motion.implicit_steps(system, columns, input, &span) {
+            check_state(system, span.end, &motion.x, options)?;
+            show(&mut motion, sample + 1, span.end);
+            continue;
+        }
+        if is_implicit {
+            span.steps = Scheme::FINEST.steps();
+        }
         // As even as they come.
         let most = span.steps.div_ceil(span.steps.div_ceil(MOST_STEPS));
         let mut done = 0;
@@ -301,6 +314,7 @@ struct Variation {
     ddq_lanes: Vec<Lanes>,
     command_lanes: Vec<Lanes>,
     rate_lanes: Vec<Lanes>,
+    implicit: Option<Box<Implicit>>,
 }
 
 /// Where the linearised equations of a stage stand in its slopes: first LDL^T of D, n_free x n_free, then `Q_x`,
@@ -355,6 +369,7 @@ impl Variation {
             ddq_lanes: vec![Lanes::constant(0.0); system.n_free()],
             command_lanes: vec![Lanes::constant(0.0); system.n_joints()],
             rate_lanes: vec![Lanes::constant(0.0); n_states],
+            implicit: None,
             x,
         }
     }
@@ -415,6 +430,89 @@ impl Variation {
         false
     }
 
+    /// Takes states and sensitivities over a span in implicit steps; where one has no solution, says so and leaves both as they were.
+    fn implicit_steps(&mut self, system: &System, columns: &Columns, input: &Input<'_>, span: &Span<'_>) -> bool {
+        let (n, n_states) = (system.n_free(), self.x.len());
+        let (x, s) = (self.x.clone(), self.s.clone());
+        let mut implicit = self.implicit.take().unwrap_or_else(|| Box::new(Implicit::new(system)));
+        let mut is_solved = true;
+        for index in 0..span.steps {
+            self.q_before.copy_from_slice(&self.x[..n]);
+            is_solved = implicit.step_of(system, input, span.sample, (index, span.steps), &mut self.x);
+            if !is_solved {
+                (self.x, self.s) = (x, s);
+                break;
+            }
+            (self.steps, self.first_step) = (1, index);
+            // An explicit step has one stage more.
+            for stage in 0..STAGES {
+                let from = stage.min(implicit::STAGES - 1);
+                let (to, from_states) =
+                    (stage * n_states..(stage + 1) * n_states, from * n_states..(from + 1) * n_states);
+                self.stage_t[stage] = implicit.time[from];
+                self.stage_x[to.clone()].copy_from_slice(&implicit.states[from_states.clone()]);
+                self.stage_rate[to].copy_from_slice(&implicit.rates[from_states]);
+            }
+            self.linearise(system, columns, span);
+            self.implicit_sensitivities(columns, n, span.step());
+            if self.switches.iter().any(|switch| self.passed(system, *switch).is_some()) {
+                self.jumps(system, columns, span.start + (index + 1) as f64 * span.step(), span.step());
+            }
+        }
+        self.implicit = Some(implicit);
+        is_solved
+    }
+
+    /// `S` over one implicit step: `K_i = A_i V_i + B_i`, `V_i = S + h (sum of the slopes before, own K_i)`.
+    fn implicit_sensitivities(&mut self, columns: &Columns, n: usize, step: f64) {
+        let (n_states, width) = (self.x.len(), columns.width);
+        let begin = DMatrix::from_row_slice(n_states, width, &self.s);
+        let mut by_stage: Vec<DMatrix<f64>> = Vec::with_capacity(implicit::STAGES);
+        let mut end = begin.clone();
+        for (stage, weights) in implicit::BEFORE.iter().enumerate() {
+            let first = stage / LANES * self.places.count;
+            let slope = |place: usize| self.slopes[first + place].to_array()[stage % LANES];
+            let factor: Vec<f64> = (0..n * n).map(slope).collect();
+            let torque_by_state: Vec<f64> = (n * n..n * n + n * n_states).map(slope).collect();
+            let rate_by_state =
+                self.places.rate_by_state.iter().map(|(row, state, place)| (*row, *state, slope(*place)));
+            let by_state = implicit::state_matrix(n, &factor, &torque_by_state, rate_by_state);
+            let mut torque = DMatrix::zeros(n, width);
+            for &(slot, column, place) in &self.places.torque_by_parameter {
+                torque[(slot, column)] += slope(place);
+            }
+            for &(column, slot, place) in &self.places.regressor {
+                torque[(slot, column)] -= slope(place);
+            }
+            let mut before = begin.clone();
+            for (weight, slopes) in weights.iter().zip(&by_stage) {
+                before += slopes * (step * weight);
+            }
+            let mut slopes = &by_state * &before;
+            for column in 0..columns.count() {
+                let mut torque = torque.column_mut(column);
+                if torque.iter().any(|torque| *torque != 0.0) {
+                    substitute(n, |place| factor[place], torque.as_mut_slice());
+                    (0..n).for_each(|slot| slopes[(n + slot, column)] += torque[slot]);
+                }
+            }
+            for &(row, column, place) in &self.places.rate_by_parameter {
+                slopes[(row, column)] += slope(place);
+            }
+            let own = step * implicit::OWN;
+            let matrix = DMatrix::identity(n_states, n_states) - by_state * own;
+            if !matrix.lu().solve_mut(&mut slopes) {
+                // The state had a solution here, so its derivative has one; else it is no number, which every caller refuses.
+                slopes.fill(f64::NAN);
+            }
+            end = before + &slopes * own;
+            by_stage.push(slopes);
+        }
+        for (row, line) in self.s.chunks_exact_mut(width).enumerate() {
+            line.iter_mut().enumerate().for_each(|(column, value)| *value = end[(row, column)]);
+        }
+    }
+
     /// Corrects states and sensitivities after a sample of which `view` holds the prediction.
     fn correct(
         &mut self,
@@ -424,7 +522,7 @@ impl Variation {
         (time, sample): (&[f64], usize),
         view: &View,
     ) {
-        let (n, width, span) = (system.n_free(), columns.width, predictor.span(time, sample));
+        let (n, width, span) = (system.n_free(), columns.width, Predictor::span(time, sample));
         let shown = &view.position;
         predictor.correct(system, time, sample, shown, &mut self.x);
         for (slot, row) in view.by_column.chunks_exact(width).enumerate() {
@@ -869,10 +967,26 @@ mod tests {
         }
     }
 
+    /// Both kinds of steps, in turn.
+    const SCHEMES: [Scheme; 12] = [
+        Scheme::Explicit(0),
+        Scheme::Implicit(0),
+        Scheme::Explicit(4),
+        Scheme::Implicit(1),
+        Scheme::Explicit(2),
+        Scheme::Implicit(3),
+        Scheme::Explicit(4),
+        Scheme::Implicit(1),
+        Scheme::Explicit(4),
+        Scheme::Implicit(2),
+        Scheme::Explicit(4),
+        Scheme::Explicit(4),
+    ];
+
     /// Predictions of the arm's samples, against positions that no model explains, at these rates.
     fn predictions(rates: &[f64; 2], viscous: f64, q0: &[f64; 2]) -> Vec<f64> {
         let (system, time, command, position) = predicted_arm(viscous);
-        let predictor = Predictor { position: &position, rates, every: 1 };
+        let predictor = Predictor { position: &position, rates, schemes: &SCHEMES };
         let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
         dynid_dynamics::simulate::predict(&system, &input, &predictor, q0, &Options::default()).unwrap().q
     }
@@ -894,7 +1008,7 @@ mod tests {
         let (rates, q0) = ([20.0, 90.0], [0.31, -0.42]);
         let (system, time, command, position) = predicted_arm(0.0);
         let columns = Columns::new(&system, |_| true, Lumps::Wanted).predicting(2);
-        let predictor = Predictor { position: &position, rates: &rates, every: 1 };
+        let predictor = Predictor { position: &position, rates: &rates, schemes: &SCHEMES };
         let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
         let (mut q, mut s) = (Vec::new(), Vec::new());
         predict(&system, &columns, &input, &predictor, &q0, &Options::default(), |_, position, rows| {

@@ -1,5 +1,6 @@
 //! The steady-state observer of the prediction-error method.
 
+use super::{Input, Options, Recorder, Scheme, SimulationError, Stepper};
 use crate::system::System;
 
 /// Corrects a simulation at each sample by the error of its prediction (innovation), and so makes one-step predictions of it.
@@ -14,8 +15,8 @@ pub struct Predictor<'a> {
     pub position: &'a [f64],
     /// Rate of each free joint [1/s].
     pub rates: &'a [f64],
-    /// Only one of so many samples is compared, and corrects.
-    pub every: usize,
+    /// How each interval from a sample to the next is integrated; by one explicit step where it is not said.
+    pub schemes: &'a [Scheme],
 }
 
 /// How much of a prediction's error goes into the state, and how that changes with the rate.
@@ -45,15 +46,15 @@ impl Gains {
 }
 
 impl Predictor<'_> {
-    /// Whether this sample is compared.
-    pub fn compares(&self, sample: usize) -> bool {
-        sample.is_multiple_of(self.every)
+    /// The time that a prediction of this sample spans (s).
+    pub fn span(time: &[f64], sample: usize) -> f64 {
+        let last = sample.max(1).min(time.len() - 1);
+        time[last] - time[last.saturating_sub(1)]
     }
 
-    /// The time that a prediction of this sample spans (s).
-    pub fn span(&self, time: &[f64], sample: usize) -> f64 {
-        let last = sample.max(self.every).min(time.len() - 1);
-        time[last] - time[last.saturating_sub(self.every)]
+    /// How the interval after this sample is integrated.
+    pub fn scheme(&self, sample: usize) -> Scheme {
+        self.schemes.get(sample).copied().unwrap_or(Scheme::PLAIN)
     }
 
     /// Error of the prediction `shown` of one free joint.
@@ -64,10 +65,7 @@ impl Predictor<'_> {
     /// Corrects the state `x` after a sample of which `shown` was predicted. States that begin at their joint's speed (the drive
     /// side of a transmission) are corrected as that is.
     pub fn correct(&self, system: &System, time: &[f64], sample: usize, shown: &[f64], x: &mut [f64]) {
-        if !self.compares(sample) {
-            return;
-        }
-        let (n, span) = (system.n_free(), self.span(time, sample));
+        let (n, span) = (system.n_free(), Self::span(time, sample));
         for slot in 0..n {
             let (gains, error) = (Gains::of(self.rates[slot], span), self.error(sample, slot, shown));
             x[slot] += gains.position * error;
@@ -77,6 +75,95 @@ impl Predictor<'_> {
             }
         }
     }
+}
+
+/// Predictions, and how their intervals are to be integrated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
+    /// As [`Predictor::schemes`].
+    pub schemes: Vec<Scheme>,
+    /// The predicted positions of the free joints, one row a sample.
+    pub predicted: Vec<f64>,
+}
+
+/// A nudge to the speed, as a share of what an interval may err by, and how much larger it may be at the interval's end.
+const NUDGE: f64 = 1e-4;
+const MOST_GROWTH: f64 = 10.0;
+/// The state of an effect that is smaller than this is nudged as if it were so large.
+const SMALL_STATE: f64 = 1e-6;
+
+/// Looks for the cheapest way to integrate each interval that errs by no more than `tolerance` [rad or m], one of each free joint:
+/// schemes are tried in the order of [`Scheme::LADDER`], from that of `predictor` on, until halving the steps moves the interval's
+/// end, and where its end's speed leads within the time of another sample, by no more.
+///
+/// # Errors
+/// The motion diverges with the finest.
+pub fn plan(
+    system: &System,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    tolerance: &[f64],
+) -> Result<Planned, SimulationError> {
+    super::check(system, input, q0)?;
+    let n = system.n_free();
+    let options = Options { substeps: 1, ..Options::default() };
+    let mut recorder = Recorder::new(system, input.time.len());
+    let mut stepper = Stepper::new(system, &system.rest(q0));
+    let mut schemes = Vec::with_capacity(input.time.len().saturating_sub(1));
+    recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, &options)?;
+    predictor.correct(system, input.time, 0, recorder.last(), &mut stepper.x);
+    let (mut begin, mut rough) = (stepper.x.clone(), stepper.x.clone());
+    for sample in 0..input.time.len().saturating_sub(1) {
+        let span = input.time[sample + 1] - input.time[sample];
+        begin.copy_from_slice(&stepper.x);
+        let mut place = Scheme::LADDER.iter().position(|scheme| *scheme == predictor.scheme(sample)).unwrap_or(0);
+        // Halved steps of one kind are the steps of the next of that kind.
+        let (mut done, mut error_before) = (None, f64::INFINITY);
+        loop {
+            let scheme = Scheme::LADDER[place];
+            if done != Some(scheme) {
+                stepper.x.copy_from_slice(&begin);
+                stepper.across(system, input, sample, scheme);
+            }
+            rough.copy_from_slice(&stepper.x);
+            stepper.x.copy_from_slice(&begin);
+            stepper.across(system, input, sample, scheme.finer());
+            done = Some(scheme.finer());
+            let error = |slot: usize| {
+                let change = |state: usize| (stepper.x[state] - rough[state]).abs();
+                (change(slot) + span * change(n + slot)) / tolerance[slot].max(f64::MIN_POSITIVE)
+            };
+            let error =
+                (0..n).map(error).fold(0.0, |most: f64, own| if own.is_nan() { f64::INFINITY } else { most.max(own) });
+            let is_close = error <= 1.0;
+            // What chatters between the two sides of a steep law may err by little, and the state of an effect that does nothing as yet
+            // errs by nothing; but no derivative survives it.
+            let mut grows = |nudged: std::ops::Range<usize>| {
+                let nudge = |state: usize| {
+                    NUDGE * if state < 2 * n { tolerance[state - n] / span } else { begin[state].abs() + SMALL_STATE }
+                };
+                stepper.x.copy_from_slice(&begin);
+                nudged.clone().for_each(|state| stepper.x[state] += nudge(state));
+                stepper.across(system, input, sample, scheme);
+                done = None;
+                // What is no number is not within it either.
+                !nudged.into_iter().all(|state| (stepper.x[state] - rough[state]).abs() <= MOST_GROWTH * nudge(state))
+            };
+            let is_steady = !is_close || !(grows(n..2 * n) || (begin.len() > 2 * n && grows(2 * n..begin.len())));
+            if scheme == Scheme::FINEST || (is_close && is_steady) {
+                schemes.push(scheme);
+                // From here on as it will be, so that what is not stable shows.
+                stepper.x.copy_from_slice(&rough);
+                break;
+            }
+            place = scheme.next(place, is_close || error >= 0.5 * error_before);
+            error_before = error;
+        }
+        recorder.take(system, input.time[sample + 1], &stepper.x, &options)?;
+        predictor.correct(system, input.time, sample + 1, recorder.last(), &mut stepper.x);
+    }
+    Ok(Planned { schemes, predicted: recorder.finish(Vec::new()).q })
 }
 
 #[cfg(test)]

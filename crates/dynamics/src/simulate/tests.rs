@@ -145,3 +145,69 @@ fn a_gap_in_the_log_takes_more_steps() {
     assert_eq!(grid.steps(0.0, 0.1), 60);
     assert_eq!(grid.steps(0.0, 1e-6), 1);
 }
+
+/// A pendulum whose bristles are a hundred times as stiff as its motion.
+fn stiff(schemes: &[Scheme], time: &[f64], command: &[f64], rates: &[f64]) -> Vec<f64> {
+    let effects = [placed(&LUGRE, 0, None, &[2000.0, 20.0, 0.05, 0.01, 0.5, 0.4]), placed(&VISCOUS, 0, None, &[0.02])];
+    let position: Vec<f64> = time.iter().map(|t| 0.3 * (4.0 * t).sin()).collect();
+    let predictor = Predictor { position: &position, rates, schemes };
+    let input = Input { time, command, intersample: Intersample::FirstOrder };
+    predict(&pendulum(&effects), &input, &predictor, &[0.0], &Options::default()).unwrap().q
+}
+
+/// `J ddq + Fv dq + Ks (q - qeq) = 0`, whose fast part decays within a thousandth of the slow one.
+#[test]
+fn implicit_steps_come_to_the_exact_solution_with_the_third_power_of_their_length() {
+    let (damping, stiffness, inertia) = (8.0, 40.0, 0.01);
+    let effects = [placed(&VISCOUS, 0, None, &[damping]), placed(&SPRING, 0, None, &[stiffness, 0.5])];
+    let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, inertia], Vec::new(), &effects).unwrap();
+    let (time, command) = (times(101, 0.05), vec![0.0; 101]);
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
+    let position = vec![0.0; 101];
+    let root = ((damping / inertia).powi(2) / 4.0 - stiffness / inertia).sqrt();
+    let (slow, fast) = (-damping / (2.0 * inertia) + root, -damping / (2.0 * inertia) - root);
+    assert!(fast / slow > 100.0);
+    let exact = |t: f64| 0.5 + 0.4 * (fast * (slow * t).exp() - slow * (fast * t).exp()) / (fast - slow);
+    let error = |scheme: Scheme| {
+        let schemes = [scheme; 100];
+        let predictor = Predictor { position: &position, rates: &[0.0], schemes: &schemes };
+        let found = predict(&system, &input, &predictor, &[0.9], &Options::default()).unwrap();
+        // After the first intervals, in which the fast part decays.
+        time.iter().zip(&found.q).skip(4).fold(0.0_f64, |most, (t, q)| most.max((q - exact(*t)).abs()))
+    };
+    let errors: Vec<f64> = (0..4).map(|halvings| error(Scheme::Implicit(halvings))).collect();
+    assert!(errors[0] < 1e-3, "{errors:?}");
+    assert!(errors.windows(2).all(|pair| pair[1] < pair[0] / 5.0), "{errors:?}");
+}
+
+#[test]
+fn implicit_steps_stay_stable_and_come_to_what_explicit_ones_come_to() {
+    let time = times(151, 0.01);
+    let command: Vec<f64> = time.iter().map(|t| 1.5 * (9.0 * t).sin()).collect();
+    let exact = stiff(&[Scheme::Explicit(9); 150], &time, &command, &[0.0]);
+    for (halvings, most) in [(0, 1e-2), (3, 1e-3), (6, 1e-5)] {
+        let found = stiff(&[Scheme::Implicit(halvings); 150], &time, &command, &[0.0]);
+        let error = found.iter().zip(&exact).fold(0.0_f64, |error, (a, b)| error.max((a - b).abs()));
+        assert!(error < most, "{error} with {} steps", 1 << halvings);
+    }
+}
+
+#[test]
+fn a_plan_keeps_its_tolerance_and_spends_steps_where_they_are_needed() {
+    let time = times(151, 0.01);
+    let command: Vec<f64> = time.iter().map(|t| 1.5 * (9.0 * t).sin()).collect();
+    let effects = [placed(&LUGRE, 0, None, &[2000.0, 20.0, 0.05, 0.01, 0.5, 0.4]), placed(&VISCOUS, 0, None, &[0.02])];
+    let position: Vec<f64> = time.iter().map(|t| 0.3 * (4.0 * t).sin()).collect();
+    let predictor = Predictor { position: &position, rates: &[50.0], schemes: &[] };
+    let input = Input { time: &time, command: &command, intersample: Intersample::FirstOrder };
+    let exact = stiff(&[Scheme::Explicit(9); 150], &time, &command, &[50.0]);
+    for tolerance in [1e-4, 1e-6] {
+        let planned = plan(&pendulum(&effects), &input, &predictor, &[0.0], &[tolerance]).unwrap();
+        let found = stiff(&planned.schemes, &time, &command, &[50.0]);
+        let error = found.iter().zip(&exact).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+        // Errors of an interval are forgotten within 1/50 s, two samples.
+        assert!(error < 5.0 * tolerance, "{error} at {tolerance}");
+        let cheap = planned.schemes.iter().filter(|scheme| scheme.steps() <= 2).count();
+        assert!(cheap > 0 && cheap < 150, "{cheap} of 150 at {tolerance}");
+    }
+}

@@ -35,7 +35,7 @@ pub fn solve(n: usize, matrix: &mut [f64], b: &mut [f64]) {
         6 => solve_sized::<6>(matrix, b),
         _ => {
             factorise(n, matrix);
-            substitute(n, matrix, b);
+            substitute(n, |place| matrix[place], b);
         }
     }
 }
@@ -46,7 +46,7 @@ fn solve_sized<const N: usize>(matrix: &mut [f64], b: &mut [f64]) {
         return;
     };
     factorise(N, matrix);
-    substitute(N, matrix, b);
+    substitute(N, |place| matrix[place], b);
 }
 
 /// As [`factorise_lanes`], of one matrix.
@@ -71,17 +71,18 @@ fn factorise(n: usize, matrix: &mut [f64]) {
     }
 }
 
+/// Solves in place with what [`factorise_lanes`] leaves of a matrix, entry by entry.
 #[inline(always)]
-fn substitute(n: usize, factor: &[f64], b: &mut [f64]) {
+pub fn substitute(n: usize, factor: impl Fn(usize) -> f64, b: &mut [f64]) {
     for row in 1..n {
         for k in 0..row {
-            b[row] -= factor[row * n + k] * b[k];
+            b[row] -= factor(row * n + k) * b[k];
         }
     }
     for row in (0..n).rev() {
-        b[row] *= factor[row * n + row];
+        b[row] *= factor(row * n + row);
         for k in row + 1..n {
-            b[row] -= factor[k * n + row] * b[k];
+            b[row] -= factor(k * n + row) * b[k];
         }
     }
 }
@@ -114,7 +115,7 @@ mod tests {
             factorise_lanes(n, &mut lanes);
             let twice: Vec<f64> = lanes.iter().map(|entry| entry.to_array()[1]).collect();
             let mut columns = b.clone();
-            substitute(n, &twice, &mut columns);
+            substitute(n, |place| twice[place], &mut columns);
             for row in 0..n {
                 let product: f64 = (0..n).map(|k| d[row * n + k] * single[k]).sum();
                 assert!((product - b[row]).abs() < 1e-12, "row {row} of {n}: {product}");

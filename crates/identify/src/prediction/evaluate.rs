@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::PredictionProblem;
+use super::{PredictionProblem, plan::Plan};
 use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
 use crate::sensitivity;
-use dynid_dynamics::simulate::{self, Input, Options, Predictor, SimulationError};
+use dynid_dynamics::simulate::{self, Input, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
 /// A run, ready to be predicted with any unknowns.
@@ -46,10 +46,10 @@ pub(super) struct Evaluator<'a> {
     floors: Vec<f64>,
 }
 
-/// An evaluator at so many integration steps per sample.
+/// An evaluator with these integration steps.
 pub(super) struct At<'e, 'a> {
     evaluator: &'e Evaluator<'a>,
-    substeps: usize,
+    plan: &'e Plan,
 }
 
 impl<'a> Evaluator<'a> {
@@ -99,8 +99,13 @@ impl<'a> Evaluator<'a> {
         self.ready.iter().map(of_run).sum::<usize>() as f64
     }
 
-    pub(super) fn at(&self, substeps: usize) -> At<'_, 'a> {
-        At { evaluator: self, substeps }
+    pub(super) fn at<'e>(&'e self, plan: &'e Plan) -> At<'e, 'a> {
+        At { evaluator: self, plan }
+    }
+
+    /// Whether a plan is of these runs.
+    pub(super) fn is_planned(&self, plan: &Plan) -> bool {
+        plan.fits(self.ready.iter().map(|ready| ready.run.time.len().saturating_sub(1)))
     }
 
     /// Bounds of what stands behind the parameters.
@@ -147,34 +152,64 @@ impl<'a> Evaluator<'a> {
         }
         let trials = POLES.into_iter().map(with);
         let best = trials
-            .filter_map(|x| Some((self.at(self.substeps(&x, 1, ROUGHLY)).cost(&x)?, x)))
+            .filter_map(|x| Some((self.at(&self.plan(&x, &Plan::default(), ROUGHLY)).cost(&x)?, x)))
             .min_by(|one, other| one.0.total_cmp(&other.0));
         best.map(|(_, x)| x).ok_or_else(|| self.why_not(&with(LEAST_POLE)))
     }
 
-    /// The fewest integration steps per sample, but at least so many, with which no more than this share of the errors is the
-    /// integration's.
-    pub(super) fn substeps(&self, x: &[f64], least: usize, share: f64) -> usize {
-        let predicted = |substeps: usize| -> Option<Vec<Vec<f64>>> {
-            self.ready.par_iter().map(|ready| ready.predict(x, substeps, Some(FIRST_S)).ok()).collect()
+    /// The fewest integration steps, but at least those of `least`, with which no more than a share of each joint's errors is the
+    /// integration's: `loosest` where a predictor follows its log, and less the longer it remembers.
+    pub(super) fn plan(&self, x: &[f64], least: &Plan, loosest: f64) -> Plan {
+        let planned = |least: &Plan, tolerances: &[f64]| -> Option<(Plan, Vec<Vec<f64>>)> {
+            let of_run = |(index, ready): (usize, &Ready<'_>)| ready.plan(x, least.of_run(index), tolerances).ok();
+            let found: Option<Vec<Planned>> = self.ready.par_iter().enumerate().map(of_run).collect();
+            let (schemes, rough) =
+                found?.into_iter().map(|Planned { schemes, predicted }| (schemes, predicted)).unzip();
+            Some((Plan::new(schemes), rough))
         };
-        let mut steps = least;
-        let mut rough = predicted(steps);
-        while steps < MOST_STEPS {
-            let fine = predicted(2 * steps);
-            if let (Some(rough), Some(fine)) = (&rough, &fine)
-                && self.are_close(rough, fine, share)
-            {
-                return steps;
+        let unit = |floor: &f64| floor.sqrt() * UNPLANNED / ROUNDING;
+        let Some((mut plan, rough)) = planned(least, &self.floors.iter().map(unit).collect::<Vec<_>>()) else {
+            return least.clone();
+        };
+        // Errors of intervals add up over as many samples as a predictor remembers.
+        let shares: Vec<f64> =
+            x[self.first_rate..].iter().map(|pole| (loosest * (1.0 - pole)).max(LEAST_SHARE)).collect();
+        let sums = self.squares(&rough);
+        let deviation = |(sum, floor): (&(f64, f64), &f64)| (sum.1 / sum.0.max(1.0) + floor).sqrt();
+        let deviations = sums.iter().zip(&self.floors).map(deviation);
+        let mut tolerances: Vec<f64> = deviations.zip(&shares).map(|(deviation, share)| share * deviation).collect();
+        for _ in 0..TIGHTER {
+            let Some((next, rough)) = planned(&plan, &tolerances) else { break };
+            plan = next;
+            if self.predicted(x, &plan.halved()).is_some_and(|fine| self.are_close(&rough, &fine, &shares)) {
+                break;
             }
-            rough = fine;
-            steps *= 2;
+            tolerances.iter_mut().for_each(|tolerance| *tolerance *= 0.25);
         }
-        steps
+        plan
+    }
+
+    /// Predictions of all runs.
+    fn predicted(&self, x: &[f64], plan: &Plan) -> Option<Vec<Vec<f64>>> {
+        self.ready.par_iter().enumerate().map(|(run, ready)| ready.predict(x, plan.of_run(run)).ok()).collect()
+    }
+
+    /// Number of errors of each joint, and the sum of their squares.
+    fn squares(&self, predicted: &[Vec<f64>]) -> Vec<(f64, f64)> {
+        let mut totals = vec![(0.0, 0.0); self.joints.len()];
+        for (ready, predicted) in self.ready.iter().zip(predicted) {
+            let n = ready.joints.len();
+            let pairs = ready.run.position.iter().zip(predicted).enumerate().skip(ready.run.first_sample() * n);
+            for (index, (measured, predicted)) in pairs {
+                let total = &mut totals[ready.joints[index % n]];
+                *total = (total.0 + 1.0, total.1 + (measured - predicted).powi(2));
+            }
+        }
+        totals
     }
 
     /// Whether rough predictions differ from fine ones by a small part of these ones' errors, joint by joint.
-    fn are_close(&self, rough: &[Vec<f64>], fine: &[Vec<f64>], share: f64) -> bool {
+    fn are_close(&self, rough: &[Vec<f64>], fine: &[Vec<f64>], shares: &[f64]) -> bool {
         let mut sums = vec![(0.0, 0.0, 0.0); self.joints.len()];
         for ((ready, rough), fine) in self.ready.iter().zip(rough).zip(fine) {
             for (index, (rough, fine)) in rough.iter().zip(fine).enumerate() {
@@ -184,20 +219,31 @@ impl<'a> Evaluator<'a> {
                 sum.2 += 1.0;
             }
         }
-        let floors = self.floors.iter();
+        let limits = self.floors.iter().zip(shares);
         sums.iter()
-            .zip(floors)
-            .all(|((change, error, count), floor)| *change <= share * share * (error + count * floor))
+            .zip(limits)
+            .all(|((change, error, count), (floor, share))| *change <= share * share * (error + count * floor))
     }
 
-    fn prior_cost(&self, x: &[f64]) -> f64 {
+    /// Derivatives of the predictions of every run and free joint: one row an error as in [`Evaluator::errors`], one column an unknown
+    /// of that run.
+    pub(super) fn slopes(&self, x: &[f64], plan: &Plan) -> Option<Vec<Vec<DMatrix<f64>>>> {
+        self.ready.par_iter().enumerate().map(|(run, ready)| ready.slopes(x, plan.of_run(run))).collect()
+    }
+
+    /// Index of each joint that has a rate, slot by slot, and of each unknown of a run among all.
+    pub(super) fn places(&self, run: usize) -> (Vec<usize>, Vec<usize>) {
+        (self.ready[run].joints.clone(), self.ready[run].unknowns.places())
+    }
+
+    pub(super) fn prior_cost(&self, x: &[f64]) -> f64 {
         let unknowns = self.problem.unknowns.iter().zip(&self.problem.spreads).zip(x);
         0.5 * unknowns.map(|((unknown, spread), x)| ((x - unknown.expected) / spread).powi(2)).sum::<f64>()
     }
 
     pub(super) fn why_not(&self, x: &[f64]) -> PositionFitError {
         let failure = self.ready.iter().find_map(|ready| {
-            let error = ready.predict(x, MOST_STEPS, None).err()?;
+            let error = ready.plan(x, &[], &vec![0.0; self.joints.len()]).err()?;
             Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
         });
         let first = || self.ready.first().map(|ready| ready.run.name.clone());
@@ -230,18 +276,17 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Errors of the predictions of every run, joint by joint; those of samples that do not count are left out.
-    pub(super) fn errors(&self, x: &[f64], substeps: usize) -> Option<Vec<Vec<Vec<f64>>>> {
-        let of_run = |ready: &Ready<'_>| {
-            let predicted = ready.predict(x, substeps, None).ok()?;
+    pub(super) fn errors(&self, x: &[f64], plan: &Plan) -> Option<Vec<Vec<Vec<f64>>>> {
+        let of_run = |(ready, predicted): (&Ready<'_>, Vec<f64>)| -> Vec<Vec<f64>> {
             let n = ready.joints.len();
             let first = ready.run.first_sample();
             let errors = |slot: usize| {
                 let samples = (first..ready.run.time.len()).map(|sample| sample * n + slot);
                 samples.map(|index| ready.run.position[index] - predicted[index]).collect()
             };
-            Some((0..n).map(errors).collect())
+            (0..n).map(errors).collect()
         };
-        self.ready.par_iter().map(of_run).collect()
+        Some(self.ready.iter().zip(self.predicted(x, plan)?).map(of_run).collect())
     }
 
     /// The device's index of each free joint of a run.
@@ -251,17 +296,22 @@ impl<'a> Evaluator<'a> {
 }
 
 /// Share of the root mean square of the errors that the integration may make at the start of a search.
-pub(super) const ROUGHLY: f64 = 0.5;
+pub(super) const ROUGHLY: f64 = 0.3;
+/// And however long a predictor remembers: of errors of which so few are the integration's, it does not matter what it remembers.
+const LEAST_SHARE: f64 = 0.002;
 /// With so small a pole a predictor takes every sample for the truth.
 const LEAST_POLE: f64 = 0.05;
 /// Poles that are tried at the start.
 const POLES: [f64; 5] = [LEAST_POLE, 0.4, 0.8, 0.95, 0.99];
 /// An error of this share of a joint's range is rounding of the simulation.
 const ROUNDING: f64 = 1e-6;
-/// Integration steps per sample at most.
-pub(super) const MOST_STEPS: usize = 32;
-/// The beginning of every run tells which steps it needs (s).
-const FIRST_S: f64 = 10.0;
+/// Before it is known how large errors are, steps may err by this share of a joint's range.
+const UNPLANNED: f64 = 1e-4;
+/// So often what an interval may err by is cut to a quarter.
+const TIGHTER: usize = 3;
+
+/// What is not said by a plan.
+const ONE_STEP: Options = Options { substeps: 1, position_limit: POSITION_LIMIT };
 
 /// Of a pole, and the time between samples (s) [1/s].
 fn rate(pole: f64, sample_s: f64) -> f64 {
@@ -278,40 +328,64 @@ impl Ready<'_> {
         Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample }
     }
 
-    /// Predicted positions, one row a sample; of the first seconds only where it is told how many.
-    fn predict(&self, x: &[f64], substeps: usize, first_s: Option<f64>) -> Result<Vec<f64>, SimulationError> {
+    /// Predicted positions, one row a sample.
+    fn predict(&self, x: &[f64], schemes: &[Scheme]) -> Result<Vec<f64>, SimulationError> {
         let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
-        let end = self.run.time[0] + first_s.unwrap_or(f64::INFINITY);
-        let input = self.input().first(self.run.time.partition_point(|t| *t <= end));
-        let predictor = Predictor { position: &self.run.position, rates: &rates, every: 1 };
-        let options = Options { substeps, ..Options::default() };
-        simulate::predict(&system, &input, &predictor, self.unknowns.initial(x), &options)
+        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
+        simulate::predict(&system, &self.input(), &predictor, self.unknowns.initial(x), &ONE_STEP)
             .map(|trajectory| trajectory.q)
     }
 
-    /// Squares of each joint's errors.
-    fn squares(&self, x: &[f64], substeps: usize) -> Option<Vec<(f64, f64)>> {
-        let n = self.joints.len();
-        let mut sums = vec![(0.0, 0.0); n];
-        let predicted = self.predict(x, substeps, None).ok()?;
-        for (index, (y, q)) in self.run.position.iter().zip(&predicted).enumerate().skip(self.run.first_sample() * n) {
-            let sum = &mut sums[index % n];
-            *sum = (sum.0 + 1.0, sum.1 + (y - q) * (y - q));
-        }
-        Some(sums)
+    /// Integration steps that err by no more than this in an interval, by joint among those that have a rate.
+    fn plan(&self, x: &[f64], least: &[Scheme], tolerances: &[f64]) -> Result<Planned, SimulationError> {
+        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
+        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes: least };
+        let own: Vec<f64> = self.joints.iter().map(|joint| tolerances[*joint]).collect();
+        simulate::plan(&system, &self.input(), &predictor, self.unknowns.initial(x), &own)
     }
 
-    fn sums(&self, x: &[f64], substeps: usize) -> Option<Vec<Sums>> {
+    /// Hands each sample that counts to `observe`: its index, the predictions and their derivatives by the columns.
+    fn along(
+        &self,
+        x: &[f64],
+        schemes: &[Scheme],
+        mut observe: impl FnMut(usize, &[f64], &[f64]),
+    ) -> Option<DMatrix<f64>> {
         let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
-        let predictor = Predictor { position: &self.run.position, rates: &rates, every: 1 };
+        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
+        let first = self.run.first_sample();
+        let counted = |sample: usize, position: &[f64], rows: &[f64]| {
+            if sample >= first {
+                observe(sample, position, rows);
+            }
+        };
+        let (columns, initial) = (self.unknowns.columns(), self.unknowns.initial(x));
+        sensitivity::predict(&system, columns, &self.input(), &predictor, initial, &ONE_STEP, counted).ok()?;
+        let (mut chain, n) = (self.unknowns.chain(&system), self.joints.len());
+        for (slot, (column, pole)) in columns.rates().zip(self.unknowns.rates(x)).enumerate() {
+            let place = chain.ncols() - n + slot;
+            chain[(column, place)] = -1.0 / (pole * self.sample_s[slot]);
+        }
+        Some(chain)
+    }
+
+    fn slopes(&self, x: &[f64], schemes: &[Scheme]) -> Option<Vec<DMatrix<f64>>> {
+        let (columns, n) = (self.unknowns.columns(), self.joints.len());
+        let (count, width) = (columns.count(), columns.width());
+        let mut raw: Vec<Vec<f64>> = vec![Vec::new(); n];
+        let chain = self.along(x, schemes, |_, _, rows| {
+            for (slot, row) in rows.chunks_exact(width).enumerate() {
+                raw[slot].extend_from_slice(&row[..count]);
+            }
+        })?;
+        Some(raw.into_iter().map(|rows| DMatrix::from_row_slice(rows.len() / count, count, &rows) * &chain).collect())
+    }
+
+    fn sums(&self, x: &[f64], schemes: &[Scheme]) -> Option<Vec<Sums>> {
         let columns = self.unknowns.columns();
         let (n, count, width) = (self.joints.len(), columns.count(), columns.width());
-        let first = self.run.first_sample();
         let mut raw = vec![(0.0, 0.0, vec![0.0; width], vec![0.0; width * width]); n];
         let observe = |sample: usize, position: &[f64], rows: &[f64]| {
-            if sample < first {
-                return;
-            }
             for (slot, row) in rows.chunks_exact(width).enumerate() {
                 let (samples, squares, gradient, hessian) = &mut raw[slot];
                 let error = self.run.position[sample * n + slot] - position[slot];
@@ -327,14 +401,7 @@ impl Ready<'_> {
                 }
             }
         };
-        let options = Options { substeps, ..Options::default() };
-        let initial = self.unknowns.initial(x);
-        sensitivity::predict(&system, columns, &self.input(), &predictor, initial, &options, observe).ok()?;
-        let mut chain = self.unknowns.chain(&system);
-        for (slot, (column, pole)) in columns.rates().zip(self.unknowns.rates(x)).enumerate() {
-            let place = chain.ncols() - n + slot;
-            chain[(column, place)] = -1.0 / (pole * self.sample_s[slot]);
-        }
+        let chain = self.along(x, schemes, observe)?;
         let by_unknown = |(samples, squares, gradient, hessian): (f64, f64, Vec<f64>, Vec<f64>)| {
             let gradient = DVector::from_fn(count, |k, _| gradient[k]);
             let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
@@ -348,15 +415,7 @@ impl Ready<'_> {
 impl Objective for At<'_, '_> {
     fn cost(&self, x: &[f64]) -> Option<f64> {
         let evaluator = self.evaluator;
-        let parts: Option<Vec<Vec<(f64, f64)>>> =
-            evaluator.ready.par_iter().map(|ready| ready.squares(x, self.substeps)).collect();
-        let mut totals = vec![(0.0, 0.0); evaluator.joints.len()];
-        for (ready, part) in evaluator.ready.iter().zip(parts?) {
-            for (joint, (samples, squares)) in ready.joints.iter().zip(part) {
-                totals[*joint].0 += samples;
-                totals[*joint].1 += squares;
-            }
-        }
+        let totals = evaluator.squares(&evaluator.predicted(x, self.plan)?);
         let of_joint = |(joint, (samples, squares)): (usize, &(f64, f64))| {
             0.5 * samples * evaluator.variance(joint, *squares, *samples).ln()
         };
@@ -368,7 +427,7 @@ impl Objective for At<'_, '_> {
         let evaluator = self.evaluator;
         let n = evaluator.n();
         let parts: Option<Vec<Vec<Sums>>> =
-            evaluator.ready.par_iter().map(|ready| ready.sums(x, self.substeps)).collect();
+            evaluator.ready.par_iter().enumerate().map(|(run, ready)| ready.sums(x, self.plan.of_run(run))).collect();
         let parts = parts?;
         let mut totals = vec![(0.0, 0.0); evaluator.joints.len()];
         for (ready, part) in evaluator.ready.iter().zip(&parts) {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::{PredictionProblem, evaluate::Evaluator};
+use super::{PredictionProblem, evaluate::Evaluator, plan::Plan};
 use dynid_optimise::{quadratic::Quadratic, sqp::Objective};
 
 /// The negative log likelihood near the point where a problem starts.
@@ -13,12 +13,12 @@ pub struct Expansion {
 }
 
 impl Expansion {
-    /// Of a problem at its start, with so many integration steps per sample; `None` where it cannot be simulated.
-    pub fn new(problem: &PredictionProblem, substeps: usize) -> Option<Self> {
+    /// Of a problem at its start, with these integration steps; `None` where it cannot be simulated.
+    pub fn new(problem: &PredictionProblem, plan: &Plan) -> Option<Self> {
         let evaluator = Evaluator::new(problem);
         let x = evaluator.start().ok()?;
         let samples = evaluator.samples();
-        Some(Self { quadratic: evaluator.at(substeps).quadratic(&x)?, samples })
+        Some(Self { quadratic: evaluator.at(plan).quadratic(&x)?, samples })
     }
 
     /// What is left when everything but the unknowns `own` has taken its best step.
@@ -45,6 +45,95 @@ impl Expansion {
             scale: own.iter().map(|index| scale(*index)).collect(),
         })
     }
+}
+
+/// Predictions near the point where a problem starts, to first order: what its unknowns may make up for of any other predictions.
+pub struct Tangent {
+    /// Of every run and free joint, one row an error.
+    slopes: Vec<Vec<DMatrix<f64>>>,
+    /// `slopes' slopes` of all runs, by joint and all unknowns.
+    grams: Vec<DMatrix<f64>>,
+    /// Index among the joints of every run's free ones, and of its unknowns among all.
+    places: Vec<(Vec<usize>, Vec<usize>)>,
+    /// Cost of the prior, and its information and slope.
+    prior_cost: f64,
+    prior: Vec<(f64, f64)>,
+}
+
+impl Tangent {
+    /// Of a problem at its start; `None` where it cannot be simulated.
+    pub fn new(problem: &PredictionProblem, plan: &Plan) -> Option<Self> {
+        let evaluator = Evaluator::new(problem);
+        let x = evaluator.start().ok()?;
+        let slopes = evaluator.slopes(&x, plan)?;
+        let n = evaluator.n();
+        let mut grams = vec![DMatrix::zeros(n, n); evaluator.joints.len()];
+        let places: Vec<_> = (0..slopes.len()).map(|run| evaluator.places(run)).collect();
+        for (slopes, (joints, places)) in slopes.iter().zip(&places) {
+            for (joint, slopes) in joints.iter().zip(slopes) {
+                let gram = slopes.tr_mul(slopes);
+                for (own, row) in places.iter().enumerate() {
+                    for (other, column) in places.iter().enumerate() {
+                        grams[*joint][(*row, *column)] += gram[(own, other)];
+                    }
+                }
+            }
+        }
+        let unknowns = problem.unknowns.iter().zip(&problem.spreads).zip(&x);
+        let mut prior: Vec<(f64, f64)> = unknowns
+            .map(|((unknown, spread), x)| (spread.powi(-2), (x - unknown.expected) / (spread * spread)))
+            .collect();
+        prior.resize(n, (0.0, 0.0));
+        Some(Self { slopes, grams, places, prior_cost: evaluator.prior_cost(&x), prior })
+    }
+
+    /// Cost of a problem of the same runs, with other equations, once the unknowns of this one have taken the step that is best
+    /// for it.
+    pub fn cost(&self, problem: &PredictionProblem, plan: &Plan) -> Option<f64> {
+        let evaluator = Evaluator::new(problem);
+        let x = evaluator.start().ok()?;
+        let errors = evaluator.errors(&x, plan)?;
+        let mut sums = vec![(0.0, 0.0); evaluator.joints.len()];
+        for ((joints, _), errors) in self.places.iter().zip(&errors) {
+            for (joint, errors) in joints.iter().zip(errors) {
+                sums[*joint].0 += errors.len() as f64;
+                sums[*joint].1 += errors.iter().map(|error| error * error).sum::<f64>();
+            }
+        }
+        let variances: Vec<f64> =
+            sums.iter().enumerate().map(|(joint, (n, squares))| evaluator.variance(joint, *squares, *n)).collect();
+        let cost = self.prior_cost
+            + sums.iter().zip(&variances).map(|((n, _), variance)| 0.5 * n * variance.ln()).sum::<f64>();
+        let mut gradient = DVector::from_iterator(self.prior.len(), self.prior.iter().map(|(_, slope)| *slope));
+        let mut hessian = DMatrix::from_diagonal(&DVector::from_iterator(
+            self.prior.len(),
+            self.prior.iter().map(|(information, _)| *information),
+        ));
+        for (gram, variance) in self.grams.iter().zip(&variances) {
+            hessian += gram / *variance;
+        }
+        for ((slopes, errors), (joints, places)) in self.slopes.iter().zip(&errors).zip(&self.places) {
+            for (joint, (slopes, errors)) in joints.iter().zip(slopes.iter().zip(errors)) {
+                let own = slopes.tr_mul(&DVector::from_column_slice(errors)) / variances[*joint];
+                places.iter().zip(own.iter()).for_each(|(place, value)| gradient[*place] -= value);
+            }
+        }
+        let scale = hessian.diagonal().map(|entry| entry.max(f64::MIN_POSITIVE).sqrt().recip());
+        let mut scaled = DMatrix::from_fn(scale.len(), scale.len(), |k, l| hessian[(k, l)] * scale[k] * scale[l]);
+        (0..scale.len()).for_each(|k| scaled[(k, k)] += 1e-10);
+        let slope = gradient.component_mul(&scale);
+        let gain = 0.5 * slope.dot(&scaled.cholesky()?.solve(&slope));
+        let samples: f64 = sums.iter().map(|(n, _)| n).sum();
+        Some(after(cost, samples, gain))
+    }
+}
+
+/// What a step comes to that takes so much off the quadratic: this counts squares in units of the variance as it is, and the variance
+/// shrinks with them.
+fn after(cost: f64, samples: f64, gain: f64) -> f64 {
+    /// No step is believed to leave less than this share of the variance.
+    const LEAST: f64 = 1e-3;
+    cost + 0.5 * samples * (1.0 - 2.0 * gain / samples).max(LEAST).ln()
 }
 
 /// A likelihood of a few unknowns, every other at its best.
@@ -74,12 +163,8 @@ impl Reduced {
         self.after(self.gain)
     }
 
-    /// What a step comes to that takes so much off the quadratic: this counts squares in units of the variance as it is, and the variance
-    /// shrinks with them.
     fn after(&self, gain: f64) -> f64 {
-        /// No step is believed to leave less than this share of the variance.
-        const LEAST: f64 = 1e-3;
-        self.cost + 0.5 * self.samples * (1.0 - 2.0 * gain / self.samples).max(LEAST).ln()
+        after(self.cost, self.samples, gain)
     }
 
     /// The best step of some of the unknowns, by their place among these, that stays within `bounds` (lowest and highest step of

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::{PredictionProblem, State, evaluate::Evaluator};
+use super::{PredictionProblem, State, evaluate::Evaluator, plan::Plan};
 use crate::FitStatus;
 use crate::position::{Estimate, PositionFitError, Unknown};
 use dynid_optimise::sqp::Objective;
@@ -26,8 +26,8 @@ pub struct PredictionFit {
     pub joints: Vec<JointInnovations>,
     /// Linearisations.
     pub iterations: usize,
-    /// Integration steps per sample.
-    pub substeps: usize,
+    /// Integration steps.
+    pub plan: Plan,
     /// Whether no step promises more.
     pub is_converged: bool,
 }
@@ -81,8 +81,8 @@ pub(super) fn conclude(
     state: &State,
 ) -> Result<PredictionFit, PositionFitError> {
     let x = &state.search.x;
-    let Some(quadratic) = evaluator.at(state.substeps).quadratic(x) else { return Err(evaluator.why_not(x)) };
-    let errors = evaluator.errors(x, state.substeps).ok_or_else(|| evaluator.why_not(x))?;
+    let Some(quadratic) = evaluator.at(&state.plan).quadratic(x) else { return Err(evaluator.why_not(x)) };
+    let errors = evaluator.errors(x, &state.plan).ok_or_else(|| evaluator.why_not(x))?;
     let mut joints = Vec::with_capacity(evaluator.joints.len());
     let mut log_likelihood = 0.0;
     for (index, joint) in evaluator.joints.iter().enumerate() {
@@ -111,7 +111,7 @@ pub(super) fn conclude(
         log_likelihood,
         joints,
         iterations: state.iterations + state.search.iterations,
-        substeps: state.substeps,
+        plan: state.plan.clone(),
         is_converged: state.is_done,
     })
 }

@@ -1,0 +1,88 @@
+//! How each interval between samples is integrated: in many steps where friction reverses, in few elsewhere.
+
+use dynid_dynamics::simulate::Scheme;
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+/// Of every run, the scheme of each interval.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Plan(Vec<Vec<Scheme>>);
+
+impl Plan {
+    pub(super) fn new(schemes: Vec<Vec<Scheme>>) -> Self {
+        Self(schemes)
+    }
+
+    /// Of one run; what is not planned takes one step.
+    pub fn of_run(&self, run: usize) -> &[Scheme] {
+        self.0.get(run).map_or(&[], Vec::as_slice)
+    }
+
+    /// The next ones but `further` of the ladder of schemes.
+    #[must_use]
+    pub fn finer(&self, further: usize) -> Self {
+        let last = Scheme::LADDER.len() - 1;
+        let finer = |scheme: &Scheme| {
+            let place = Scheme::LADDER.iter().position(|own| own == scheme).unwrap_or(last);
+            Scheme::LADDER[(place + further).min(last)]
+        };
+        Self(self.0.iter().map(|run| run.iter().map(finer).collect()).collect())
+    }
+
+    /// With every step halved.
+    #[must_use]
+    pub(super) fn halved(&self) -> Self {
+        Self(self.0.iter().map(|run| run.iter().map(|scheme| scheme.finer()).collect()).collect())
+    }
+
+    /// What an interval costs in the mean, in explicit steps.
+    pub fn mean_steps(&self) -> f64 {
+        /// What an implicit step with its derivatives comes to.
+        const IMPLICIT: f64 = 5.0;
+        let cost = |scheme: &Scheme| match scheme {
+            Scheme::Explicit(_) => scheme.steps() as f64,
+            Scheme::Implicit(_) => IMPLICIT * scheme.steps() as f64,
+        };
+        let intervals: usize = self.0.iter().map(Vec::len).sum();
+        if intervals == 0 { 1.0 } else { self.0.iter().flatten().map(cost).sum::<f64>() / intervals as f64 }
+    }
+
+    /// Whether it is of runs with so many intervals each.
+    pub(super) fn fits(&self, intervals: impl Iterator<Item = usize>) -> bool {
+        self.0.iter().map(Vec::len).eq(intervals)
+    }
+}
+
+/// Of each interval its place on the ladder, as one digit (of base 16).
+impl Serialize for Plan {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let digit = |scheme: &Scheme| {
+            let place = Scheme::LADDER.iter().position(|own| own == scheme).unwrap_or(Scheme::LADDER.len() - 1);
+            u32::try_from(place).ok().and_then(|place| char::from_digit(place, 16)).unwrap_or('f')
+        };
+        serializer.collect_seq(self.0.iter().map(|run| run.iter().map(digit).collect::<String>()))
+    }
+}
+
+impl<'de> Deserialize<'de> for Plan {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let runs = Vec::<String>::deserialize(deserializer)?;
+        let scheme = |digit: char| Scheme::LADDER.get(digit.to_digit(16)? as usize).copied();
+        let plan = runs.iter().map(|digits| digits.chars().map(scheme).collect()).collect::<Option<Vec<_>>>();
+        plan.map(Self).ok_or_else(|| D::Error::custom("integration steps are planned by digits"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Plan, Scheme};
+
+    #[test]
+    fn a_plan_survives_its_text_and_climbs_the_ladder_to_its_end() {
+        let plan = Plan::new(vec![Scheme::LADDER.to_vec(), vec![]]);
+        let text = serde_json::to_string(&plan).unwrap();
+        assert_eq!(text, r#"["0123456789a",""]"#);
+        assert_eq!(serde_json::from_str::<Plan>(&text).unwrap(), plan);
+        assert_eq!(serde_json::to_string(&plan.finer(2)).unwrap(), r#"["23456789aaa",""]"#);
+        assert!(serde_json::from_str::<Plan>(r#"["0x"]"#).is_err());
+    }
+}

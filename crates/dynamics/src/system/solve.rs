@@ -71,7 +71,7 @@ fn factorise(n: usize, matrix: &mut [f64]) {
     }
 }
 
-/// Solves in place with what [`factorise_lanes`] leaves of a matrix, entry by entry.
+/// Solves in place with what `factorise_lanes` leaves of a matrix, entry by entry.
 #[inline(always)]
 pub fn substitute(n: usize, factor: impl Fn(usize) -> f64, b: &mut [f64]) {
     for row in 1..n {

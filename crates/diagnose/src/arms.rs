@@ -48,7 +48,7 @@ pub fn race(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Vec<Arm> {
     /// Integration steps per sample, over all iterations, that an arm gets in the first round; in each later one twice as many.
-    const STEPS: usize = 20;
+    const STEPS: usize = 10;
     /// A search that is not at its end after so many is not followed any more.
     const MOST_STEPS: usize = 640;
     /// So many rounds like the last one should bring an arm to the best one.
@@ -75,6 +75,10 @@ pub fn race(
             }
             arm.state = Some(search.state().clone());
         });
+        if std::env::var_os("DBG").is_some() {
+            eprintln!("round {round} steps {steps}");
+            for arm in &arms { if let Some(s)=&arm.state { eprintln!("   {} cost {:.1} before {:.1} iters {} done {} steps {:.1} n {}", arm.key, arm.cost(), arm.before, s.iterations+s.search.iterations, s.is_done, s.plan.mean_steps(), s.search.x.len()); } }
+        }
         arms.sort_by(|one, other| one.cost().total_cmp(&other.cost()).then_with(|| one.key.cmp(&other.key)));
         let is_over = arms.iter().take(last).all(|arm| arm.is_done() || arm.cost().is_infinite());
         if is_over || stop() || steps > MOST_STEPS {

@@ -13,7 +13,7 @@ use crate::DiagnoseError;
 use dynid_check::excitation::LEAST_SAMPLES;
 use dynid_identify::identify::ErrorSignal;
 use dynid_judge::{compare::Comparison, compare::RunComparison, compare::compare};
-use dynid_logs::{experiment::Role, experiment::Run, log::Log};
+use dynid_logs::{experiment::Role, experiment::Run, part::part};
 
 /// Blocks that a run is cut into: with three, a fit sees two thirds of every run.
 pub(super) const BLOCKS: usize = 3;
@@ -80,28 +80,6 @@ fn is_left(part: &Run) -> bool {
     part.n_cut() == 0 || part.log.len() >= part.n_cut() + LEAST_SAMPLES
 }
 
-/// Those rows of a run as a run of their own.
-pub(super) fn part(run: &Run, rows: std::ops::Range<usize>, role: Role) -> Run {
-    let take = |values: &Vec<f64>| values[rows.clone()].to_vec();
-    let mut settings = run.settings.clone();
-    if rows.start > 0 {
-        settings.began_s = Some(run.began_s());
-        // The transient, and what is said of the first half, are the beginning's; later the joints are under way.
-        settings.moving = true;
-        let offset = run.log.t[rows.start] - run.log.t[0];
-        settings.from_s = settings.from_s.map(|span| span - offset).filter(|left| *left > 0.0);
-        settings.first_half = 1.0;
-    }
-    let log = Log {
-        t: take(&run.log.t),
-        tau: run.log.tau.iter().map(take).collect(),
-        q: run.log.q.iter().map(take).collect(),
-        reference: run.log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
-        mask: run.log.mask.as_ref().map(|mask| mask[rows.clone()].to_vec()),
-    };
-    Run { file: run.file.clone(), role, free: run.free.clone(), configuration: run.configuration, log, settings }
-}
-
 /// `last`, a fit with the last blocks of the runs held out, with what is left of all blocks in place of what it leaves of those:
 /// each held out from a fit of its own, to one of `others`, the other folds.
 ///
@@ -155,7 +133,7 @@ fn held_out<'a>(runs: &[&'a Run]) -> Vec<&'a Run> {
 mod tests {
     use super::*;
     use dynid_identify::position;
-    use dynid_logs::{experiment::Experiment, experiment::Settings};
+    use dynid_logs::{experiment::Experiment, experiment::Settings, log::Log};
     use dynid_user_model::Model;
 
     fn run(samples: usize) -> Run {

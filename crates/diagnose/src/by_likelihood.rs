@@ -16,12 +16,15 @@
 
 use dynid_dynamics::simulate::Intersample;
 use dynid_identify::FitError;
-use dynid_identify::identify::ErrorSignal;
+use dynid_check::excitation::LEAST_SAMPLES;
+use dynid_identify::identify::{ErrorSignal, default_error};
 use dynid_identify::position::PositionFitError;
 use dynid_identify::prediction::{JointInnovations, Settings, State};
 use dynid_logs::experiment::{Experiment, Role, Run};
 use dynid_logs::noise::noise_of_log;
+use dynid_logs::part::{may_keep_one_of, thinned, unmasked};
 use dynid_user_model::Model;
+use rayon::prelude::*;
 
 use crate::missing::{Fitted, Logs};
 use crate::refit::{EffectParameter, Judge, Refit};
@@ -39,18 +42,10 @@ const LESS: f64 = 0.3;
 const MUCH: f64 = 0.5;
 /// So many effects are looked for one after the other, unless it is said how many.
 const DEEPEST: usize = 2;
+/// Samples, over all joints, of which more are thinned where they tell no more.
+const ENOUGH_SAMPLES: usize = 60_000;
 /// Effects of a step that are shown, and judged by simulations.
 const SHOWN: usize = 5;
-
-/// Whether the likelihood decides where nobody asks for an error: not of a loop that a controller closed, nor of logs that are prepared
-/// for the torque error, nor where so many joints move at once, or so many samples were logged, that a race takes more than minutes.
-pub(super) fn is_for(runs: &[&Run]) -> bool {
-    const MOST_SAMPLES: usize = 60_000;
-    let samples: usize = runs.iter().map(|run| run.log.len() * run.free.len()).sum();
-    let is_plain =
-        |run: &&Run| run.is_open_loop() && !run.is_prepared_for_torque_error() && run.free.len() <= crate::FEW_JOINTS;
-    samples <= MOST_SAMPLES && runs.iter().all(is_plain)
-}
 
 /// Diagnoses by the likelihood of the logs.
 pub(super) fn diagnose(
@@ -62,13 +57,19 @@ pub(super) fn diagnose(
     tell: &(dyn Fn(&Event<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, DiagnoseError> {
-    let split = blocks::Split::of(runs, ErrorSignal::Position);
+    // What is shown beside the likelihood.
+    let error = match default_error(model, runs) {
+        ErrorSignal::Torque => ErrorSignal::Torque,
+        _ => ErrorSignal::Position,
+    };
+    let split = blocks::Split::of(runs, error);
     let mut notes = Vec::new();
     if split.is_cut() {
         notes.push(Note::LastPartHeldOut { parts: blocks::BLOCKS });
     }
     notes.extend(excitation::check(model, runs, &split.folds(), ErrorSignal::Position)?);
     let judged = split.judged(runs);
+    let seen = looked_at(&judged);
     let recall = |key: &str| match finished.get(key) {
         Some(FinishedFit::Search(state)) => Some(state.clone()),
         _ => None,
@@ -80,14 +81,14 @@ pub(super) fn diagnose(
     };
     let search = Settings::default();
     tell(&Event::FittingModel);
-    let (fit, held_out) = logs(&judged);
+    let (fit, held_out) = logs(&seen.iter().collect::<Vec<_>>());
     let mut work = Logs { given: model, fit, held_out, search, recall: &recall, keep: &keep, stop };
     let mut base = work.base(model, "base").map_err(FitError::from)?;
     asked_to_stop(stop)?;
     let stands = |run: &&Run| run.settings.intersample == Intersample::ZeroOrder && run.settings.controller.is_none();
     let mut lines: Vec<Run> = Vec::new();
-    if !base.is_whole() && judged.iter().all(stands) {
-        lines = judged.iter().map(|run| intersample::with_line(run)).collect();
+    if !base.is_whole() && seen.iter().all(|run| stands(&run)) {
+        lines = seen.iter().map(intersample::with_line).collect();
         let (fit, held_out) = logs(&lines.iter().collect::<Vec<_>>());
         let straight = Logs { fit, held_out, ..work };
         let refitted = straight.base(&base.model, "base, straight").map_err(FitError::from)?;
@@ -108,8 +109,8 @@ pub(super) fn diagnose(
             lines.clear();
         }
     }
-    let judged: Vec<&Run> = if lines.is_empty() { judged } else { lines.iter().collect() };
-    let error = ErrorSignal::Position;
+    let straight: Vec<Run> = judged.iter().filter(|_| !lines.is_empty()).map(|run| intersample::with_line(run)).collect();
+    let judged: Vec<&Run> = if lines.is_empty() { judged } else { straight.iter().collect() };
     let options_of_fit = crate::fit_options(options, error, &judged);
     let judge = Judge { error, experiment, runs: &judged, options: options_of_fit };
     let first = refit(&judge, &base, 0.0)?;
@@ -160,6 +161,15 @@ pub(super) fn diagnose(
         steps.truncate(1);
     }
     verdict::conclude(&outer, &first, steps, notes)
+}
+
+/// What of the runs the likelihood is of: the stretches that a mask lets count, and of more samples than decide anything no more than
+/// tell the same.
+fn looked_at(runs: &[&Run]) -> Vec<Run> {
+    let whole: Vec<Run> = runs.iter().flat_map(|run| unmasked(run, LEAST_SAMPLES)).collect();
+    let samples: usize = whole.iter().map(|run| run.log.len() * run.free.len()).sum();
+    let most = samples.div_ceil(ENOUGH_SAMPLES);
+    whole.par_iter().map(|run| thinned(run, may_keep_one_of(run, most))).collect()
 }
 
 pub(super) fn asked_to_stop(stop: &(dyn Fn() -> bool + Sync)) -> Result<(), DiagnoseError> {
@@ -226,15 +236,23 @@ fn step(
         let held_out = -2.0 * (own.score() - base.score());
         fitted.push(Judged { refit: refit(judge, own, base.unknowns)?, held_out, delta_bic: bic(own), reason: None });
     }
+    if std::env::var_os("DBG").is_some() {
+        for own in paying.iter().take(4) {
+            eprintln!("{:?} score {:.1} rate {:?} white {:.1} explained {:.2} {:?}", own.candidate, own.score() - base.score(), own.fit.rates, own.whiteness(), explained(base, own, &work.fit), own.fit.joints.iter().map(|j| (j.deviation, j.whiteness)).collect::<Vec<_>>());
+        }
+    }
     let verdict = match paying.first() {
-        None if is_near_noise(before) => Verdict::NothingMissing,
+        None if is_near_noise(before) || base.is_white() => Verdict::NothingMissing,
         None => Verdict::Unexplained,
-        Some(best) if best.is_whole() => Verdict::MissingEffect,
-        Some(best) if explained(base, best, &work.fit) < MUCH => Verdict::Unexplained,
+        Some(best) if best.is_white() => Verdict::MissingEffect,
         Some(best) => {
+            // Of a torque that is measured at a high rate, noise hides how much is explained where it matters.
+            let of_torque = fitted.first().filter(|_| judge.error == ErrorSignal::Torque);
+            let of_torque = of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
+            let much = explained(base, best, &work.fit).max(of_torque) >= MUCH;
             let joint = helped(base, best);
-            let formula = discover::better_than(&base.model, &[&best.model], judge.runs, joint, 0.5);
-            if formula.is_some() { Verdict::Unexplained } else { Verdict::MissingEffect }
+            let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, 0.5);
+            if much && formula().is_none() { Verdict::MissingEffect } else { Verdict::Unexplained }
         }
     };
     Ok((paying, Step { verdict, base: before.clone(), screening, fitted, failed }))

@@ -293,7 +293,7 @@ pub fn diagnose(
     tell: &(dyn Fn(&Event<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, DiagnoseError> {
-    if options.error.is_none() && by_likelihood::is_for(runs) {
+    if options.error.is_none() {
         return by_likelihood::diagnose(model, experiment, runs, options, finished, tell, stop);
     }
     let mut notes = Vec::new();

@@ -9,12 +9,13 @@ use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
 use dynid_model::Parameter;
 use dynid_user_model::Model;
+use rayon::prelude::*;
 
 use crate::arms::{Arm, race};
-use crate::blocks::part;
+use dynid_logs::part::part;
 use crate::candidate::{Candidate, Sizes, candidates, probes};
 use crate::refit::count;
-use crate::score_test::{ScoreTest, Start};
+use crate::score_test::{ScoreTest, Start, promising};
 
 /// A model that was fitted, and what it makes of the runs.
 #[derive(Debug, Clone)]
@@ -59,9 +60,14 @@ impl Fitted {
         self.fit.joints.iter().chain(held_out).map(|joint| joint.whiteness).fold(0.0, f64::max)
     }
 
+    /// Whether what is left has no structure: it may be noise of the logged torque.
+    pub fn is_white(&self) -> bool {
+        self.whiteness() < 3.0
+    }
+
     /// Whether nothing is left to explain.
     pub fn is_whole(&self) -> bool {
-        self.rate() < 1.0 && self.whiteness() < 3.0
+        self.rate() < 1.0 && self.is_white()
     }
 
     /// As the model that more is added to.
@@ -91,6 +97,8 @@ pub struct Logs<'a> {
 /// So long a part of the runs is looked at by the score test and in a race (s), of each at least so much.
 const LOOKED_AT_S: f64 = 30.0;
 const LEAST_S: f64 = 5.0;
+/// As many candidates, the most promising, are asked at other rates and other values too.
+const FURTHER: usize = 64;
 /// Arms of a batch, batches at most, and arms that are followed to their end.
 const ARMS: usize = 16;
 const BATCHES: usize = 2;
@@ -136,14 +144,19 @@ impl Logs<'_> {
         let mut search = Search::new(&problem, state)?;
         self.advance(&mut search);
         (self.keep)(key, search.state());
-        self.fitted(None, model, &search, true)
+        let f=self.fitted(None, model, &search, true);
+ if std::env::var_os("DBG").is_some() { if let Ok(f)=&f { eprintln!("base {:?} rates {:?} ll {} held {:?} steps {:.1} iters {}", f.fit.joints, f.fit.rates, f.fit.log_likelihood, f.held_out, f.fit.plan.mean_steps(), f.fit.iterations); } }
+ f
     }
 
     /// Follows a fit to its end with fine integration steps.
     fn finish(&self, fitted: &Fitted, key: &str) -> Result<Fitted, PositionFitError> {
         let model = &fitted.model;
         let problem = self.problem(model)?;
-        let key = format!("{key} final");
+        let key = match &fitted.candidate {
+            Some(candidate) => format!("{key} > {candidate}, final"),
+            None => format!("{key} final"),
+        };
         let recalled = (self.recall)(&key);
         let mut search = Search::new(&problem, recalled.clone().or_else(|| Some(fitted.state.clone())))?;
         if recalled.is_none() {
@@ -203,6 +216,7 @@ impl Logs<'_> {
             let fit = &other.fit;
             points.push((model.with_values_of(&other.model), fit.rates.clone(), fit.initial.clone(), fit.plan.clone()));
         }
+        if std::env::var_os("DBG").is_some() { eprintln!("starts"); }
         let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
         let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
         let mut all = candidates(model, &self.fit.iter().collect::<Vec<_>>());
@@ -219,10 +233,10 @@ impl Logs<'_> {
             let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
             let probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
             let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
-            let mut starts = test.ask(&probes, &|| !(self.stop)());
-            starts.sort_by(|one, other| {
-                other.promise.total_cmp(&one.promise).then_with(|| one.candidate.cmp(&other.candidate))
-            });
+            let starts = test.ask(&probes, FURTHER, &|| !(self.stop)());
+            // What promises least there is not asked elsewhere.
+            let promising = promising(&starts, FURTHER);
+            all.retain(|candidate| promising.contains(candidate));
             lists.push(in_turn(&starts).into_iter());
         }
         // The first of each list, the second of each, ..
@@ -239,6 +253,7 @@ impl Logs<'_> {
     /// Fits the most promising starts; all that were followed to their end, best first.
     pub fn best(&self, base: &Fitted, starts: &[Start], key: &str) -> Result<Vec<Fitted>, PositionFitError> {
         let mut found: Vec<Fitted> = Vec::new();
+        let asked = promising(starts, FURTHER);
         let mut ordered = starts.to_vec();
         let mut asked_at: Vec<Option<Candidate>> = Vec::new();
         for batch in 0..BATCHES {
@@ -257,6 +272,7 @@ impl Logs<'_> {
                     let mut model = base.model.clone();
                     let Candidate { effect, joint, from } = candidate;
                     Some(candidate) != best.candidate.as_ref()
+                        && asked.contains(candidate)
                         && model.add_effect(effect, *joint, *from).is_ok()
                         && is_smaller(&model)
                 };
@@ -280,13 +296,16 @@ impl Logs<'_> {
         let rough = ROUGH * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
         loop {
             let Some(best) = found.first().map(Fitted::score) else { return Ok(()) };
-            let is_near = |own: &Fitted| !own.is_final && best - own.score() < rough;
-            let Some(next) = found.iter().position(is_near) else { return Ok(()) };
-            let finished = self.finish(&found[next], key);
-            match finished {
-                Ok(finished) => found[next] = finished,
-                Err(_) => found[next].is_final = true,
+            let near: Vec<usize> =
+                (0..found.len()).filter(|k| !found[*k].is_final && best - found[*k].score() < rough).collect();
+            if near.is_empty() {
+                return Ok(());
             }
+            let finished: Vec<Fitted> = near
+                .par_iter()
+                .map(|k| self.finish(&found[*k], key).unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() }))
+                .collect();
+            near.into_iter().zip(finished).for_each(|(k, finished)| found[k] = finished);
             found.sort_by(|one, other| other.score().total_cmp(&one.score()));
         }
     }
@@ -307,7 +326,7 @@ impl Logs<'_> {
                 model.add_effect(effect, *joint, *from).ok()?;
                 model
             };
-            Some(Start { candidate, model, promise: 0.0 })
+            Some(Start { candidate, model, promise: 0.0, probe: 0 })
         };
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).filter_map(start).collect()
     }
@@ -346,6 +365,7 @@ impl Logs<'_> {
         key: &str,
         found: &mut Vec<Fitted>,
     ) -> Result<(), PositionFitError> {
+        if std::env::var_os("DBG").is_some() { eprintln!("race"); }
         let beginnings = self.beginnings();
         let samples: usize = beginnings.iter().map(|run| run.log.len() * run.free.len()).sum();
         let mut arms = Vec::new();

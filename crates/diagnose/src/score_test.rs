@@ -6,11 +6,12 @@
 //! to its logs firmly shows other effects than one that runs nearly free, so each is asked at a few rates.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use dynid_dynamics::simulate::{self, Input, Predictor};
 use dynid_dynamics::system::{PlacedEffect, SystemError};
 use dynid_identify::position::{FitRun, Unknown, first_state};
-use dynid_identify::prediction::{Expansion, Plan, PredictionProblem, Tangent};
+use dynid_identify::prediction::{Plan, PredictionProblem, Tangent};
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 use rayon::prelude::*;
@@ -26,6 +27,8 @@ pub struct Start {
     pub model: Model,
     /// By how much the log likelihood of what was looked at would rise.
     pub promise: f64,
+    /// Which of the candidate's probes it is.
+    pub probe: usize,
 }
 
 /// What is asked of a model.
@@ -76,15 +79,47 @@ impl<'a> ScoreTest<'a> {
         let without = |rates: &BTreeMap<usize, f64>| {
             let problem = test.problem(model, test.ready.clone(), rates);
             let tangent = Tangent::new(&problem, plan)?;
-            let cost = tangent.cost(&problem, plan)?;
+            let cost = tangent.own_cost()?;
             Some((tangent, cost))
         };
         test.without = test.rates.par_iter().map(without).collect();
         Ok(test)
     }
 
-    /// Every probe's promise, those of one candidate together; `go_on` is asked between them.
-    pub fn ask(&self, probes: &[(Candidate, Vec<Probe>)], go_on: &(dyn Fn() -> bool + Sync)) -> Vec<Start> {
+    /// What the probes promise, the most promising first: all at the fitted rates, and the best of these, so many, at the others too.
+    /// `go_on` is asked between them.
+    pub fn ask(
+        &self,
+        probes: &[(Candidate, Vec<Probe>)],
+        further: usize,
+        go_on: &(dyn Fn() -> bool + Sync),
+    ) -> Vec<Start> {
+        let mut starts = self.at_rates(probes, 0..1, go_on);
+        sort(&mut starts);
+        let promising = promising(&starts, further);
+        let (kept, others): (Vec<_>, Vec<_>) =
+            probes.iter().cloned().partition(|(candidate, _)| promising.contains(candidate));
+        let untold = others.iter().filter(|(own, _)| starts.iter().all(|start| start.candidate != *own)).cloned();
+        let again: Vec<_> = kept.into_iter().chain(untold).collect();
+        for other in self.at_rates(&again, 1..RATES.len(), go_on) {
+            let is_same = |own: &&mut Start| own.candidate == other.candidate && own.probe == other.probe;
+            match starts.iter_mut().find(is_same) {
+                Some(own) if own.promise < other.promise => *own = other,
+                Some(_) => {}
+                None => starts.push(other),
+            }
+        }
+        sort(&mut starts);
+        starts
+    }
+
+    /// Every probe's promise at the best of some rates.
+    fn at_rates(
+        &self,
+        probes: &[(Candidate, Vec<Probe>)],
+        rates: Range<usize>,
+        go_on: &(dyn Fn() -> bool + Sync),
+    ) -> Vec<Start> {
         let all: Vec<(usize, usize)> =
             probes.iter().enumerate().flat_map(|(own, (_, probes))| (0..probes.len()).map(move |k| (own, k))).collect();
         let vanish: Vec<bool> = all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].1[*k])).collect();
@@ -115,8 +150,8 @@ impl<'a> ScoreTest<'a> {
             .par_iter()
             .map(|(places, vanish)| match (go_on(), vanish) {
                 (false, _) => Vec::new(),
-                (true, true) => self.all_at_null(places, probes),
-                (true, false) => places.iter().map(|place| self.at_values(*place, probes)).collect(),
+                (true, true) => self.all_at_null(places, probes, &rates),
+                (true, false) => places.iter().map(|place| self.at_values(*place, probes, &rates)).collect(),
             })
             .collect();
         asked.into_iter().flatten().flatten().collect()
@@ -158,21 +193,31 @@ impl<'a> ScoreTest<'a> {
     }
 
     /// Probes that do nothing as yet; where one has no derivative there, the others are asked without it.
-    fn all_at_null(&self, chunk: &[(usize, usize)], probes: &[(Candidate, Vec<Probe>)]) -> Vec<Option<Start>> {
-        match self.at_null(chunk, probes) {
+    fn all_at_null(
+        &self,
+        chunk: &[(usize, usize)],
+        probes: &[(Candidate, Vec<Probe>)],
+        rates: &Range<usize>,
+    ) -> Vec<Option<Start>> {
+        match self.at_null(chunk, probes, rates) {
             Some(found) => found,
             None if chunk.len() < 2 => vec![None; chunk.len()],
             None => {
                 let (one, other) = chunk.split_at(chunk.len() / 2);
-                let mut found = self.all_at_null(one, probes);
-                found.extend(self.all_at_null(other, probes));
+                let mut found = self.all_at_null(one, probes, rates);
+                found.extend(self.all_at_null(other, probes, rates));
                 found
             }
         }
     }
 
     /// Probes that do nothing as yet, all in one evaluation.
-    fn at_null(&self, chunk: &[(usize, usize)], probes: &[(Candidate, Vec<Probe>)]) -> Option<Vec<Option<Start>>> {
+    fn at_null(
+        &self,
+        chunk: &[(usize, usize)],
+        probes: &[(Candidate, Vec<Probe>)],
+        rates: &Range<usize>,
+    ) -> Option<Vec<Option<Start>>> {
         let mut effects: Vec<PlacedEffect> = Vec::new();
         let mut unknowns: Vec<Vec<Unknown>> = Vec::new();
         // Effects that stand beside those of the model share it; what takes the place of one stands alone.
@@ -207,25 +252,14 @@ impl<'a> ScoreTest<'a> {
         let with = |run: &Run| FitRun::of_run_with(model, run, &effects);
         let ready: Vec<FitRun> = self.runs.iter().map(with).collect::<Result<_, _>>().ok()?;
         let mut best: Vec<Option<Start>> = vec![None; chunk.len()];
-        for (rates, without) in self.rates.iter().zip(&self.without) {
-            let Some((_, without)) = without else { continue };
-            let mut problem = self.problem(model, ready.clone(), rates);
-            // The model's own come first; then these, which no prior holds.
-            let is_other = |unknown: &Unknown| unknowns.iter().flatten().all(|own| own.name != unknown.name);
-            let kept: Vec<bool> = problem.unknowns.iter().map(is_other).collect();
-            let mut keep = kept.iter();
-            problem.unknowns.retain(|_| *keep.next().unwrap_or(&true));
-            let mut keep = kept.iter();
-            problem.spreads.retain(|_| *keep.next().unwrap_or(&true));
-            let first = problem.unknowns.len();
-            problem.unknowns.extend(unknowns.iter().flatten().cloned());
-            problem.spreads.resize(problem.unknowns.len(), f64::INFINITY);
-            let own: Vec<usize> = (first..problem.unknowns.len()).collect();
+        for (rates, without) in self.rates.iter().zip(&self.without).take(rates.end).skip(rates.start) {
+            let Some((tangent, without)) = without else { continue };
+            let unknowns: Vec<Unknown> = unknowns.iter().flatten().cloned().collect();
+            let spreads = vec![f64::INFINITY; unknowns.len()];
+            let problem = PredictionProblem { unknowns, spreads, ..self.problem(model, ready.clone(), rates) };
             // States that the model does not have may need shorter steps.
-            let expansion = |further: usize| Expansion::new(&problem, &self.plan.finer(further));
-            let reduced =
-                FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() }).find_map(expansion)?;
-            let reduced = reduced.reduced(&own)?;
+            let reduced = |further: usize| tangent.reduced(&problem, &self.plan.finer(further));
+            let reduced = FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() }).find_map(reduced)?;
             let mut place = 0;
             for (number, (own, k)) in chunk.iter().enumerate() {
                 let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
@@ -245,18 +279,25 @@ impl<'a> ScoreTest<'a> {
                     continue;
                 }
                 // The fit itself takes the step, with all other unknowns and no further than it keeps its promise.
-                best[number] = Some(Start { candidate: candidate.clone(), model: probe.model.clone(), promise: gain });
+                let (candidate, model) = (candidate.clone(), probe.model.clone());
+                best[number] = Some(Start { candidate, model, promise: gain, probe: *k });
             }
         }
         Some(best)
     }
 
     /// A probe at finite values, against the model without it.
-    fn at_values(&self, (own, k): (usize, usize), probes: &[(Candidate, Vec<Probe>)]) -> Option<Start> {
+    fn at_values(
+        &self,
+        (own, k): (usize, usize),
+        probes: &[(Candidate, Vec<Probe>)],
+        rates: &Range<usize>,
+    ) -> Option<Start> {
         let (candidate, probe) = (&probes[own].0, &probes[own].1[k]);
         let ready: Vec<FitRun> =
             self.runs.iter().map(|run| FitRun::of_run(&probe.model, run)).collect::<Result<_, _>>().ok()?;
-        let gains = self.rates.iter().zip(&self.without).filter_map(|(rates, without)| {
+        let asked = self.rates.iter().zip(&self.without).take(rates.end).skip(rates.start);
+        let gains = asked.filter_map(|(rates, without)| {
             let (tangent, without) = without.as_ref()?;
             let problem = self.problem(&probe.model, ready.clone(), rates);
             // A transmission may need shorter steps than the model without it.
@@ -265,8 +306,26 @@ impl<'a> ScoreTest<'a> {
             gain.is_finite().then_some(gain)
         });
         let best = gains.max_by(f64::total_cmp);
-        Some(Start { candidate: candidate.clone(), model: probe.model.clone(), promise: best? })
+        Some(Start { candidate: candidate.clone(), model: probe.model.clone(), promise: best?, probe: k })
     }
+}
+
+/// The most promising first.
+fn sort(starts: &mut [Start]) {
+    starts.sort_by(|one, other| {
+        other.promise.total_cmp(&one.promise).then_with(|| (&one.candidate, one.probe).cmp(&(&other.candidate, other.probe)))
+    });
+}
+
+/// The candidates that promise most, so many, of starts in that order.
+pub fn promising(starts: &[Start], most: usize) -> Vec<Candidate> {
+    let mut found: Vec<Candidate> = Vec::new();
+    for start in starts {
+        if found.len() < most && !found.contains(&start.candidate) {
+            found.push(start.candidate.clone());
+        }
+    }
+    found
 }
 
 /// A model that its logs trust altogether is asked at this rate [1/s] all the same.

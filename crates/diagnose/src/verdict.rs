@@ -225,7 +225,7 @@ fn without(base: &JointResidual) -> f64 {
 
 /// At the joint that a refit helps most: the joint, by what share its held-out squared error falls, and by what share of
 /// what is above the noise.
-fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
+pub(super) fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> {
     after
         .judged()
         .filter_map(|own| {

@@ -33,7 +33,7 @@ use dynid_optimise::sqp::{self, Ended, Limits, Objective, SearchControl};
 use dynid_user_model::Model;
 
 use evaluate::Evaluator;
-pub use expansion::{Expansion, Promise, Reduced, Tangent};
+pub use expansion::{Promise, Reduced, Tangent};
 pub use held_out::{HeldOut, held_out};
 pub use plan::Plan;
 pub use result::{JointInnovations, PredictionFit};

@@ -6,6 +6,7 @@
 //! - [`controller`]: the file of the controller that closed the loop;
 //! - [`motion::Motion`]: positions, velocities and accelerations after the zero-phase filter;
 //! - [`noise`]: measurement noise, estimated from a log alone;
+//! - [`part`]: runs made of parts of others;
 //! - [`quality::of_run`]: what a log is worth before any model is compared with it.
 //!
 //! A run with `start` is only planned: it has no measured positions.
@@ -17,4 +18,5 @@ pub mod experiment;
 pub mod log;
 pub mod motion;
 pub mod noise;
+pub mod part;
 pub mod quality;

@@ -31,6 +31,57 @@ struct Sums {
     hessian: DMatrix<f64>,
 }
 
+/// Sums over the samples of one joint, by the columns of its run.
+#[derive(Clone)]
+struct Accumulated {
+    samples: f64,
+    squares: f64,
+    gradient: DVector<f64>,
+    hessian: DMatrix<f64>,
+    /// Derivatives that are not yet in `hessian`, one column an error.
+    waiting: DMatrix<f64>,
+    n_waiting: usize,
+}
+
+impl Accumulated {
+    /// One product of matrices takes in so many errors.
+    const BLOCK: usize = 64;
+
+    fn new(width: usize) -> Self {
+        Self {
+            samples: 0.0,
+            squares: 0.0,
+            gradient: DVector::zeros(width),
+            hessian: DMatrix::zeros(width, width),
+            waiting: DMatrix::zeros(width, Self::BLOCK),
+            n_waiting: 0,
+        }
+    }
+
+    /// An error, and the derivatives of its prediction.
+    fn add(&mut self, error: f64, row: &[f64]) {
+        self.samples += 1.0;
+        self.squares += error * error;
+        self.gradient.iter_mut().zip(row).for_each(|(gradient, by)| *gradient -= error * by);
+        self.waiting.column_mut(self.n_waiting).copy_from_slice(row);
+        self.n_waiting += 1;
+        if self.n_waiting == Self::BLOCK {
+            self.take_in();
+        }
+    }
+
+    fn take_in(&mut self) {
+        let waiting = self.waiting.columns(0, self.n_waiting);
+        self.hessian.gemm(1.0, &waiting, &waiting.transpose(), 1.0);
+        self.n_waiting = 0;
+    }
+
+    fn whole(mut self) -> Self {
+        self.take_in();
+        self
+    }
+}
+
 /// All runs at any unknowns: parameters, then every run's initial positions (and speeds), then for each joint `r = exp(-rate T)`, T
 /// being the time between samples: gains are quadratic in it, and 1 is a free simulation.
 pub(super) struct Evaluator<'a> {
@@ -43,7 +94,7 @@ pub(super) struct Evaluator<'a> {
     /// Time between samples of each joint (s), the shortest of its runs.
     sample_s: Vec<f64>,
     /// Variance below which an error is rounding, by joint.
-    floors: Vec<f64>,
+    pub(super) floors: Vec<f64>,
 }
 
 /// An evaluator with these integration steps.
@@ -91,12 +142,6 @@ impl<'a> Evaluator<'a> {
     /// Number of unknowns.
     pub(super) fn n(&self) -> usize {
         self.first_rate + self.joints.len()
-    }
-
-    /// Number of errors.
-    pub(super) fn samples(&self) -> f64 {
-        let of_run = |ready: &Ready<'_>| (ready.run.time.len() - ready.run.first_sample()) * ready.joints.len();
-        self.ready.iter().map(of_run).sum::<usize>() as f64
     }
 
     pub(super) fn at<'e>(&'e self, plan: &'e Plan) -> At<'e, 'a> {
@@ -384,27 +429,16 @@ impl Ready<'_> {
     fn sums(&self, x: &[f64], schemes: &[Scheme]) -> Option<Vec<Sums>> {
         let columns = self.unknowns.columns();
         let (n, count, width) = (self.joints.len(), columns.count(), columns.width());
-        let mut raw = vec![(0.0, 0.0, vec![0.0; width], vec![0.0; width * width]); n];
+        let mut raw = vec![Accumulated::new(width); n];
         let observe = |sample: usize, position: &[f64], rows: &[f64]| {
             for (slot, row) in rows.chunks_exact(width).enumerate() {
-                let (samples, squares, gradient, hessian) = &mut raw[slot];
-                let error = self.run.position[sample * n + slot] - position[slot];
-                *samples += 1.0;
-                *squares += error * error;
-                for (gradient, by) in gradient.iter_mut().zip(row) {
-                    *gradient -= error * by;
-                }
-                for (factor, line) in row.iter().zip(hessian.chunks_exact_mut(width)).take(count) {
-                    if *factor != 0.0 {
-                        line.iter_mut().zip(row).for_each(|(entry, by)| *entry += factor * by);
-                    }
-                }
+                raw[slot].add(self.run.position[sample * n + slot] - position[slot], row);
             }
         };
         let chain = self.along(x, schemes, observe)?;
-        let by_unknown = |(samples, squares, gradient, hessian): (f64, f64, Vec<f64>, Vec<f64>)| {
-            let gradient = DVector::from_fn(count, |k, _| gradient[k]);
-            let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
+        let by_unknown = |accumulated: Accumulated| {
+            let Accumulated { samples, squares, gradient, hessian, .. } = accumulated.whole();
+            let (gradient, hessian) = (gradient.rows(0, count), hessian.view((0, 0), (count, count)));
             let (gradient, hessian) = (chain.transpose() * gradient, chain.transpose() * hessian * &chain);
             Sums { samples, squares, gradient, hessian }
         };

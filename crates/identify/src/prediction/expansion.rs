@@ -3,54 +3,14 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::{PredictionProblem, evaluate::Evaluator, plan::Plan};
-use dynid_optimise::{quadratic::Quadratic, sqp::Objective};
-
-/// The negative log likelihood near the point where a problem starts.
-#[derive(Debug, Clone)]
-pub struct Expansion {
-    quadratic: Quadratic,
-    samples: f64,
-}
-
-impl Expansion {
-    /// Of a problem at its start, with these integration steps; `None` where it cannot be simulated.
-    pub fn new(problem: &PredictionProblem, plan: &Plan) -> Option<Self> {
-        let evaluator = Evaluator::new(problem);
-        let x = evaluator.start().ok()?;
-        let samples = evaluator.samples();
-        Some(Self { quadratic: evaluator.at(plan).quadratic(&x)?, samples })
-    }
-
-    /// What is left when everything but the unknowns `own` has taken its best step.
-    pub fn reduced(&self, own: &[usize]) -> Option<Reduced> {
-        let Quadratic { cost, gradient, hessian } = &self.quadratic;
-        let rest: Vec<usize> = (0..gradient.len()).filter(|index| !own.contains(index)).collect();
-        let scale = |index: usize| hessian[(index, index)].max(f64::MIN_POSITIVE).sqrt().recip();
-        let entry = |row: usize, column: usize| hessian[(row, column)] * scale(row) * scale(column);
-        let mut inner = DMatrix::from_fn(rest.len(), rest.len(), |row, column| entry(rest[row], rest[column]));
-        // What moves nothing has no step.
-        (0..rest.len()).for_each(|k| inner[(k, k)] += 1e-10);
-        let factor: Cholesky<f64, Dyn> = inner.cholesky()?;
-        let mixed = DMatrix::from_fn(rest.len(), own.len(), |row, column| entry(rest[row], own[column]));
-        let slope = DVector::from_fn(rest.len(), |k, _| gradient[rest[k]] * scale(rest[k]));
-        let outer = DMatrix::from_fn(own.len(), own.len(), |row, column| entry(own[row], own[column]));
-        let step = factor.solve(&slope);
-        let own_slope = DVector::from_fn(own.len(), |k, _| gradient[own[k]] * scale(own[k]));
-        Some(Reduced {
-            cost: *cost,
-            samples: self.samples,
-            gain: 0.5 * slope.dot(&step),
-            gradient: own_slope - mixed.transpose() * &step,
-            hessian: outer - mixed.transpose() * factor.solve(&mixed),
-            scale: own.iter().map(|index| scale(*index)).collect(),
-        })
-    }
-}
 
 /// Predictions near the point where a problem starts, to first order: what its unknowns may make up for of any other predictions.
 pub struct Tangent {
     /// Of every run and free joint, one row an error.
     slopes: Vec<Vec<DMatrix<f64>>>,
+    /// The errors there, and the variance below which those of a joint are rounding.
+    errors: Vec<Vec<Vec<f64>>>,
+    floors: Vec<f64>,
     /// `slopes' slopes` of all runs, by joint and all unknowns.
     grams: Vec<DMatrix<f64>>,
     /// Index among the joints of every run's free ones, and of its unknowns among all.
@@ -58,6 +18,18 @@ pub struct Tangent {
     /// Cost of the prior, and its information and slope.
     prior_cost: f64,
     prior: Vec<(f64, f64)>,
+}
+
+/// A likelihood near a point, by all unknowns of a tangent, each in units of its own information.
+struct Near {
+    /// Negative log likelihood at the point.
+    cost: f64,
+    samples: f64,
+    slope: DVector<f64>,
+    scale: DVector<f64>,
+    factor: Cholesky<f64, Dyn>,
+    /// Variance of the errors, by joint.
+    variances: Vec<f64>,
 }
 
 impl Tangent {
@@ -71,7 +43,7 @@ impl Tangent {
         let places: Vec<_> = (0..slopes.len()).map(|run| evaluator.places(run)).collect();
         for (slopes, (joints, places)) in slopes.iter().zip(&places) {
             for (joint, slopes) in joints.iter().zip(slopes) {
-                let gram = slopes.tr_mul(slopes);
+                let gram = slopes.transpose() * slopes;
                 for (own, row) in places.iter().enumerate() {
                     for (other, column) in places.iter().enumerate() {
                         grams[*joint][(*row, *column)] += gram[(own, other)];
@@ -84,7 +56,14 @@ impl Tangent {
             .map(|((unknown, spread), x)| (spread.powi(-2), (x - unknown.expected) / (spread * spread)))
             .collect();
         prior.resize(n, (0.0, 0.0));
-        Some(Self { slopes, grams, places, prior_cost: evaluator.prior_cost(&x), prior })
+        let errors = evaluator.errors(&x, plan)?;
+        let floors = evaluator.floors.clone();
+        Some(Self { slopes, errors, floors, grams, places, prior_cost: evaluator.prior_cost(&x), prior })
+    }
+
+    /// Cost once the unknowns have taken their step.
+    pub fn own_cost(&self) -> Option<f64> {
+        self.near(&self.errors)?.cost_after_step()
     }
 
     /// Cost of a problem of the same runs, with other equations, once the unknowns of this one have taken the step that is best
@@ -92,16 +71,63 @@ impl Tangent {
     pub fn cost(&self, problem: &PredictionProblem, plan: &Plan) -> Option<f64> {
         let evaluator = Evaluator::new(problem);
         let x = evaluator.start().ok()?;
-        let errors = evaluator.errors(&x, plan)?;
-        let mut sums = vec![(0.0, 0.0); evaluator.joints.len()];
-        for ((joints, _), errors) in self.places.iter().zip(&errors) {
+        self.near(&evaluator.errors(&x, plan)?)?.cost_after_step()
+    }
+
+    /// What is left for the unknowns of a problem of the same runs, which says the same of them at its start, when those of this one
+    /// have taken their best step.
+    pub fn reduced(&self, problem: &PredictionProblem, plan: &Plan) -> Option<Reduced> {
+        let evaluator = Evaluator::new(problem);
+        let x = evaluator.start().ok()?;
+        let own_slopes = evaluator.slopes(&x, plan)?;
+        let near = self.near(&self.errors)?;
+        let n = problem.unknowns.len();
+        let mut gradient = DVector::zeros(n);
+        let mut hessian = DMatrix::<f64>::zeros(n, n);
+        let mut mixed = DMatrix::<f64>::zeros(near.scale.len(), n);
+        for (run, own_slopes) in own_slopes.iter().enumerate() {
+            let (joints, places) = &self.places[run];
+            let (_, own_places) = evaluator.places(run);
+            // Parameters come first.
+            let own_places: Vec<usize> = own_places.into_iter().take_while(|place| *place < n).collect();
+            for (slot, own) in own_slopes.iter().enumerate() {
+                let information = near.variances[joints[slot]].recip();
+                let own = own.columns(0, own_places.len()).transpose();
+                let square = information * &own * own.transpose();
+                let across = information * &own * &self.slopes[run][slot];
+                let slope = -information * &own * DVector::from_column_slice(&self.errors[run][slot]);
+                for (k, column) in own_places.iter().enumerate() {
+                    gradient[*column] += slope[k];
+                    own_places.iter().enumerate().for_each(|(l, row)| hessian[(*row, *column)] += square[(l, k)]);
+                    places.iter().enumerate().for_each(|(l, row)| mixed[(*row, *column)] += across[(k, l)]);
+                }
+            }
+        }
+        let scale = DVector::from_fn(n, |k, _| hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip());
+        let mixed = DMatrix::from_fn(mixed.nrows(), n, |k, l| mixed[(k, l)] * near.scale[k] * scale[l]);
+        let outer = DMatrix::from_fn(n, n, |k, l| hessian[(k, l)] * scale[k] * scale[l]);
+        let step = near.factor.solve(&near.slope);
+        Some(Reduced {
+            cost: near.cost,
+            samples: near.samples,
+            gain: 0.5 * near.slope.dot(&step),
+            gradient: gradient.component_mul(&scale) - mixed.transpose() * &step,
+            hessian: outer - mixed.transpose() * near.factor.solve(&mixed),
+            scale: scale.iter().copied().collect(),
+        })
+    }
+
+    /// The likelihood of these errors, which all unknowns change as they change those of the tangent.
+    fn near(&self, errors: &[Vec<Vec<f64>>]) -> Option<Near> {
+        let mut sums = vec![(0.0, 0.0); self.grams.len()];
+        for ((joints, _), errors) in self.places.iter().zip(errors) {
             for (joint, errors) in joints.iter().zip(errors) {
                 sums[*joint].0 += errors.len() as f64;
                 sums[*joint].1 += errors.iter().map(|error| error * error).sum::<f64>();
             }
         }
         let variances: Vec<f64> =
-            sums.iter().enumerate().map(|(joint, (n, squares))| evaluator.variance(joint, *squares, *n)).collect();
+            sums.iter().zip(&self.floors).map(|((n, squares), floor)| squares / n + floor).collect();
         let cost = self.prior_cost
             + sums.iter().zip(&variances).map(|((n, _), variance)| 0.5 * n * variance.ln()).sum::<f64>();
         let mut gradient = DVector::from_iterator(self.prior.len(), self.prior.iter().map(|(_, slope)| *slope));
@@ -112,7 +138,7 @@ impl Tangent {
         for (gram, variance) in self.grams.iter().zip(&variances) {
             hessian += gram / *variance;
         }
-        for ((slopes, errors), (joints, places)) in self.slopes.iter().zip(&errors).zip(&self.places) {
+        for ((slopes, errors), (joints, places)) in self.slopes.iter().zip(errors).zip(&self.places) {
             for (joint, (slopes, errors)) in joints.iter().zip(slopes.iter().zip(errors)) {
                 let own = slopes.tr_mul(&DVector::from_column_slice(errors)) / variances[*joint];
                 places.iter().zip(own.iter()).for_each(|(place, value)| gradient[*place] -= value);
@@ -120,11 +146,17 @@ impl Tangent {
         }
         let scale = hessian.diagonal().map(|entry| entry.max(f64::MIN_POSITIVE).sqrt().recip());
         let mut scaled = DMatrix::from_fn(scale.len(), scale.len(), |k, l| hessian[(k, l)] * scale[k] * scale[l]);
+        // What moves nothing has no step.
         (0..scale.len()).for_each(|k| scaled[(k, k)] += 1e-10);
-        let slope = gradient.component_mul(&scale);
-        let gain = 0.5 * slope.dot(&scaled.cholesky()?.solve(&slope));
         let samples: f64 = sums.iter().map(|(n, _)| n).sum();
-        Some(after(cost, samples, gain))
+        Some(Near { cost, samples, slope: gradient.component_mul(&scale), scale, factor: scaled.cholesky()?, variances })
+    }
+}
+
+impl Near {
+    fn cost_after_step(&self) -> Option<f64> {
+        let gain = 0.5 * self.slope.dot(&self.factor.solve(&self.slope));
+        Some(after(self.cost, self.samples, gain)).filter(|cost| cost.is_finite())
     }
 }
 
@@ -158,11 +190,6 @@ pub struct Promise {
 }
 
 impl Reduced {
-    /// Negative log likelihood where these unknowns stay as they are and all others take their step.
-    pub fn cost(&self) -> f64 {
-        self.after(self.gain)
-    }
-
     fn after(&self, gain: f64) -> f64 {
         after(self.cost, self.samples, gain)
     }

@@ -11,7 +11,7 @@ use dynid_user_model::Model;
 use crate::{Error, check_device};
 
 /// How to diagnose.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct DiagnoseSettings {
     /// Only runs in which exactly these joints are free; `None` for all runs.
     pub free: Option<Vec<usize>>,
@@ -19,23 +19,14 @@ pub struct DiagnoseSettings {
     pub error: Option<ErrorSignal>,
     /// How many effects are looked for, one after the other; `None` for as many as it pays.
     pub depth: Option<usize>,
-    /// How many candidates are fitted for good at most, per step, beside what the first of them contain.
-    pub refits: usize,
-    /// Fits that an earlier, stopped diagnosis of the same reported ([`Event::Refitted`]): it goes on from them to the same answer.
+    /// Searches that an earlier, stopped diagnosis of the same reported ([`Event::Searched`]): it goes on from them to the same answer.
     pub finished: Finished,
-}
-
-impl Default for DiagnoseSettings {
-    fn default() -> Self {
-        let Options { error, depth, refits, .. } = Options::default();
-        Self { free: None, error, depth, refits, finished: Finished::new() }
-    }
 }
 
 impl DiagnoseSettings {
     /// As the diagnosis takes them.
     pub fn options(&self) -> Options {
-        Options { error: self.error, depth: self.depth, refits: self.refits.max(1), ..Options::default() }
+        Options { error: self.error, depth: self.depth }
     }
 }
 
@@ -85,5 +76,5 @@ pub fn diagnose(
         hear(DiagnoseProgress::Working);
         stopped.load(Ordering::Relaxed)
     };
-    Ok(diagnosis::diagnose(model, experiment, &runs, &settings.options(), &settings.finished, &tell, &stop)?)
+    Ok(diagnosis::diagnose(model, &runs, &settings.options(), &settings.finished, &tell, &stop)?)
 }

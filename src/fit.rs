@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use dynid_diagnose::{stays_far_above, with_first_estimates};
+use dynid_diagnose::with_first_estimates;
 use dynid_identify::checkpoint::{self, CheckpointError, Identity};
 use dynid_identify::identify::{self, ErrorSignal, FitResult, FitTask, Progress, State};
 use dynid_identify::position::Options;
@@ -163,7 +163,7 @@ pub fn fit(
         .map(|checkpoint| Kept { checkpoint, identity: Identity::new(model, &experiment, &runs, &task) });
     let state = kept.as_ref().map_or_else(|| Ok(State::default()), Kept::begin)?;
     let mut stopped = progress(FitProgress::Search(task.error)).is_break();
-    let first = with_first_estimates(model, &runs, task.error);
+    let first = with_first_estimates(model, &runs);
     for label in &first.labels {
         stopped |= progress(FitProgress::FirstEstimate(label)).is_break();
     }
@@ -201,6 +201,14 @@ pub fn fit(
         record.parent_digest = model.digest();
     }
     Ok(found)
+}
+
+/// Whether a search that after so many iterations without an observer has come to `cost` per sample stays far above the cost that
+/// another `reached`: one that can reach that is not so far from it after so many.
+fn stays_far_above(free_iterations: usize, cost: f64, reached: f64) -> bool {
+    const TRIES: usize = 15;
+    const FAR: f64 = 30.0;
+    free_iterations >= TRIES && cost > FAR * reached
 }
 
 /// The experiment with what the settings say otherwise of its runs.

@@ -56,7 +56,7 @@ pub use dynid_check::{
     Verdict as CheckVerdict,
 };
 pub use dynid_diagnose::{
-    Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, Refit, RejectedCandidate, Rejection, Statement,
+    Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, RejectedCandidate, Rejection, Statement,
     Verdict,
 };
 pub use dynid_identify::FitStatus;

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::bail;
 use dynid::{DiagnoseSettings, Diagnosis, ErrorSignal, Experiment, Model, Ranked, Run, Verdict};
-use dynid_diagnose::{Discovered, Event, Finished, FinishedFit, Options, RejectedCandidate, Speaks};
+use dynid_diagnose::{Discovered, Event, Finished, Options, RejectedCandidate, Speaks};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
 use dynid_model::sha256_hex;
@@ -32,8 +32,8 @@ Examples:
 
 The model is fitted so that its one-step predictions make the logs likeliest, and every effect of the library is asked at every
 place what it would add to that likelihood. The most promising are fitted, and the likelihood of all runs, those held out (role
-\"validate\") included, decides; it goes on while another effect explains what is left. With --error, errors of simulations or of the
-torque decide instead. Ctrl-C keeps the fits that are done; the same command goes on from them.
+\"validate\") included, decides; it goes on while another effect explains what is left. With --error position the model is trusted altogether
+between samples, with --error torque only within the bandwidth of the torque error's filter. Ctrl-C keeps the fits that are done; the same command goes on from them.
 
 Verdicts: missing_effect, nothing_missing (what is left is noise), unexplained (no effect of the library explains it).
 delta BIC below 0 means that an effect is worth its parameters.")]
@@ -46,15 +46,12 @@ pub struct Arguments {
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
-    /// Let this error decide instead of the likelihood of the logs.
+    /// Trust the model as this error does, instead of as the logs make likeliest.
     #[arg(long, value_enum)]
     error: Option<Kind>,
     /// Look for so many effects, one after the other; without it, for as many as it pays.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
-    /// Fit so many candidates for good at most, and what the first of them contain.
-    #[arg(long, value_name = "N", default_value_t = Options::default().refits)]
-    refits: usize,
     /// Write the fitted model with the effects that were found.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -88,7 +85,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         free: arguments.free.clone(),
         error: arguments.error.map(ErrorSignal::from),
         depth: arguments.depth,
-        refits: arguments.refits,
         finished: Finished::new(),
     };
     let kept = Kept::new(arguments, &experiment, &model, &runs, &settings.options());
@@ -107,8 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let interrupt = Interrupt::listen()?;
     let hear = |event: &Event<'_>| {
         let done = match event {
-            Event::Refitted(key, refit) => Some((*key, FinishedFit::Refit((*refit).clone()))),
-            Event::Searched(key, state) => Some((*key, FinishedFit::Search((*state).clone()))),
+            Event::Searched(key, state) => Some((*key, (*state).clone())),
             _ => None,
         };
         if let Some((key, fit)) = done
@@ -448,9 +443,6 @@ fn places(input: &Path, here: &Path, identity: &str) -> Vec<PathBuf> {
 mod tests {
     use std::fs;
 
-    use dynid_diagnose::SearchExtent;
-    use dynid_identify::FitStatus;
-
     use super::*;
 
     const IDENTITY: &str = "0123456789";
@@ -465,12 +457,11 @@ mod tests {
         fs::create_dir(&logs).unwrap();
         fs::create_dir(&here).unwrap();
         let places = places(&logs.join("experiment.toml"), &here, IDENTITY);
-        let refit = serde_json::from_value(json!({
-            "candidate": null, "model": "", "status": FitStatus::Converged, "followed": SearchExtent::ToItsEnd, "parameters": [],
-            "unknowns": 0.0, "rmse_fit": null, "rmse_validate": null, "torque_percent_fit": null,
-            "torque_percent_validate": null, "left": []
+        let state = serde_json::from_value(json!({
+            "plan": [], "iterations": 1, "cost": null, "is_done": false,
+            "search": {"x": [], "damping": 1.0, "growth": 2.0, "idle": 0, "iterations": 1, "half_spaces": []}
         }));
-        let fits = Finished::from([("the model itself".to_owned(), FinishedFit::Refit(refit.unwrap()))]);
+        let fits = Finished::from([("the model itself".to_owned(), state.unwrap())]);
         (Kept { places, identity: IDENTITY.to_owned() }, fits)
     }
 

@@ -98,14 +98,9 @@ fn iteration(reported: &Progress, elapsed: Duration) -> String {
 fn diagnosis(event: &Event<'_>, elapsed: Duration) -> String {
     let what = match event {
         Event::FittingModel => "fitting the model itself".to_owned(),
-        Event::Screened(done, of) => format!("screening: {done} of {of} candidates"),
-        Event::Comparing(count) => format!("comparing {count} candidates with an observer"),
+        Event::Asking(count) => format!("asking what each of {count} candidates would add"),
+        Event::Comparing(count) => format!("fitting the {count} candidates that promise most"),
         Event::Searched(key, _) => format!("searched {key}"),
-        Event::Refitting(candidate) => format!("fitting with {candidate}"),
-        Event::Refitted(_, refit) => match &refit.candidate {
-            Some(candidate) => format!("fitted with {candidate}"),
-            None => "fitted the model itself".to_owned(),
-        },
     };
     format!("{what}, {:.0} s", elapsed.as_secs_f64())
 }

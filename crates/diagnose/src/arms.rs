@@ -4,10 +4,11 @@
 use rayon::prelude::*;
 
 use dynid_identify::SearchControl;
-use dynid_identify::prediction::{PredictionProblem, Search, Settings, State};
+use dynid_identify::prediction::{PredictionProblem, Search, State};
 use dynid_user_model::Model;
 
 use crate::candidate::Candidate;
+use crate::settings::Settings;
 
 /// A fit that may be worth going on with.
 pub struct Arm {
@@ -42,18 +43,11 @@ impl Arm {
 pub fn race(
     mut arms: Vec<Arm>,
     settings: &Settings,
-    last: usize,
     recall: &(dyn Fn(&str) -> Option<State> + Sync),
     keep: &(dyn Fn(&str, &State) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Vec<Arm> {
-    /// Integration steps per sample, over all iterations, that an arm gets in the first round; in each later one twice as many.
-    const STEPS: usize = 10;
-    /// A search that is not at its end after so many is not followed any more.
-    const MOST_STEPS: usize = 640;
-    /// So many rounds like the last one should bring an arm to the best one.
-    const ROUNDS: f64 = 5.0;
-    let mut steps = STEPS;
+    let (mut steps, most) = settings.linearisations;
     for round in 0.. {
         arms.par_iter_mut().for_each(|arm| {
             arm.before = arm.cost();
@@ -66,8 +60,8 @@ pub fn race(
                 return;
             }
             let Ok(mut search) = Search::new(&arm.problem, arm.state.take()) else { return };
-            let iterations = (steps / search.state().plan.mean_steps().ceil() as usize).clamp(1, settings.iterations);
-            search.advance(settings, iterations, &mut |_| {
+            let iterations = (steps / search.state().plan.mean_steps().ceil() as usize).clamp(1, settings.search.iterations);
+            search.advance(&settings.search, iterations, &mut |_| {
                 if stop() { SearchControl::Stop } else { SearchControl::Continue }
             });
             if !stop() {
@@ -75,19 +69,15 @@ pub fn race(
             }
             arm.state = Some(search.state().clone());
         });
-        if std::env::var_os("DBG").is_some() {
-            eprintln!("round {round} steps {steps}");
-            for arm in &arms { if let Some(s)=&arm.state { eprintln!("   {} cost {:.1} before {:.1} iters {} done {} steps {:.1} n {}", arm.key, arm.cost(), arm.before, s.iterations+s.search.iterations, s.is_done, s.plan.mean_steps(), s.search.x.len()); } }
-        }
         arms.sort_by(|one, other| one.cost().total_cmp(&other.cost()).then_with(|| one.key.cmp(&other.key)));
-        let is_over = arms.iter().take(last).all(|arm| arm.is_done() || arm.cost().is_infinite());
-        if is_over || stop() || steps > MOST_STEPS {
+        let is_over = arms.iter().take(settings.last).all(|arm| arm.is_done() || arm.cost().is_infinite());
+        if is_over || stop() || steps > most {
             break;
         }
-        arms.truncate((arms.len() / 2).max(last));
+        arms.truncate((arms.len() / 2).max(settings.last));
         // What falls so slowly that it would not come to the best within as many rounds is no rival.
         let best = arms.first().map_or(f64::INFINITY, Arm::cost);
-        let may_come = |arm: &Arm| arm.cost() - best <= ROUNDS * (arm.before - arm.cost());
+        let may_come = |arm: &Arm| arm.cost() - best <= settings.rounds * (arm.before - arm.cost());
         arms.retain(|arm| round == 0 || arm.is_done() || may_come(arm));
         steps *= 2;
     }

@@ -116,18 +116,6 @@ pub(super) fn joined_link(model: &Model, effect: &Effect, joint: usize) -> Optio
     is_body.then(|| model.device.last_link_moved_by(joint)).flatten()
 }
 
-/// Those whose model is none of those before.
-pub(super) fn distinct<T>(items: Vec<T>, model: impl Fn(&T) -> &Model) -> Vec<T> {
-    let mut seen = Vec::new();
-    let is_new = |item: &T| {
-        let digest = model(item).digest();
-        let is_new = !seen.contains(&digest);
-        seen.push(digest);
-        is_new
-    };
-    items.into_iter().filter(is_new).collect()
-}
-
 /// What the logs show of a joint: the sizes that tried values are multiples of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sizes {
@@ -200,11 +188,6 @@ pub struct Probe {
     pub model: Model,
     /// Parameters in which the effect is linear: the steps to take.
     pub steps: Vec<Step>,
-    /// Names of the values that were tried.
-    pub tried: Vec<String>,
-    /// Parameters to be multiplied by one factor, the torque of the law being proportional to all of them together; empty
-    /// where the law is not so.
-    pub scaled: Vec<String>,
 }
 
 /// A linear step of a parameter.
@@ -218,30 +201,6 @@ pub struct Step {
     pub unit: f64,
     /// How many units it may go down, and up.
     pub range: (f64, f64),
-}
-
-impl Probe {
-    /// The model with the probe's steps taken so many units each, and its scaled parameters multiplied by `factor`, all
-    /// within their bounds.
-    pub fn at(&self, factor: f64, units: &[f64]) -> Model {
-        let mut model = self.model.clone();
-        let mut set = |name: &str, value: f64| {
-            if let Some(Parameter { lower, upper, .. }) = model.parameter(name) {
-                // The name is the model's own.
-                let _ = model.set_value(name, value.clamp(lower, upper));
-            }
-        };
-        for name in &self.scaled {
-            if let Some(parameter) = self.model.parameter(name) {
-                set(name, factor * parameter.value);
-            }
-        }
-        for (step, units) in self.steps.iter().zip(units) {
-            set(&step.name, step.from + units * step.unit);
-        }
-        keep_orders(&mut model);
-        model
-    }
 }
 
 /// The candidate as it stands in a model that has it.
@@ -283,17 +242,6 @@ pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe>
             _ => {}
         }
     }
-    let proportional = shapes.iter().any(|(index, _)| is_torque(&effect.parameters[*index].unit))
-        && !shapes.iter().any(|(index, _)| {
-            let unit = &effect.parameters[*index].unit;
-            !is_torque(unit) && (unit.contains("N*m") || unit.contains("command") || unit.contains("kg"))
-        });
-    let scaled: Vec<String> = shapes
-        .iter()
-        .filter(|(index, _)| proportional && is_torque(&effect.parameters[*index].unit))
-        .map(|(index, _)| instance.parameter_name(*index))
-        .collect();
-    let tried: Vec<String> = shapes.iter().map(|(index, _)| instance.parameter_name(*index)).collect();
     let mut models = vec![with];
     for (index, values) in &shapes {
         let name = instance.parameter_name(*index);
@@ -323,15 +271,8 @@ pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe>
         .map(|model| Probe {
             steps: amplitudes.iter().filter_map(|index| step(&model, *index)).collect(),
             model,
-            tried: tried.clone(),
-            scaled: scaled.clone(),
         })
         .collect()
-}
-
-/// Whether a unit is one of torque, alone or over or times something kinematic.
-fn is_torque(unit: &str) -> bool {
-    unit.starts_with("N*m") && !unit.contains("command")
 }
 
 /// Raises what an effect wants not to be below another value.

@@ -1,8 +1,7 @@
 //! A formula for what no effect of the library explains: sparse regression of the torque error on products of the signals at
 //! hand.
 //!
-//! The model's own parameters are taken out of the torque error and of every candidate column, as in the screening
-//! ([`Screen`](super::Screen)). A few terms are chosen by forward selection with exchanges; what counts is what is chosen
+//! The model's own parameters are taken out of the torque error and of every candidate column, joint by joint. A few terms are chosen by forward selection with exchanges; what counts is what is chosen
 //! again from random halves of the data (stability selection, Meinshausen & Buehlmann 2010), and in the end the runs that
 //! were not used decide: there the squared torque error must fall. Where it does not, nothing is written.
 //!
@@ -11,8 +10,10 @@
 //! factor: it would explain any error by undoing the drive.
 
 mod file;
+mod joint_weights;
 mod select;
 mod term;
+mod torque_error;
 
 use std::collections::BTreeMap;
 
@@ -24,13 +25,12 @@ use serde::Serialize;
 
 use self::{
     file::effect_file,
+    joint_weights::Weighed,
     select::{Choice, Normal, Reduced, Rules},
     term::{Term, dictionary},
+    torque_error::{Block, TorqueView, own_column, regular},
 };
 use super::{
-    error_signal::{Block, TorqueView, View},
-    joint_weights::Weighed,
-    screen::{own_column, regular},
     statement::{ActsOn, Statement},
 };
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};

@@ -75,17 +75,10 @@ pub enum DiagnoseError {
 pub enum WhySoMany {
     /// There is no more to it.
     Plain,
-    /// No run is held out and each is cut into so many blocks.
-    Blocks {
+    /// No run is held out, so that the last of so many parts of each is.
+    Parts {
         /// How many.
-        blocks: usize,
-    },
-    /// The same, and a filter must fit into each.
-    FilteredBlocks {
-        /// How many.
-        blocks: usize,
-        /// The filter's cut-off (Hz).
-        cutoff_hz: f64,
+        parts: usize,
     },
     /// The beginning of the run is cut.
     Cut {
@@ -96,12 +89,10 @@ pub enum WhySoMany {
 
 impl fmt::Display for WhySoMany {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let blocks = |blocks: usize| format!(", since no run is held out and each is cut into {blocks} blocks");
         match *self {
             Self::Plain => Ok(()),
-            Self::Blocks { blocks: count } => formatter.write_str(&blocks(count)),
-            Self::FilteredBlocks { blocks: count, cutoff_hz } => {
-                write!(formatter, "{} that a filter of {cutoff_hz} Hz must fit into (cutoff_hz)", blocks(count))
+            Self::Parts { parts } => {
+                write!(formatter, ", since no run is held out and the last of {parts} parts of each is instead")
             }
             Self::Cut { samples } => write!(formatter, ", since from_s cuts {samples} of its samples"),
         }

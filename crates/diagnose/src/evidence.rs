@@ -69,47 +69,9 @@ impl Evidence {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Rejection {
-    /// With it a run cannot be evaluated to its end.
-    CannotBeEvaluated,
-    /// A parameter ends on its bound.
-    AtBound {
-        /// Which.
-        parameter: String,
-        /// The bound.
-        value: f64,
-    },
     /// On the runs fitted to it is not worth its parameters.
     NotWorthItsParameters {
         /// By how much the Bayesian information criterion changes.
         delta_bic: f64,
     },
-    /// The gain is not there on the held-out runs.
-    NoHeldOutGain {
-        /// By how much the squared error falls at the joint that it helps most (%).
-        percent: f64,
-    },
-    /// It helps where it does not act.
-    HelpsElsewhere {
-        /// Share of what it takes off the squared torque error, in the half of the samples in which it acts most (%).
-        percent: f64,
-    },
-    /// Others explain more with the last block held out, and only those were judged by all blocks.
-    NotConfirmed {
-        /// How many others.
-        confirmed: usize,
-    },
-    /// Its fit was given up, far above what another effect reaches.
-    GivenUp {
-        /// After so many iterations.
-        iterations: usize,
-    },
-    /// It could not be fitted.
-    FitFailed {
-        /// What the fit says.
-        error: String,
-    },
-    /// Far above what another effect reaches even where simulations are held to the logs.
-    NoRival,
-    /// Far above the noise even where simulations are held to the logs, while a formula of one term leaves far less.
-    BeatenByFormula,
 }

@@ -3,60 +3,38 @@
 
 use std::collections::BTreeSet;
 
-use super::{Note, blocks, refit::Refit};
+use super::{Note, refit::Refit, runs};
 use crate::{DiagnoseError, error::WhySoMany};
 use dynid_check::{
     excitation::{LEAST_SAMPLES, MOVES, moves, parameters_at},
     identifiability::joint_of,
 };
-use dynid_identify::identify::ErrorSignal;
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError};
 use dynid_user_model::Model;
 
-/// What should be known of `runs`, of which `folds` are all that is fitted to or held out in turn, before the fit.
+/// What should be known of `runs` before the fit.
 ///
 /// # Errors
-/// A run is too short, or has no torque error where that is asked for; no joint moves in any.
-pub(super) fn check(
-    model: &Model,
-    runs: &[&Run],
-    folds: &[&[Run]],
-    error: ErrorSignal,
-) -> Result<Vec<Note>, DiagnoseError> {
-    let n_blocks = if folds.is_empty() { 1 } else { blocks::BLOCKS };
+/// A run is too short; no joint moves in any.
+pub(super) fn check(model: &Model, runs: &[&Run]) -> Result<Vec<Note>, DiagnoseError> {
+    let is_cut = runs::is_cut(runs);
+    let n_parts = if is_cut { runs::PARTS } else { 1 };
     for run in runs {
-        long_enough(run, n_blocks * LEAST_SAMPLES, n_blocks, None)?;
-        if error != ErrorSignal::Torque {
-            enough_is_left(run, n_blocks)?;
-        }
-    }
-    if error == ErrorSignal::Torque {
-        for part in folds.iter().copied().flatten() {
-            // A block that is too short for its filter is reported as what the whole run would have to be.
-            if let (Err(MotionError::TooShort { needed, cutoff_hz, .. }), Some(run)) =
-                (Motion::of(part), runs.iter().find(|run| run.file == part.file))
-            {
-                long_enough(run, (n_blocks * needed).max(run.log.len() + 1), n_blocks, Some(cutoff_hz))?;
-            }
-        }
+        long_enough(run, n_parts * LEAST_SAMPLES, n_parts)?;
+        enough_is_left(run, n_parts)?;
     }
     let mut notes = Vec::new();
-    let whole = runs.iter().filter(|_| folds.is_empty());
+    let whole = runs.iter().filter(|_| !is_cut);
     let mut without_motion: Vec<(&Run, MotionError)> =
         whole.filter_map(|run| Some((*run, Motion::of(run).err()?))).collect();
     without_motion.sort_by_key(|(run, _)| run.role);
-    let held_out = runs.iter().filter(|run| run.role == Role::Validate).count();
-    let some_held_out = held_out > without_motion.iter().filter(|(run, _)| run.role == Role::Validate).count();
     for (run, why) in without_motion {
-        if error == ErrorSignal::Torque && (run.role == Role::Fit || !some_held_out) {
-            return Err(why.into());
-        }
         notes.push(match run.role {
             Role::Fit => Note::FittedWithoutTorqueError { reason: why },
             Role::Validate => Note::JudgedWithoutTorqueError { reason: why },
         });
     }
-    notes.extend(judged_by_what_is_fitted(runs).filter(|_| folds.is_empty()));
+    notes.extend(judged_by_what_is_fitted(runs).filter(|_| !is_cut));
     let still: Vec<(&Run, usize)> = runs
         .iter()
         .flat_map(|run| run.free.iter().filter(|joint| !moves(run, **joint)).map(|joint| (*run, *joint)))
@@ -86,15 +64,11 @@ fn judged_by_what_is_fitted(runs: &[&Run]) -> Option<Note> {
     (!joints.is_empty()).then_some(Note::NeverHeldOut { joints })
 }
 
-fn long_enough(run: &Run, needed: usize, n_blocks: usize, cutoff_hz: Option<f64>) -> Result<(), DiagnoseError> {
+fn long_enough(run: &Run, needed: usize, n_parts: usize) -> Result<(), DiagnoseError> {
     if run.log.len() >= needed {
         return Ok(());
     }
-    let because = match (n_blocks, cutoff_hz) {
-        (1, _) => WhySoMany::Plain,
-        (blocks, None) => WhySoMany::Blocks { blocks },
-        (blocks, Some(cutoff_hz)) => WhySoMany::FilteredBlocks { blocks, cutoff_hz },
-    };
+    let because = if n_parts == 1 { WhySoMany::Plain } else { WhySoMany::Parts { parts: n_parts } };
     Err(too_short(run, needed, because))
 }
 
@@ -112,10 +86,10 @@ fn too_short(run: &Run, needed: usize, because: WhySoMany) -> DiagnoseError {
 }
 
 /// A fit must see enough of a run whose beginning is cut.
-fn enough_is_left(run: &Run, n_blocks: usize) -> Result<(), DiagnoseError> {
+fn enough_is_left(run: &Run, n_parts: usize) -> Result<(), DiagnoseError> {
     let (samples, cut) = (run.log.len(), run.n_cut());
-    // The last block is held out where there are some.
-    let seen = if n_blocks > 1 { samples - samples / n_blocks } else { samples };
+    // The last part is held out where there are some.
+    let seen = if n_parts > 1 { samples - samples / n_parts } else { samples };
     if cut == 0 || seen >= cut + LEAST_SAMPLES {
         return Ok(());
     }
@@ -148,19 +122,8 @@ pub(super) fn left_open(model: &Model, runs: &[&Run], base: &Refit) -> Option<No
             || !own.identifiable
             || own.std_error.zip(size).is_some_and(|(error, size)| error > size)
     };
-    let as_given = |(name, parameter): (String, dynid_model::Parameter)| super::EffectParameter {
-        name,
-        value: parameter.value,
-        std_error: None,
-        at_bound: false,
-        identifiable: true,
-    };
-    let unfitted: Vec<super::EffectParameter> = match base.was_given_up() {
-        true => model.parameters().into_iter().filter(|(_, parameter)| !parameter.fixed).map(as_given).collect(),
-        false => Vec::new(),
-    };
     let (links, others): (Vec<&super::EffectParameter>, Vec<&super::EffectParameter>) =
-        base.parameters.iter().chain(&unfitted).partition(|own| own.name.starts_with("link."));
+        base.parameters.iter().partition(|own| own.name.starts_with("link."));
     let names: Vec<String> = others.into_iter().filter(|own| is_open(own)).map(|own| own.name.clone()).collect();
     let links = links.into_iter().filter(|own| !own.identifiable).count();
     if names.is_empty() {

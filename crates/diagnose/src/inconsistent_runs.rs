@@ -1,39 +1,31 @@
 //! A change between runs, told from a missing effect: does every run by itself agree with the model, with other values?
 
-use super::{
-    Moved, Work,
-    refit::{CostLimits, Judge},
-    verdict,
-};
-use crate::DiagnoseError;
+use crate::missing::Logs;
+use crate::{DiagnoseError, Moved};
+use dynid_identify::FitError;
 use dynid_logs::{experiment::Role, experiment::Run};
 use dynid_user_model::Model;
 
 /// Parameters that differ between runs which the model explains one by one, largest change first; none where a run is not
 /// explained even by itself, or where there is but one.
-pub(super) fn moved(work: &Work<'_>, base: &Model) -> Result<Vec<Moved>, DiagnoseError> {
+pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, DiagnoseError> {
     /// Smaller changes are chance.
     const LEAST: f64 = 5.0;
     /// As many are reported.
     const AT_MOST: usize = 12;
-    let runs: Vec<Run> = work.runs.iter().map(|run| Run { role: Role::Fit, ..(*run).clone() }).collect();
+    let runs: Vec<Run> =
+        work.fit.iter().chain(&work.held_out).map(|run| Run { role: Role::Fit, ..run.clone() }).collect();
     if runs.len() < 2 {
         return Ok(Vec::new());
     }
     let mut fits = Vec::with_capacity(runs.len());
     for (index, run) in runs.iter().enumerate() {
-        let alone = [run];
-        let judge = Judge { runs: &alone, ..*work.judge };
-        let work = Work { judge: &judge, ..*work };
-        let key = format!("run {} by itself", index + 1);
-        let Ok(fit) = work.remembered(&key, None, base, std::slice::from_ref(base), CostLimits::default()) else {
-            work.asked_to_stop()?;
-            return Ok(Vec::new());
-        };
-        if fit.worst_ratio().is_none_or(|ratio| ratio > verdict::NEAR_THE_FLOOR) {
+        let alone = Logs { fit: vec![run.clone()], held_out: Vec::new(), ..work.clone() };
+        let fitted = alone.base(base, &format!("run {} by itself", index + 1)).map_err(FitError::from)?;
+        if !fitted.is_whole(&work.settings) {
             return Ok(Vec::new());
         }
-        fits.push(fit);
+        fits.push(fitted.fit);
     }
     let mut moved: Vec<Moved> = Vec::new();
     for parameter in base.names() {

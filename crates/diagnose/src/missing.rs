@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use dynid_identify::SearchControl;
 use dynid_identify::position::{FitRun, PositionFitError};
-use dynid_identify::prediction::{self, HeldOut, PredictionFit, PredictionProblem, Search, Settings, State};
+use dynid_identify::prediction::{self, HeldOut, Plan, PredictionFit, PredictionProblem, Search, State};
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
 use dynid_model::Parameter;
@@ -16,6 +16,7 @@ use dynid_logs::part::part;
 use crate::candidate::{Candidate, Sizes, candidates, probes};
 use crate::refit::count;
 use crate::score_test::{ScoreTest, Start, promising};
+use crate::settings::Settings;
 
 /// A model that was fitted, and what it makes of the runs.
 #[derive(Debug, Clone)]
@@ -61,13 +62,13 @@ impl Fitted {
     }
 
     /// Whether what is left has no structure: it may be noise of the logged torque.
-    pub fn is_white(&self) -> bool {
-        self.whiteness() < 3.0
+    pub fn is_white(&self, settings: &Settings) -> bool {
+        self.whiteness() < settings.white
     }
 
     /// Whether nothing is left to explain.
-    pub fn is_whole(&self) -> bool {
-        self.rate() < 1.0 && self.is_white()
+    pub fn is_whole(&self, settings: &Settings) -> bool {
+        self.rate() < settings.trusted && self.is_white(settings)
     }
 
     /// As the model that more is added to.
@@ -76,7 +77,11 @@ impl Fitted {
     }
 }
 
+/// A model, rates, where each run starts and integration steps.
+type Point = (Model, BTreeMap<usize, f64>, Vec<Vec<f64>>, Plan);
+
 /// Runs, and how models are fitted to them.
+#[derive(Clone)]
 pub struct Logs<'a> {
     /// The model that was given: what is believed.
     pub given: &'a Model,
@@ -84,8 +89,10 @@ pub struct Logs<'a> {
     pub fit: Vec<Run>,
     /// Runs held out.
     pub held_out: Vec<Run>,
-    /// How a fit searches.
-    pub search: Settings,
+    /// How.
+    pub settings: Settings,
+    /// Rates at which every model is held to the logs [1/s], by joint; `None` where they are estimated.
+    pub rates: Option<BTreeMap<usize, f64>>,
     /// Recalls a state.
     pub recall: &'a (dyn Fn(&str) -> Option<State> + Sync),
     /// Keeps one.
@@ -93,20 +100,6 @@ pub struct Logs<'a> {
     /// Asked between iterations.
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
-
-/// So long a part of the runs is looked at by the score test and in a race (s), of each at least so much.
-const LOOKED_AT_S: f64 = 30.0;
-const LEAST_S: f64 = 5.0;
-/// As many candidates, the most promising, are asked at other rates and other values too.
-const FURTHER: usize = 64;
-/// Arms of a batch, batches at most, and arms that are followed to their end.
-const ARMS: usize = 16;
-const BATCHES: usize = 2;
-const LAST: usize = 3;
-/// What the values of a fit to the beginnings may lack of the log likelihood of all, per sample.
-const ROUGH: f64 = 0.1;
-/// Arms that start at the values of the best.
-const LATER_ARMS: usize = 8;
 
 impl Logs<'_> {
     fn expected(&self, name: &str) -> Option<f64> {
@@ -126,6 +119,10 @@ impl Logs<'_> {
                 parameters.filter(|(_, own)| own.null.is_some()).any(|(index, _)| own.parameter_name(index) == name)
             })
         };
+        if let Some(rates) = &self.rates {
+            problem.rates.clone_from(rates);
+            problem.keeps_rates = true;
+        }
         for unknown in &mut problem.unknowns {
             if self.given.parameter(&unknown.name).is_none() && is_size(&unknown.name) {
                 if unknown.lower < 0.0 {
@@ -144,9 +141,7 @@ impl Logs<'_> {
         let mut search = Search::new(&problem, state)?;
         self.advance(&mut search);
         (self.keep)(key, search.state());
-        let f=self.fitted(None, model, &search, true);
- if std::env::var_os("DBG").is_some() { if let Ok(f)=&f { eprintln!("base {:?} rates {:?} ll {} held {:?} steps {:.1} iters {}", f.fit.joints, f.fit.rates, f.fit.log_likelihood, f.held_out, f.fit.plan.mean_steps(), f.fit.iterations); } }
- f
+        self.fitted(None, model, &search, true)
     }
 
     /// Follows a fit to its end with fine integration steps.
@@ -160,7 +155,7 @@ impl Logs<'_> {
         let recalled = (self.recall)(&key);
         let mut search = Search::new(&problem, recalled.clone().or_else(|| Some(fitted.state.clone())))?;
         if recalled.is_none() {
-            search.reopen(&self.search);
+            search.reopen(&self.settings.search);
         }
         self.advance(&mut search);
         (self.keep)(&key, search.state());
@@ -169,7 +164,7 @@ impl Logs<'_> {
 
     fn advance(&self, search: &mut Search<'_>) {
         let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
-        search.advance(&self.search, self.search.iterations, &mut |_| go_on());
+        search.advance(&self.settings.search, self.settings.search.iterations, &mut |_| go_on());
     }
 
     fn fitted(
@@ -194,6 +189,11 @@ impl Logs<'_> {
         })
     }
 
+    /// How many effects could be added to a model, at all places.
+    pub fn places(&self, model: &Model) -> usize {
+        candidates(model, &self.fit.iter().collect::<Vec<_>>()).len()
+    }
+
     /// Starts for every effect at every place, those that are fitted first coming first: asked at the values of `base`, at those that
     /// were believed before any fit, and at those of others.
     pub fn starts(
@@ -216,26 +216,16 @@ impl Logs<'_> {
             let fit = &other.fit;
             points.push((model.with_values_of(&other.model), fit.rates.clone(), fit.initial.clone(), fit.plan.clone()));
         }
-        if std::env::var_os("DBG").is_some() { eprintln!("starts"); }
-        let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
-        let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
         let mut all = candidates(model, &self.fit.iter().collect::<Vec<_>>());
         all.retain(is_asked);
         if all.is_empty() {
             return Ok(Vec::new());
         }
-        let beginnings = self.beginnings();
-        let expected = |name: &str| self.expected(name);
         let mut lists = Vec::new();
-        for (model, rates, initial, plan) in &points {
-            let joints = 0..model.device.joints.len();
-            let sizes: Vec<Sizes> = joints.map(|joint| Sizes::of(model, &with_motion, &motions, joint)).collect();
-            let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
-            let probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
-            let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
-            let starts = test.ask(&probes, FURTHER, &|| !(self.stop)());
+        for point in &points {
+            let starts = self.asked(point, &all)?;
             // What promises least there is not asked elsewhere.
-            let promising = promising(&starts, FURTHER);
+            let promising = promising(&starts, self.settings.further);
             all.retain(|candidate| promising.contains(candidate));
             lists.push(in_turn(&starts).into_iter());
         }
@@ -250,15 +240,40 @@ impl Logs<'_> {
         }
     }
 
+    /// What candidates promise at a model with these rates, starts of the runs and integration steps.
+    fn asked(&self, point: &Point, all: &[Candidate]) -> Result<Vec<Start>, PositionFitError> {
+        let (model, rates, initial, plan) = point;
+        let beginnings = self.beginnings();
+        let expected = |name: &str| self.expected(name);
+        let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
+        let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
+        let joints = 0..model.device.joints.len();
+        let sizes: Vec<Sizes> = joints.map(|joint| Sizes::of(model, &with_motion, &motions, joint)).collect();
+        let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
+        let probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
+        let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
+        Ok(test.ask(&probes, self.settings.further, &|| !(self.stop)()))
+    }
+
+    /// Starts for one effect that is added to the model as it is given, the most promising first; `None` where that cannot be simulated.
+    pub fn promising(&self, candidate: &Candidate) -> Option<Vec<Start>> {
+        let problem = self.problem(self.given).ok()?;
+        let search = Search::new(&problem, None).ok()?;
+        let (rates, initial) = search.nuisance();
+        let point = (self.given.clone(), rates, initial, search.state().plan.clone());
+        let starts = self.asked(&point, std::slice::from_ref(candidate)).ok()?;
+        Some(starts.into_iter().filter(|start| start.promise > 0.0).collect())
+    }
+
     /// Fits the most promising starts; all that were followed to their end, best first.
     pub fn best(&self, base: &Fitted, starts: &[Start], key: &str) -> Result<Vec<Fitted>, PositionFitError> {
         let mut found: Vec<Fitted> = Vec::new();
-        let asked = promising(starts, FURTHER);
+        let asked = promising(starts, self.settings.further);
         let mut ordered = starts.to_vec();
         let mut asked_at: Vec<Option<Candidate>> = Vec::new();
-        for batch in 0..BATCHES {
+        for batch in 0..self.settings.batches {
             let best_before = found.first().map(|best| best.candidate.clone());
-            let later = ordered.split_off(ordered.len().min(ARMS));
+            let later = ordered.split_off(ordered.len().min(self.settings.arms));
             self.race(base, &ordered, &format!("{key}.{batch}"), &mut found)?;
             self.settle(base, &mut found, key)?;
             ordered = later;
@@ -267,7 +282,7 @@ impl Logs<'_> {
                 let key = format!("{key}.{batch} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
                 // What leaves nothing has no rivals but with fewer unknowns.
-                let is_smaller = |model: &Model| !best.is_whole() || self.added_unknowns(model) < best.unknowns;
+                let is_smaller = |model: &Model| !best.is_whole(&self.settings) || self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {
                     let mut model = base.model.clone();
                     let Candidate { effect, joint, from } = candidate;
@@ -277,14 +292,14 @@ impl Logs<'_> {
                         && is_smaller(&model)
                 };
                 let mut starts = self.starts(base, &[&best], &is_rival)?;
-                starts.truncate(LATER_ARMS);
+                starts.truncate(self.settings.later_arms);
                 starts.extend(self.kin(base, &best).into_iter().filter(|start| is_smaller(&start.model)));
                 self.race(base, &starts, &key, &mut found)?;
                 self.settle(base, &mut found, &key)?;
             }
             // What promises less is not asked where the last batch brought nothing better.
             let is_settled = batch > 0 && found.first().map(|best| best.candidate.clone()) == best_before;
-            if found.first().is_some_and(Fitted::is_whole) || ordered.is_empty() || is_settled {
+            if found.first().is_some_and(|best| best.is_whole(&self.settings)) || ordered.is_empty() || is_settled {
                 break;
             }
         }
@@ -293,7 +308,7 @@ impl Logs<'_> {
 
     /// Follows those to their end that are or may be the best.
     fn settle(&self, base: &Fitted, found: &mut [Fitted], key: &str) -> Result<(), PositionFitError> {
-        let rough = ROUGH * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
+        let rough = self.settings.rough * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
         loop {
             let Some(best) = found.first().map(Fitted::score) else { return Ok(()) };
             let near: Vec<usize> =
@@ -326,14 +341,15 @@ impl Logs<'_> {
                 model.add_effect(effect, *joint, *from).ok()?;
                 model
             };
-            Some(Start { candidate, model, promise: 0.0, probe: 0 })
+            Some(Start { candidate, model, promise: 0.0, probe: 0, step: Vec::new() })
         };
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).filter_map(start).collect()
     }
 
     /// The beginnings of the runs, in which a race is decided.
     fn beginnings(&self) -> Vec<Run> {
-        let each = (LOOKED_AT_S / self.fit.len() as f64).max(LEAST_S);
+        let (all, least) = self.settings.beginning;
+        let each = (all / self.fit.len() as f64).max(least);
         self.fit.iter().map(|run| beginning(run, each)).collect()
     }
 
@@ -365,7 +381,6 @@ impl Logs<'_> {
         key: &str,
         found: &mut Vec<Fitted>,
     ) -> Result<(), PositionFitError> {
-        if std::env::var_os("DBG").is_some() { eprintln!("race"); }
         let beginnings = self.beginnings();
         let samples: usize = beginnings.iter().map(|run| run.log.len() * run.free.len()).sum();
         let mut arms = Vec::new();
@@ -384,7 +399,7 @@ impl Logs<'_> {
                 before: f64::INFINITY,
             });
         }
-        let arms = race(arms, &self.search, LAST, self.recall, self.keep, self.stop);
+        let arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
         for arm in arms.iter().filter(|arm| arm.cost().is_finite()) {
             let problem = self.problem(&arm.model)?;
             let Ok(search) = Search::new(&problem, arm.state.clone()) else { continue };

@@ -8,13 +8,6 @@ use dynid_logs::motion::MotionError;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Note {
-    /// No run is held out: blocks of every run are, in turn.
-    BlockedCrossValidation {
-        /// Blocks that a run is cut into.
-        blocks: usize,
-        /// Candidates that are judged by all blocks.
-        confirmed: usize,
-    },
     /// No run is held out: the last of so many parts of every run is.
     LastPartHeldOut {
         /// Parts that a run is cut into.
@@ -53,11 +46,6 @@ pub enum Note {
         /// The same with a command that stands still between samples.
         rmse_standing: Option<f64>,
     },
-    /// The fit of the model was given up, far above the noise and at no free minimum.
-    FitGivenUp {
-        /// At which values what is missing is looked for.
-        values: KeptValues,
-    },
     /// The runs do not determine some parameters of links by themselves, only in combinations.
     LinksNotDetermined {
         /// How many.
@@ -76,14 +64,4 @@ pub enum Note {
         /// The range of those stays within so many times their noise.
         range_in_noises: f64,
     },
-}
-
-/// Values of a model whose fit was given up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum KeptValues {
-    /// Those that it was given.
-    Given,
-    /// The prior ones.
-    Prior,
 }

@@ -16,7 +16,7 @@ use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 use rayon::prelude::*;
 
-use crate::candidate::{Candidate, Probe, instance};
+use crate::candidate::{Candidate, Probe, instance, keep_orders};
 
 /// A candidate with values to start a fit from, and what they promise.
 #[derive(Debug, Clone)]
@@ -29,6 +29,28 @@ pub struct Start {
     pub promise: f64,
     /// Which of the candidate's probes it is.
     pub probe: usize,
+    /// The step that this takes from where its effect vanishes, by parameter; none where it was asked as it is.
+    pub step: Vec<(String, f64)>,
+}
+
+impl Start {
+    /// The model after the step.
+    pub fn stepped(&self) -> Model {
+        let mut model = self.model.clone();
+        for (name, step) in &self.step {
+            if let Some(own) = model.parameter(name) {
+                // The name is the model's own.
+                let _known = model.set_value(name, (own.value + step).clamp(own.lower, own.upper));
+            }
+        }
+        keep_orders(&mut model);
+        model
+    }
+
+    /// Whether it was asked at values of its own.
+    pub fn is_tried(&self) -> bool {
+        self.step.is_empty()
+    }
 }
 
 /// What is asked of a model.
@@ -280,7 +302,8 @@ impl<'a> ScoreTest<'a> {
                 }
                 // The fit itself takes the step, with all other unknowns and no further than it keeps its promise.
                 let (candidate, model) = (candidate.clone(), probe.model.clone());
-                best[number] = Some(Start { candidate, model, promise: gain, probe: *k });
+                let step = probe.steps.iter().map(|step| step.name.clone()).zip(promise.step).collect();
+                best[number] = Some(Start { candidate, model, promise: gain, probe: *k, step });
             }
         }
         Some(best)
@@ -306,7 +329,8 @@ impl<'a> ScoreTest<'a> {
             gain.is_finite().then_some(gain)
         });
         let best = gains.max_by(f64::total_cmp);
-        Some(Start { candidate: candidate.clone(), model: probe.model.clone(), promise: best?, probe: k })
+        let (candidate, model) = (candidate.clone(), probe.model.clone());
+        Some(Start { candidate, model, promise: best?, probe: k, step: Vec::new() })
     }
 }
 

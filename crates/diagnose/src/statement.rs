@@ -11,8 +11,6 @@ use dynid_identify::FitStatus;
 pub enum Statement {
     /// What the model leaves of the held-out runs, which the others are about.
     ModelLeaves {
-        /// Whose values that is of.
-        model: ModelState,
         /// How much.
         left: ErrorLeft,
     },
@@ -36,12 +34,6 @@ pub enum Statement {
     MoreIsUnexplained,
     /// No effect of the library explains what is left.
     NoEffectExplains,
-    /// The fit of the model itself did not converge.
-    FitDidNotConverge {
-        /// How it ended.
-        #[serde(serialize_with = "as_stated")]
-        status: FitStatus,
-    },
     /// The effect that is nearest to what is left explains only part of it.
     Nearest {
         /// Which, and where.
@@ -65,8 +57,6 @@ pub enum Statement {
     },
     /// No product of the measured signals explains what is left either.
     NoFormulaExplains,
-    /// How much of what is left is noise is not known of the torque error.
-    NoiseIsUnknown,
 }
 
 /// What a formula adds to.
@@ -77,16 +67,6 @@ pub enum ActsOn {
     Command,
     /// The torque that resists the motion.
     Motion,
-}
-
-/// Of which values a model is judged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ModelState {
-    /// Those of a fit.
-    Refitted,
-    /// Those that it had: its fit was given up.
-    WithoutFit,
 }
 
 /// What is left of the held-out runs.

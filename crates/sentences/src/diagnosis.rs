@@ -1,7 +1,7 @@
 //! Which effect is missing, and what speaks for and against each.
 
 use dynid_diagnose::{
-    Candidate, Diagnosis, DistinguishingExperiment, ErrorLeft, Evidence, KeptValues, ModelState, Note, Place, Ranked,
+    Candidate, Diagnosis, DistinguishingExperiment, ErrorLeft, Evidence, Note, Place, Ranked,
     Rejection, SinePhase, Speaks, Statement,
 };
 use dynid_format::{listed, number};
@@ -27,11 +27,7 @@ pub fn evidence_that(speaks: Speaks, ranked: &Ranked) -> Vec<String> {
 /// A part of the answer.
 pub fn statement(statement: &Statement) -> String {
     match statement {
-        Statement::ModelLeaves { model, left } => {
-            let how = match model {
-                ModelState::Refitted => "Refitted",
-                ModelState::WithoutFit => "Without a fit",
-            };
+        Statement::ModelLeaves { left } => {
             let left = match left {
                 ErrorLeft::NearNoise { times_noise } | ErrorLeft::AboveNoise { times_noise } => {
                     format!("{times_noise:.2} times the noise at the worst joint")
@@ -39,7 +35,7 @@ pub fn statement(statement: &Statement) -> String {
                 ErrorLeft::OfTorque { percent } => format!("{percent:.1} % of the torque"),
                 ErrorLeft::Unknown => "an error that is not known".to_owned(),
             };
-            format!("{how}, the model leaves {left} on the held-out runs.")
+            format!("Refitted, the model leaves {left} on the held-out runs.")
         }
         Statement::OnlyNoise => "Nothing is missing: what is left is noise.".to_owned(),
         Statement::NearNoise => {
@@ -58,10 +54,6 @@ pub fn statement(statement: &Statement) -> String {
             "Something more is left that no effect of the library explains.".to_owned()
         }
         Statement::NoEffectExplains => "No effect of the library explains it.".to_owned(),
-        Statement::FitDidNotConverge { status } => format!(
-            "The fit of the model itself did not converge ({}): start it from other values first.",
-            status.as_str()
-        ),
         Statement::Nearest { candidate } => {
             format!("The nearest is {candidate}, which explains only part of it.")
         }
@@ -74,9 +66,6 @@ pub fn statement(statement: &Statement) -> String {
             discovered::found(*joint, *acts_on, formula, *percent)
         }
         Statement::NoFormulaExplains => discovered::nothing(),
-        Statement::NoiseIsUnknown => {
-            "How much of it is noise is not known of the torque error: it may be all of it.".to_owned()
-        }
     }
 }
 
@@ -117,32 +106,8 @@ pub fn evidence(evidence: &Evidence) -> String {
 /// Why an effect is given no credit.
 pub fn rejection(rejection: &Rejection) -> String {
     match rejection {
-        Rejection::CannotBeEvaluated => "with it a run cannot be evaluated to its end".to_owned(),
-        Rejection::AtBound { parameter, value } => format!("{parameter} ends on its bound ({})", number(*value)),
         Rejection::NotWorthItsParameters { delta_bic } => {
             format!("on the runs fitted to it is not worth its parameters (BIC changes by {delta_bic:+.0})")
-        }
-        Rejection::NoHeldOutGain { percent } => {
-            format!("the gain is not there on the held-out runs (squared error falls by {percent:.1} % at best)")
-        }
-        Rejection::HelpsElsewhere { percent } => format!(
-            "it helps where it does not act: only {percent:.0} % of what it takes off the torque error lies in the half of the \
-             samples in which it acts most"
-        ),
-        Rejection::NotConfirmed { confirmed } => format!(
-            "with the last block held out {confirmed} others explain more, and only those were judged by all blocks"
-        ),
-        Rejection::GivenUp { iterations } => {
-            format!("its fit was given up after {iterations} iterations, far above what another effect reaches")
-        }
-        Rejection::FitFailed { error } => format!("it could not be fitted: {error}"),
-        Rejection::NoRival => {
-            "far above what another effect reaches even where simulations are held to the logs".to_owned()
-        }
-        Rejection::BeatenByFormula => {
-            "far above the noise even where simulations are held to the logs, while a formula of one term leaves far less of \
-             the torque error than the screening finds that an effect would"
-                .to_owned()
         }
     }
 }
@@ -150,11 +115,6 @@ pub fn rejection(rejection: &Rejection) -> String {
 /// What should be known of a diagnosis besides.
 pub fn note(note: &Note) -> String {
     match note {
-        Note::BlockedCrossValidation { blocks, confirmed } => format!(
-            "no run has the role \"validate\": blocked cross-validation instead. Every run is cut into {blocks} blocks in time, \
-             each held out once; the model itself and the best {confirmed} candidates are judged by all of them together. Values \
-             are those of the fit without the last block. A run of its own would be surer"
-        ),
         Note::LastPartHeldOut { parts } => format!(
             "no run has the role \"validate\": of every run the last of {parts} equal parts is held out instead. A run of its own \
              would be surer"
@@ -182,16 +142,6 @@ pub fn note(note: &Note) -> String {
                  \"linear\" in the experiment",
                 error(rmse_straight),
                 error(rmse_standing)
-            )
-        }
-        Note::FitGivenUp { values } => {
-            let values = match values {
-                KeptValues::Given => "the values that it was given",
-                KeptValues::Prior => "the prior values",
-            };
-            format!(
-                "the fit of the model was given up: it leaves far more than noise and comes to no free minimum. What is missing \
-                 is looked for at {values}, and what it leaves is stated for those"
             )
         }
         Note::LinksNotDetermined { links } => format!(

@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::screen::regular;
+use super::torque_error::regular;
 
 /// Sums of products over some rows: own parameters, candidate columns and the signal itself. They add.
 #[derive(Debug, Clone)]

@@ -1,28 +1,22 @@
-//! The errors that a screening looks at, as one long vector: what any model leaves of the logs, without a fit.
+//! The torque error of a model along the measured motion, as one long vector, and how it changes with the model's own parameters.
 
+use dynid_model::Parameter;
+use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
-use dynid_dynamics::{simulate, simulate::Input, simulate::Observer, system::SystemError};
-use dynid_identify::{position::FitRun, position::first_state};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_torque as torque;
 use dynid_user_model::Model;
 
 /// Errors of one joint in one run.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Block {
+pub(super) struct Block {
     /// The device's joint index.
-    pub joint: usize,
+    pub(super) joint: usize,
     /// Independent samples that the block counts for.
-    pub independent: f64,
+    pub(super) independent: f64,
     /// The errors, one after the other in time.
-    pub values: Vec<f64>,
-}
-
-/// An error signal that can be had for any model without fitting.
-pub trait View: Sync {
-    /// The errors of `model`; `None` where it cannot be evaluated.
-    fn errors(&self, model: &Model) -> Option<Vec<Block>>;
+    pub(super) values: Vec<f64>,
 }
 
 /// Samples of a filtered signal that say something new: successive errors of a wrong model repeat each other. Not counted
@@ -30,7 +24,7 @@ pub trait View: Sync {
 const SAMPLES_PER_INDEPENDENT: f64 = 10.0;
 
 /// The torque error along the measured motion.
-pub struct TorqueView {
+pub(super) struct TorqueView {
     runs: Vec<TorqueRun>,
 }
 
@@ -46,7 +40,7 @@ struct TorqueRun {
 
 impl TorqueView {
     /// Of those of `runs` that are for fitting; `motions` are theirs, in the order of the runs.
-    pub fn new(runs: &[&Run], motions: &[Motion]) -> Self {
+    pub(super) fn new(runs: &[&Run], motions: &[Motion]) -> Self {
         let runs = runs
             .iter()
             .zip(motions)
@@ -63,16 +57,15 @@ impl TorqueView {
         Self { runs }
     }
 
-    /// Of a run and a slot of its free joints, which of the kept samples are in [`View::errors`].
+    /// Of a run and a slot of its free joints, which of the kept samples are in [`TorqueView::errors`].
     pub(super) fn samples(&self, run: usize, slot: usize) -> Vec<usize> {
         let TorqueRun { motion, stride, .. } = &self.runs[run];
         let used = motion.used[slot].iter().enumerate().filter(|(_, used)| **used);
         used.map(|(index, _)| index).step_by(*stride).collect()
     }
-}
 
-impl View for TorqueView {
-    fn errors(&self, model: &Model) -> Option<Vec<Block>> {
+    /// The errors of `model`; `None` where it cannot be evaluated.
+    pub(super) fn errors(&self, model: &Model) -> Option<Vec<Block>> {
         let blocks: Vec<Vec<Block>> = self
             .runs
             .par_iter()
@@ -93,53 +86,46 @@ impl View for TorqueView {
     }
 }
 
-/// The position error of simulations that an observer holds near the log, so that errors do not pile up: each sample tells of
-/// what went wrong within the last `1 / rate`.
-pub struct ObserverView {
-    runs: Vec<(FitRun, Vec<usize>, Vec<f64>)>,
-    rate: f64,
-    substeps: usize,
+/// The information of the own parameters, with what is known of them beforehand.
+pub(super) fn regular(own: &DMatrix<f64>, prior: &[f64]) -> Option<Cholesky<f64, Dyn>> {
+    /// Smaller than this share of the largest is rounding.
+    const ROUNDING: f64 = 1e-13;
+    let mut information = own.clone();
+    let largest = information.diagonal().iter().copied().fold(0.0, f64::max);
+    for (index, prior) in prior.iter().enumerate() {
+        information[(index, index)] += prior.max(ROUNDING * largest).max(f64::MIN_POSITIVE);
+    }
+    Cholesky::new(information)
 }
 
-impl ObserverView {
-    /// Of those of `runs` that are for fitting.
-    ///
-    /// # Errors
-    /// A model that makes no equations for a run.
-    pub fn new(model: &Model, runs: &[&Run], rate: f64, substeps: usize) -> Result<Self, SystemError> {
-        let runs = runs
-            .iter()
-            .filter(|run| run.role == Role::Fit)
-            .map(|run| {
-                let positions = (0..run.log.q.len()).map(|joint| run.log.mean_position(joint)).collect();
-                Ok((FitRun::of_run(model, run)?, run.free.clone(), positions))
-            })
-            .collect::<Result<_, SystemError>>()?;
-        Ok(Self { runs, rate, substeps })
+/// How the errors change with one of the model's own parameters, and its range; `None` for one that is held or that
+/// changes nothing.
+pub(super) fn own_column(
+    view: &TorqueView,
+    base: &Model,
+    raw: &[Block],
+    name: &str,
+    parameter: &Parameter,
+) -> Option<(f64, Vec<f64>)> {
+    /// A step is this share of the range.
+    const STEP: f64 = 1e-4;
+    /// Nearer to a bound than this share of the range is on it.
+    const ON_BOUND: f64 = 1e-6;
+    let Parameter { value, lower, upper, fixed } = *parameter;
+    let half = 0.5 * (upper - lower);
+    let spread = if half.is_finite() { half } else { (2.0 * value.abs()).max(1.0) };
+    if fixed || spread <= 0.0 || value - lower < ON_BOUND * spread || upper - value < ON_BOUND * spread {
+        return None;
     }
-}
-
-impl View for ObserverView {
-    fn errors(&self, model: &Model) -> Option<Vec<Block>> {
-        let blocks: Vec<Vec<Block>> = self
-            .runs
-            .par_iter()
-            .map(|(run, free, positions)| {
-                let system = model.system(free, |joint| positions[joint]).ok()?;
-                let n = free.len();
-                let start = first_state(run);
-                let input = Input { time: &run.time, command: &run.command, intersample: run.intersample };
-                let observer = Observer { rate: self.rate, position: &run.position };
-                let options = simulate::Options { substeps: self.substeps, ..simulate::Options::default() };
-                let simulated = simulate::simulate_with_observer(&system, &input, &observer, &start, &options).ok()?;
-                let block = |(slot, joint): (usize, &usize)| {
-                    let errors = run.position.iter().zip(&simulated.q).skip(slot).step_by(n).skip(run.first_sample());
-                    let values: Vec<f64> = errors.map(|(measured, model)| measured - model).collect();
-                    Block { joint: *joint, independent: values.len() as f64 / SAMPLES_PER_INDEPENDENT, values }
-                };
-                Some(free.iter().enumerate().map(block).collect())
-            })
-            .collect::<Option<_>>()?;
-        Some(blocks.into_iter().flatten().collect())
+    // A wide range is no reason for a large step of a small value.
+    let size = if value == 0.0 { spread } else { spread.min(10.0 * value.abs()) };
+    let step = if value + STEP * size <= upper { STEP * size } else { -STEP * size };
+    let mut moved = base.clone();
+    moved.set_value(name, value + step).ok()?;
+    let errors = view.errors(&moved)?;
+    let mut column = Vec::new();
+    for (block, base) in errors.iter().zip(raw) {
+        column.extend(block.values.iter().zip(&base.values).map(|(value, base)| (value - base) / step));
     }
+    column.iter().any(|value| *value != 0.0).then_some((spread, column))
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::{error_signal::Block, screen::regular};
+use super::torque_error::{Block, regular};
 
 /// Rounds of weighing and taking out; a third changes little.
 const ROUNDS: usize = 2;

@@ -1,0 +1,284 @@
+//! The order of a diagnosis: what is fitted, asked and added, and when it ends.
+
+use std::collections::BTreeMap;
+
+use dynid_identify::FitError;
+use dynid_identify::identify::{ErrorSignal, default_error};
+use dynid_identify::position::PositionFitError;
+use dynid_identify::prediction::{JointInnovations, State};
+use dynid_logs::experiment::Run;
+use dynid_logs::motion::Motion;
+use dynid_logs::noise::noise_of_log;
+use dynid_user_model::Model;
+
+use crate::missing::{Fitted, Logs};
+use crate::refit::{EffectParameter, Judge, Refit, is_null, is_own};
+use crate::settings::Settings;
+use crate::verdict::{self, Judged, Step};
+use crate::{
+    Candidate, DiagnoseError, Diagnosis, Event, Finished, Note, Options, RejectedCandidate, Rejection, Screened, Verdict,
+    discover, excitation, inconsistent_runs, runs,
+};
+
+/// What a diagnosis hears from outside and says while it works.
+#[derive(Clone, Copy)]
+struct Outside<'a> {
+    tell: &'a (dyn Fn(&Event<'_>) + Sync),
+    stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+impl Outside<'_> {
+    fn asked_to_stop(&self) -> Result<(), DiagnoseError> {
+        let interrupted = FitError::from(PositionFitError::Interrupted { iterations: 0 });
+        if (self.stop)() { Err(interrupted.into()) } else { Ok(()) }
+    }
+}
+
+/// Diagnoses `model` by the likelihood of `runs`. `tell` hears of every step and may be asked to stop with `stop`; `finished` are
+/// searches that an earlier, stopped call told.
+///
+/// # Errors
+/// No run to fit to; runs that tell nothing; a model that makes no equations for a run or cannot be simulated at any rate; interrupted.
+pub fn diagnose(
+    model: &Model,
+    runs: &[&Run],
+    options: &Options,
+    finished: &Finished,
+    tell: &(dyn Fn(&Event<'_>) + Sync),
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Diagnosis, DiagnoseError> {
+    let settings = Settings::default();
+    let outside = Outside { tell, stop };
+    // What is shown beside the likelihood.
+    let shown = match options.error.unwrap_or_else(|| default_error(model, runs)) {
+        ErrorSignal::Torque => ErrorSignal::Torque,
+        _ => ErrorSignal::Position,
+    };
+    let mut notes = Vec::new();
+    if runs::is_cut(runs) {
+        notes.push(Note::LastPartHeldOut { parts: runs::PARTS });
+    }
+    notes.extend(excitation::check(model, runs)?);
+    let mut judged = runs::split(runs);
+    let seen = runs::looked_at(&judged, settings.samples);
+    let recall = |key: &str| finished.get(key).cloned();
+    let keep = |key: &str, state: &State| tell(&Event::Searched(key, state));
+    let rates = options.error.map(|error| held_rates(model, runs, error)).transpose()?;
+    tell(&Event::FittingModel);
+    let (fit, held_out) = runs::by_role(&seen);
+    let mut work = Logs { given: model, fit, held_out, settings, rates, recall: &recall, keep: &keep, stop };
+    let mut base = work.base(model, "base").map_err(FitError::from)?;
+    outside.asked_to_stop()?;
+    if !base.is_whole(&settings) && seen.iter().all(runs::stands) {
+        let lines: Vec<Run> = seen.iter().map(runs::with_line).collect();
+        let (fit, held_out) = runs::by_role(&lines);
+        let straight = Logs { fit, held_out, ..work.clone() };
+        let refitted = straight.base(&base.model, "base, straight").map_err(FitError::from)?;
+        outside.asked_to_stop()?;
+        let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
+        let least = -0.5 * samples * (1.0 - settings.straight).ln();
+        if refitted.score() - base.score() > least {
+            // The search may have come further, and not the command.
+            let again = work.base(&refitted.model, "base, standing again").map_err(FitError::from)?;
+            outside.asked_to_stop()?;
+            if again.score() > base.score() {
+                base = again;
+            }
+        }
+        if refitted.score() - base.score() > least {
+            judged = judged.iter().map(runs::with_line).collect();
+            let judged: Vec<&Run> = judged.iter().collect();
+            let left = |fitted: &Fitted| Some(Judge { shown, runs: &judged }.as_it_is(&fitted.model).ok()?.rmse_validate?);
+            notes.push(Note::StraightCommand { rmse_straight: left(&refitted), rmse_standing: left(&base) });
+            (base, work) = (refitted, straight);
+        }
+    }
+    let judged: Vec<&Run> = judged.iter().collect();
+    let judge = Judge { shown, runs: &judged };
+    let first = refit(&judge, &base, 0.0)?;
+    notes.extend(excitation::left_open(model, runs, &first));
+    let mut steps: Vec<Step> = Vec::new();
+    let mut before = (base, first.clone());
+    let mut is_whole = false;
+    for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
+        let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
+        let goes_on = step.verdict == Verdict::MissingEffect && !found.first().is_some_and(|best| best.is_whole(&settings));
+        let next = found.into_iter().next().zip(step.best().cloned());
+        steps.push(step);
+        let Some((mut fitted, mut refit)) = next else { break };
+        if steps.last().is_some_and(|step| step.verdict != Verdict::MissingEffect) {
+            break;
+        }
+        // A later effect may make an earlier one needless.
+        for index in (0..steps.len() - 1).rev() {
+            let others = steps.iter().enumerate().filter(|(own, _)| *own != index);
+            let kept: Vec<Candidate> = others.filter_map(|(_, step)| step.best()?.candidate.clone()).collect();
+            let key = format!("step {depth} without {}", index + 1);
+            let Some(without) = work.without(&fitted, &kept.iter().collect::<Vec<_>>(), &key) else { continue };
+            outside.asked_to_stop()?;
+            if without.score() > fitted.score() {
+                refit = self::refit(&judge, &without, 0.0)?;
+                fitted = without;
+                steps.remove(index);
+                if let Some(best) = steps.last_mut().and_then(|step| step.fitted.first_mut()) {
+                    best.refit = refit.clone();
+                }
+                if let [only] = steps.as_mut_slice() {
+                    only.base = first.clone();
+                }
+            }
+        }
+        is_whole = fitted.is_whole(&settings);
+        if !goes_on || is_whole {
+            break;
+        }
+        before = (fitted.as_base(), refit);
+    }
+    // Where nothing explains all, what was added to the first may make up for its values; unless more was asked for, only that is said.
+    if options.depth.is_none() && !is_whole {
+        steps.truncate(1);
+    }
+    let is_open = steps.first().is_some_and(|step| step.verdict == Verdict::Unexplained);
+    let moved = if is_open { inconsistent_runs::moved(&work, &first.parsed()?)? } else { Vec::new() };
+    outside.asked_to_stop()?;
+    verdict::conclude(&judge, runs, &first, steps, moved, notes)
+}
+
+/// The rates at which a model is held to the logs where an error is asked for [1/s]: a free simulation, or the bandwidth of the torque
+/// error's filter.
+fn held_rates(model: &Model, runs: &[&Run], error: ErrorSignal) -> Result<BTreeMap<usize, f64>, DiagnoseError> {
+    let rate = match error {
+        ErrorSignal::Torque => {
+            let cutoffs = runs.iter().map(|run| Ok(Motion::of(run)?.cutoff_hz));
+            let cutoffs: Vec<f64> = cutoffs.collect::<Result<_, DiagnoseError>>()?;
+            std::f64::consts::TAU * cutoffs.into_iter().fold(f64::INFINITY, f64::min)
+        }
+        _ => 0.0,
+    };
+    Ok((0..model.device.joints.len()).map(|joint| (joint, rate)).collect())
+}
+
+/// One effect's search.
+fn step(
+    work: &Logs<'_>,
+    judge: &Judge<'_>,
+    (base, before): (&Fitted, &Refit),
+    depth: usize,
+    outside: &Outside<'_>,
+) -> Result<(Vec<Fitted>, Step), DiagnoseError> {
+    let settings = &work.settings;
+    let nothing =
+        |verdict| Step { verdict, base: before.clone(), screening: Vec::new(), fitted: Vec::new(), failed: Vec::new() };
+    // Where free simulations leave no more than the noise of the logs, a pattern in it is not worth a name.
+    if base.is_whole(settings) || verdict::reaches_the_floor(before) {
+        return Ok((Vec::new(), nothing(Verdict::NothingMissing)));
+    }
+    (outside.tell)(&Event::Asking(work.places(&base.model)));
+    let starts = work.starts(base, &[], &|_| true).map_err(FitError::from)?;
+    outside.asked_to_stop()?;
+    let mut screening: Vec<Screened> = Vec::new();
+    for start in &starts {
+        if screening.iter().all(|other| other.candidate != start.candidate) {
+            let (position, candidate) = (Some(-2.0 * start.promise), start.candidate.clone());
+            screening.push(Screened { candidate, position });
+        }
+    }
+    screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
+    (outside.tell)(&Event::Comparing(screening.len().min(settings.arms)));
+    let found = work.best(base, &starts, &format!("step {depth}")).map_err(FitError::from)?;
+    outside.asked_to_stop()?;
+    let least = (screening.len().max(1) as f64 / settings.chance).ln();
+    let (mut paying, others): (Vec<Fitted>, Vec<Fitted>) =
+        found.into_iter().partition(|fitted| fitted.score() - base.score() > least);
+    // Of those that differ by what may be chance the plainest comes first.
+    let best = paying.first().map_or(0.0, Fitted::score);
+    let alike = paying.iter().take_while(|fitted| best - fitted.score() < least).count();
+    let plainest = (0..alike).min_by(|a, b| paying[*a].unknowns.total_cmp(&paying[*b].unknowns).then(a.cmp(b)));
+    if let Some(plainest) = plainest {
+        paying[..=plainest].rotate_right(1);
+    }
+    let bic = |fitted: &Fitted| {
+        -2.0 * (fitted.fit.log_likelihood - base.fit.log_likelihood) + 2.0 * (fitted.price() - base.price())
+    };
+    let failed = others.iter().filter_map(|fitted| {
+        let reason = Rejection::NotWorthItsParameters { delta_bic: bic(fitted) };
+        Some(RejectedCandidate { candidate: fitted.candidate.clone()?, reason })
+    });
+    let failed = failed.collect();
+    let mut fitted = Vec::new();
+    for own in paying.iter().take(settings.shown) {
+        let gain = own.score() - base.score();
+        fitted.push(Judged { refit: refit(judge, own, base.unknowns)?, gain, delta_bic: bic(own) });
+    }
+    let is_near_noise = || before.worst_ratio().is_some_and(|ratio| ratio < settings.near);
+    let verdict = match paying.first() {
+        None if is_near_noise() || base.is_white(settings) => Verdict::NothingMissing,
+        None => Verdict::Unexplained,
+        Some(best) if best.is_white(settings) => Verdict::MissingEffect,
+        Some(best) => {
+            // Of a torque that is measured at a high rate, noise hides how much is explained where it matters.
+            let of_torque = fitted.first().filter(|_| judge.shown == ErrorSignal::Torque);
+            let of_torque = of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
+            let much = explained(base, best, &work.fit).max(of_torque) >= settings.much;
+            let joint = helped(base, best);
+            let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.much);
+            if much && formula().is_none() { Verdict::MissingEffect } else { Verdict::Unexplained }
+        }
+    };
+    Ok((paying, Step { verdict, base: before.clone(), screening, fitted, failed }))
+}
+
+/// How much of what the log likelihood falls short of at the noise of the logs an effect makes up for.
+fn explained(before: &Fitted, after: &Fitted, runs: &[Run]) -> f64 {
+    let short = |joint: &JointInnovations| {
+        let noise = noise_at(runs.iter(), joint.joint);
+        joint.samples * (joint.deviation / noise).ln().max(0.0)
+    };
+    let attainable: f64 = before.fit.joints.iter().map(short).sum();
+    (after.fit.log_likelihood - before.fit.log_likelihood) / attainable.max(f64::MIN_POSITIVE)
+}
+
+/// The joint whose logs become likelier most.
+fn helped(before: &Fitted, after: &Fitted) -> usize {
+    let gain = |joint: &JointInnovations| {
+        let own = after.fit.joints.iter().find(|own| own.joint == joint.joint);
+        own.map_or(0.0, |own| joint.samples * (joint.deviation / own.deviation).ln())
+    };
+    let best = before.fit.joints.iter().max_by(|a, b| gain(a).total_cmp(&gain(b)));
+    best.map_or(0, |joint| joint.joint)
+}
+
+/// What simulations and torques say of a fitted model.
+fn refit(judge: &Judge<'_>, fitted: &Fitted, base_unknowns: f64) -> Result<Refit, DiagnoseError> {
+    let model = &fitted.model;
+    let own = |name: &str| fitted.candidate.as_ref().is_none_or(|candidate| is_own(candidate, model, name));
+    let parameters =
+        fitted.fit.parameters.iter().filter(|estimate| own(&estimate.name)).map(|estimate| EffectParameter {
+            name: estimate.name.clone(),
+            value: estimate.value,
+            std_error: estimate.std_error,
+            at_bound: estimate.at_bound && !is_null(model, &estimate.name, estimate.value),
+            identifiable: estimate.identifiable,
+        });
+    Ok(Refit {
+        candidate: fitted.candidate.clone(),
+        parameters: parameters.collect(),
+        unknowns: fitted.unknowns - base_unknowns,
+        status: fitted.fit.status(),
+        one_step: one_step(fitted, judge.runs),
+        ..judge.as_it_is(model)?
+    })
+}
+
+/// The largest error of a one-step prediction over the noise of its log, on the runs held out where there are some.
+fn one_step(fitted: &Fitted, runs: &[&Run]) -> Option<f64> {
+    let held_out = fitted.held_out.as_ref().map(|held_out| &held_out.joints).filter(|joints| !joints.is_empty());
+    let joints = held_out.unwrap_or(&fitted.fit.joints).iter();
+    joints.map(|joint| joint.deviation / noise_at(runs.iter().copied(), joint.joint)).max_by(f64::total_cmp)
+}
+
+/// The noise of a joint's logs [rad or m].
+fn noise_at<'a>(runs: impl Iterator<Item = &'a Run>, joint: usize) -> f64 {
+    let free = runs.filter(|run| run.free.contains(&joint));
+    free.map(|run| noise_of_log(&run.log.q[joint])).fold(f64::MIN_POSITIVE, f64::max)
+}

@@ -1,0 +1,72 @@
+//! Every number that decides in a diagnosis, but for those of a formula's search (`discover`).
+
+use dynid_identify::prediction;
+
+/// How a diagnosis goes about it. None of these is there for one machine, log or effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Settings {
+    /// How each fit searches.
+    pub(super) search: prediction::Settings,
+    /// An effect is chance if its log likelihood rises by less than the logarithm of the places asked over this.
+    pub(super) chance: f64,
+    /// Innovations are white up to this multiple of what Box and Pierce's sum is expected to be.
+    pub(super) white: f64,
+    /// A model whose rates are below this [1/s] is trusted altogether.
+    pub(super) trusted: f64,
+    /// A command that runs straight must leave so much less of the squared errors.
+    pub(super) straight: f64,
+    /// An effect that does not explain all is the missing one if it explains this share, and no formula leaves less than this share of
+    /// what it leaves.
+    pub(super) much: f64,
+    /// Errors below this multiple of the noise are near it: what no effect of the library explains there is no news.
+    pub(super) near: f64,
+    /// So many effects are looked for one after the other, unless it is said how many.
+    pub(super) depth: usize,
+    /// Samples, over all joints, of which more are thinned where fewer tell the same.
+    pub(super) samples: usize,
+    /// So long a part of the runs decides what is fitted to all of them (s), and of each run at least so much.
+    pub(super) beginning: (f64, f64),
+    /// As many candidates, the most promising, are asked at other rates and from other values too.
+    pub(super) further: usize,
+    /// Arms of a batch, and batches at most.
+    pub(super) arms: usize,
+    pub(super) batches: usize,
+    /// Arms that start at the values of the best.
+    pub(super) later_arms: usize,
+    /// Arms that are followed to their end.
+    pub(super) last: usize,
+    /// Linearisations of an arm's first round, if each takes one integration step a sample, and over all rounds.
+    pub(super) linearisations: (usize, usize),
+    /// So many rounds like the last one should bring an arm to the best one.
+    pub(super) rounds: f64,
+    /// What the values of a fit to the beginnings may lack of the log likelihood of all, per sample.
+    pub(super) rough: f64,
+    /// Effects of a step that are shown.
+    pub(super) shown: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            search: prediction::Settings::default(),
+            chance: 0.01,
+            white: 3.0,
+            trusted: 1.0,
+            straight: 0.3,
+            much: 0.5,
+            near: 1.5,
+            depth: 2,
+            samples: 60_000,
+            beginning: (30.0, 5.0),
+            further: 64,
+            arms: 16,
+            batches: 2,
+            later_arms: 8,
+            last: 3,
+            linearisations: (10, 640),
+            rounds: 5.0,
+            rough: 0.1,
+            shown: 5,
+        }
+    }
+}

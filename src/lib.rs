@@ -56,8 +56,7 @@ pub use dynid_check::{
     Verdict as CheckVerdict,
 };
 pub use dynid_diagnose::{
-    Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, RejectedCandidate, Rejection, Statement,
-    Verdict,
+    Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, RejectedCandidate, Rejection, Statement, Verdict,
 };
 pub use dynid_identify::FitStatus;
 pub use dynid_identify::identify::{ErrorSignal, FitResult, FittedParameter, Progress};

@@ -350,19 +350,11 @@ fn a_diagnosis_of_a_run_too_short_to_tell() {
     let folder = folder();
     let short: Vec<String> = log().lines().take(41).map(str::to_owned).collect();
     put(&folder, "swing.csv", &(short.join("\n") + "\n"));
-    insta::assert_snapshot!("too_short_in_blocks", refused(&folder, &DIAGNOSE));
+    insta::assert_snapshot!("too_short_in_parts", refused(&folder, &DIAGNOSE));
     let held_out = "\n[[run]]\nfile = \"other.csv\"\nfree = [1]\nrole = \"validate\"\n";
     put(&folder, "other.csv", &log());
     put(&folder, "experiment.toml", &format!("{EXPERIMENT}{held_out}"));
     insta::assert_snapshot!("too_short", refused(&folder, &DIAGNOSE));
-}
-
-/// Long enough for its samples, but not for the filter that the experiment asks for.
-#[test]
-fn a_diagnosis_of_blocks_too_short_for_their_filter() {
-    let folder = folder();
-    put(&folder, "experiment.toml", &EXPERIMENT.replace("[[run]]", "[[run]]\ncutoff_hz = 2.0"));
-    insta::assert_snapshot!(refused(&folder, &DIAGNOSE));
 }
 
 #[test]

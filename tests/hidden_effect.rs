@@ -71,16 +71,10 @@ fn says_that_it_knows_no_such_effect() {
     assert_eq!(diagnosis["moved"], serde_json::json!([]));
 }
 
-/// Where simulations that are held to the logs stay far from them with every effect, and a formula does far better, it does
-/// not fit one effect after the other.
+/// Where a formula does far better than any effect, it is told.
 #[test]
-fn what_no_effect_comes_near_is_reported_without_a_fit_of_each() {
+fn what_no_effect_comes_near_is_told_by_a_formula() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let outcome = tried_in(folder.path(), "freedom6s-5-viscous_position");
     assert!(outcome.right && outcome.discovered == Some(true), "{outcome:?}");
-    let diagnosis = std::fs::read_to_string(folder.path().join("diagnosis.json")).expect("the trial keeps it");
-    let diagnosis: serde_json::Value = serde_json::from_str(&diagnosis).expect("JSON");
-    let rejected = diagnosis["refused"].as_array().expect("a list");
-    let spared = rejected.iter().filter(|rejected| rejected["rejection"]["kind"] == "beaten_by_formula").count();
-    assert!(spared >= 3, "{diagnosis:#}");
 }

@@ -268,10 +268,7 @@ pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe>
     };
     models
         .into_iter()
-        .map(|model| Probe {
-            steps: amplitudes.iter().filter_map(|index| step(&model, *index)).collect(),
-            model,
-        })
+        .map(|model| Probe { steps: amplitudes.iter().filter_map(|index| step(&model, *index)).collect(), model })
         .collect()
 }
 

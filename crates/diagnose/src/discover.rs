@@ -30,9 +30,7 @@ use self::{
     term::{Term, dictionary},
     torque_error::{Block, TorqueView, own_column, regular},
 };
-use super::{
-    statement::{ActsOn, Statement},
-};
+use super::statement::{ActsOn, Statement};
 use dynid_logs::{experiment::Role, experiment::Run, motion::Motion};
 use dynid_random::Random;
 use dynid_signal::statistics::correlation_time;

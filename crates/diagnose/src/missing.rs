@@ -12,11 +12,11 @@ use dynid_user_model::Model;
 use rayon::prelude::*;
 
 use crate::arms::{Arm, race};
-use dynid_logs::part::part;
 use crate::candidate::{Candidate, Sizes, candidates, probes};
 use crate::refit::count;
 use crate::score_test::{ScoreTest, Start, promising};
 use crate::settings::Settings;
+use dynid_logs::part::part;
 
 /// A model that was fitted, and what it makes of the runs.
 #[derive(Debug, Clone)]
@@ -282,7 +282,8 @@ impl Logs<'_> {
                 let key = format!("{key}.{batch} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
                 // What leaves nothing has no rivals but with fewer unknowns.
-                let is_smaller = |model: &Model| !best.is_whole(&self.settings) || self.added_unknowns(model) < best.unknowns;
+                let is_smaller =
+                    |model: &Model| !best.is_whole(&self.settings) || self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {
                     let mut model = base.model.clone();
                     let Candidate { effect, joint, from } = candidate;
@@ -318,7 +319,9 @@ impl Logs<'_> {
             }
             let finished: Vec<Fitted> = near
                 .par_iter()
-                .map(|k| self.finish(&found[*k], key).unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() }))
+                .map(|k| {
+                    self.finish(&found[*k], key).unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() })
+                })
                 .collect();
             near.into_iter().zip(finished).for_each(|(k, finished)| found[k] = finished);
             found.sort_by(|one, other| other.score().total_cmp(&one.score()));

@@ -16,8 +16,8 @@ use crate::refit::{EffectParameter, Judge, Refit, is_null, is_own};
 use crate::settings::Settings;
 use crate::verdict::{self, Judged, Step};
 use crate::{
-    Candidate, DiagnoseError, Diagnosis, Event, Finished, Note, Options, RejectedCandidate, Rejection, Screened, Verdict,
-    discover, excitation, inconsistent_runs, runs,
+    Candidate, DiagnoseError, Diagnosis, Event, Finished, Note, Options, RejectedCandidate, Rejection, Screened,
+    Verdict, discover, excitation, inconsistent_runs, runs,
 };
 
 /// What a diagnosis hears from outside and says while it works.
@@ -88,7 +88,8 @@ pub fn diagnose(
         if refitted.score() - base.score() > least {
             judged = judged.iter().map(runs::with_line).collect();
             let judged: Vec<&Run> = judged.iter().collect();
-            let left = |fitted: &Fitted| Some(Judge { shown, runs: &judged }.as_it_is(&fitted.model).ok()?.rmse_validate?);
+            let left =
+                |fitted: &Fitted| Some(Judge { shown, runs: &judged }.as_it_is(&fitted.model).ok()?.rmse_validate?);
             notes.push(Note::StraightCommand { rmse_straight: left(&refitted), rmse_standing: left(&base) });
             (base, work) = (refitted, straight);
         }
@@ -102,7 +103,8 @@ pub fn diagnose(
     let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
-        let goes_on = step.verdict == Verdict::MissingEffect && !found.first().is_some_and(|best| best.is_whole(&settings));
+        let goes_on =
+            step.verdict == Verdict::MissingEffect && !found.first().is_some_and(|best| best.is_whole(&settings));
         let next = found.into_iter().next().zip(step.best().cloned());
         steps.push(step);
         let Some((mut fitted, mut refit)) = next else { break };
@@ -218,7 +220,8 @@ fn step(
         Some(best) => {
             // Of a torque that is measured at a high rate, noise hides how much is explained where it matters.
             let of_torque = fitted.first().filter(|_| judge.shown == ErrorSignal::Torque);
-            let of_torque = of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
+            let of_torque =
+                of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
             let much = explained(base, best, &work.fit).max(of_torque) >= settings.much;
             let joint = helped(base, best);
             let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.much);

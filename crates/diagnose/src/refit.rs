@@ -164,12 +164,7 @@ pub(super) fn is_null(model: &Model, name: &str, value: f64) -> bool {
 /// What `comparison` leaves at each joint.
 pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorSignal) -> Vec<JointResidual> {
     let mut sums: BTreeMap<(usize, bool), JointResidual> = BTreeMap::new();
-    let mut add = |joint: usize,
-                   held_out: bool,
-                   squares: f64,
-                   samples: f64,
-                   noise: Option<f64>,
-                   white: bool| {
+    let mut add = |joint: usize, held_out: bool, squares: f64, samples: f64, noise: Option<f64>, white: bool| {
         let sum = sums.entry((joint, held_out)).or_insert(JointResidual {
             joint,
             held_out,

@@ -281,7 +281,8 @@ impl<'a> ScoreTest<'a> {
             let problem = PredictionProblem { unknowns, spreads, ..self.problem(model, ready.clone(), rates) };
             // States that the model does not have may need shorter steps.
             let reduced = |further: usize| tangent.reduced(&problem, &self.plan.finer(further));
-            let reduced = FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() }).find_map(reduced)?;
+            let reduced =
+                FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() }).find_map(reduced)?;
             let mut place = 0;
             for (number, (own, k)) in chunk.iter().enumerate() {
                 let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
@@ -337,7 +338,10 @@ impl<'a> ScoreTest<'a> {
 /// The most promising first.
 fn sort(starts: &mut [Start]) {
     starts.sort_by(|one, other| {
-        other.promise.total_cmp(&one.promise).then_with(|| (&one.candidate, one.probe).cmp(&(&other.candidate, other.probe)))
+        other
+            .promise
+            .total_cmp(&one.promise)
+            .then_with(|| (&one.candidate, one.probe).cmp(&(&other.candidate, other.probe)))
     });
 }
 

@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{
-    Candidate, Diagnosis, ErrorLeft, Evidence, Moved, Note, Place, Ranked, RejectedCandidate, Screened, Statement, Verdict,
+    Candidate, Diagnosis, ErrorLeft, Evidence, Moved, Note, Place, Ranked, RejectedCandidate, Screened, Statement,
+    Verdict,
     candidate::{is_symmetric, joined_link},
     refit::{JointResidual, Judge, Refit},
 };
@@ -147,8 +148,7 @@ pub(super) fn conclude(
         statements.truncate(1);
         statements.push(Statement::ValuesMoved { most: most.clone() });
     }
-    let discovered =
-        (verdict == Verdict::Unexplained).then(|| super::discover::discover(&base, judge.runs)).flatten();
+    let discovered = (verdict == Verdict::Unexplained).then(|| super::discover::discover(&base, judge.runs)).flatten();
     if verdict == Verdict::Unexplained {
         statements.push(discovered.as_ref().map_or(Statement::NoFormulaExplains, super::discover::statement));
     }

@@ -1,8 +1,8 @@
 //! Which effect is missing, and what speaks for and against each.
 
 use dynid_diagnose::{
-    Candidate, Diagnosis, DistinguishingExperiment, ErrorLeft, Evidence, Note, Place, Ranked,
-    Rejection, SinePhase, Speaks, Statement,
+    Candidate, Diagnosis, DistinguishingExperiment, ErrorLeft, Evidence, Note, Place, Ranked, Rejection, SinePhase,
+    Speaks, Statement,
 };
 use dynid_format::{listed, number};
 use serde_json::Value;

@@ -149,7 +149,14 @@ impl Tangent {
         // What moves nothing has no step.
         (0..scale.len()).for_each(|k| scaled[(k, k)] += 1e-10);
         let samples: f64 = sums.iter().map(|(n, _)| n).sum();
-        Some(Near { cost, samples, slope: gradient.component_mul(&scale), scale, factor: scaled.cholesky()?, variances })
+        Some(Near {
+            cost,
+            samples,
+            slope: gradient.component_mul(&scale),
+            scale,
+            factor: scaled.cholesky()?,
+            variances,
+        })
     }
 }
 

@@ -81,8 +81,7 @@ pub fn run(case: &Case, folder: &Path, program: &Path) -> Result<Outcome, String
     let before = bench.held_out(model)?;
 
     let started = Instant::now();
-    let diagnosis =
-        bench.json(&["diagnose", "experiment.toml", "--model", &toml(model), "--error", "position", "--json"])?;
+    let diagnosis = bench.json(&["diagnose", "experiment.toml", "--model", &toml(model), "--json"])?;
     let seconds = started.elapsed().as_secs_f64();
     bench.keep("diagnosis.json", &diagnosis)?;
     let verdict = diagnosis["verdict"].as_str().ok_or("diagnose says no `verdict`")?.to_owned();

@@ -147,13 +147,14 @@ impl<'a> ScoreTest<'a> {
         let vanish: Vec<bool> = all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].1[*k])).collect();
         let mut chunks: Vec<Vec<(usize, usize)>> = Vec::new();
         let (mut columns, mut states) = (0, 0);
+        // With whether they take a step.
         let mut jobs: Vec<(Vec<(usize, usize)>, bool)> = Vec::new();
         for (place, vanishes) in all.iter().zip(&vanish) {
             let (candidate, own) = &probes[place.0];
             let own = &own[place.1];
-            // What takes another law's place stands in a model of its own.
+            // What takes another law's place stands in a model of its own, and so does what acts before it takes its step.
             if !vanishes || own.model.effects.len() <= self.model.effects.len() {
-                jobs.push((vec![*place], *vanishes));
+                jobs.push((vec![*place], !own.steps.is_empty()));
                 continue;
             }
             let more = instance(&own.model, candidate).map_or(0, |instance| instance.effect.states.len());
@@ -170,9 +171,9 @@ impl<'a> ScoreTest<'a> {
         jobs.extend(chunks.into_iter().map(|chunk| (chunk, true)));
         let asked: Vec<Vec<Option<Start>>> = jobs
             .par_iter()
-            .map(|(places, vanish)| match (go_on(), vanish) {
+            .map(|(places, have_steps)| match (go_on(), have_steps) {
                 (false, _) => Vec::new(),
-                (true, true) => self.all_at_null(places, probes, &rates),
+                (true, true) => self.all_with_steps(places, probes, &rates),
                 (true, false) => places.iter().map(|place| self.at_values(*place, probes, &rates)).collect(),
             })
             .collect();
@@ -214,27 +215,27 @@ impl<'a> ScoreTest<'a> {
         Some(found.ok()?.q)
     }
 
-    /// Probes that do nothing as yet; where one has no derivative there, the others are asked without it.
-    fn all_at_null(
+    /// Probes that take a step; where one has no derivative there, the others are asked without it.
+    fn all_with_steps(
         &self,
         chunk: &[(usize, usize)],
         probes: &[(Candidate, Vec<Probe>)],
         rates: &Range<usize>,
     ) -> Vec<Option<Start>> {
-        match self.at_null(chunk, probes, rates) {
+        match self.with_steps(chunk, probes, rates) {
             Some(found) => found,
             None if chunk.len() < 2 => vec![None; chunk.len()],
             None => {
                 let (one, other) = chunk.split_at(chunk.len() / 2);
-                let mut found = self.all_at_null(one, probes, rates);
-                found.extend(self.all_at_null(other, probes, rates));
+                let mut found = self.all_with_steps(one, probes, rates);
+                found.extend(self.all_with_steps(other, probes, rates));
                 found
             }
         }
     }
 
-    /// Probes that do nothing as yet, all in one evaluation.
-    fn at_null(
+    /// Probes that do nothing before they take their step, all in one evaluation; or a single one.
+    fn with_steps(
         &self,
         chunk: &[(usize, usize)],
         probes: &[(Candidate, Vec<Probe>)],
@@ -281,8 +282,12 @@ impl<'a> ScoreTest<'a> {
             let problem = PredictionProblem { unknowns, spreads, ..self.problem(model, ready.clone(), rates) };
             // States that the model does not have may need shorter steps.
             let reduced = |further: usize| tangent.reduced(&problem, &self.plan.finer(further));
-            let reduced =
-                FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() }).find_map(reduced)?;
+            let tried = FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() });
+            let reduced = match tried.map(reduced).find(Option::is_some).flatten() {
+                Some(reduced) => reduced,
+                None if chunk.len() > 1 => return None,
+                None => continue,
+            };
             let mut place = 0;
             for (number, (own, k)) in chunk.iter().enumerate() {
                 let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);

@@ -74,13 +74,14 @@ impl Tangent {
         self.near(&evaluator.errors(&x, plan)?)?.cost_after_step()
     }
 
-    /// What is left for the unknowns of a problem of the same runs, which says the same of them at its start, when those of this one
-    /// have taken their best step.
+    /// What is left for the unknowns of a problem of the same runs, with other equations, when those of this one have taken the step that
+    /// is best for it.
     pub fn reduced(&self, problem: &PredictionProblem, plan: &Plan) -> Option<Reduced> {
         let evaluator = Evaluator::new(problem);
         let x = evaluator.start().ok()?;
         let own_slopes = evaluator.slopes(&x, plan)?;
-        let near = self.near(&self.errors)?;
+        let errors = evaluator.errors(&x, plan)?;
+        let near = self.near(&errors)?;
         let n = problem.unknowns.len();
         let mut gradient = DVector::zeros(n);
         let mut hessian = DMatrix::<f64>::zeros(n, n);
@@ -95,7 +96,7 @@ impl Tangent {
                 let own = own.columns(0, own_places.len()).transpose();
                 let square = information * &own * own.transpose();
                 let across = information * &own * &self.slopes[run][slot];
-                let slope = -information * &own * DVector::from_column_slice(&self.errors[run][slot]);
+                let slope = -information * &own * DVector::from_column_slice(&errors[run][slot]);
                 for (k, column) in own_places.iter().enumerate() {
                     gradient[*column] += slope[k];
                     own_places.iter().enumerate().for_each(|(l, row)| hessian[(*row, *column)] += square[(l, k)]);

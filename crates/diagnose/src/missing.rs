@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::arms::{Arm, race};
 use crate::candidate::{Candidate, Sizes, candidates, probes};
 use crate::refit::count;
-use crate::score_test::{ScoreTest, Start, promising};
+use crate::score_test::{RATES, ScoreTest, Start, promising};
 use crate::settings::Settings;
 use dynid_logs::part::part;
 
@@ -240,19 +240,29 @@ impl Logs<'_> {
         }
     }
 
-    /// What candidates promise at a model with these rates, starts of the runs and integration steps.
+    /// What candidates promise at a model with these rates, starts of the runs and integration steps. Of many, a short look at the fitted
+    /// rates tells which are worth a longer one.
     fn asked(&self, point: &Point, all: &[Candidate]) -> Result<Vec<Start>, PositionFitError> {
         let (model, rates, initial, plan) = point;
-        let beginnings = self.beginnings();
         let expected = |name: &str| self.expected(name);
         let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
         let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
         let joints = 0..model.device.joints.len();
         let sizes: Vec<Sizes> = joints.map(|joint| Sizes::of(model, &with_motion, &motions, joint)).collect();
         let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
-        let probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
+        let mut probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
+        let go_on = || !(self.stop)();
+        if all.len() > self.settings.further {
+            let (whole, least) = self.settings.beginning;
+            let beginnings = self.beginnings(least.max(whole * self.settings.further as f64 / all.len() as f64), least);
+            let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
+            let promising = promising(&test.ask(&probes, 0..1, &go_on), self.settings.further);
+            probes.retain(|(candidate, _)| promising.contains(candidate));
+        }
+        let (whole, least) = self.settings.beginning;
+        let beginnings = self.beginnings(whole, least);
         let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
-        Ok(test.ask(&probes, self.settings.further, &|| !(self.stop)()))
+        Ok(test.ask(&probes, 0..RATES.len(), &go_on))
     }
 
     /// Starts for one effect that is added to the model as it is given, the most promising first; `None` where that cannot be simulated.
@@ -349,9 +359,8 @@ impl Logs<'_> {
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).filter_map(start).collect()
     }
 
-    /// The beginnings of the runs, in which a race is decided.
-    fn beginnings(&self) -> Vec<Run> {
-        let (all, least) = self.settings.beginning;
+    /// The beginnings of the runs, so many seconds of all and at least so many of each.
+    fn beginnings(&self, all: f64, least: f64) -> Vec<Run> {
         let each = (all / self.fit.len() as f64).max(least);
         self.fit.iter().map(|run| beginning(run, each)).collect()
     }
@@ -384,7 +393,8 @@ impl Logs<'_> {
         key: &str,
         found: &mut Vec<Fitted>,
     ) -> Result<(), PositionFitError> {
-        let beginnings = self.beginnings();
+        let (whole, least) = self.settings.beginning;
+        let beginnings = self.beginnings(whole, least);
         let samples: usize = beginnings.iter().map(|run| run.log.len() * run.free.len()).sum();
         let mut arms = Vec::new();
         for (number, start) in starts.iter().enumerate() {

@@ -16,7 +16,7 @@ use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 use rayon::prelude::*;
 
-use crate::candidate::{Candidate, Probe, instance, keep_orders};
+use crate::candidate::{Candidate, Probe, Step, instance, keep_orders};
 
 /// A candidate with values to start a fit from, and what they promise.
 #[derive(Debug, Clone)]
@@ -66,16 +66,16 @@ pub struct ScoreTest<'a> {
     /// The model as it is at each of the rates, and its cost once its own unknowns have taken their step.
     without: Vec<Option<(Tangent, f64)>>,
     plan: Plan,
+    /// Integration steps for what is stiffer than the model.
+    stiffer: Plan,
     expected: &'a (dyn Fn(&str) -> Option<f64> + Sync),
 }
 
 /// Rates at which candidates are asked, as multiples of the fitted ones.
-const RATES: [f64; 3] = [1.0, 0.3, 0.1];
+pub const RATES: [f64; 3] = [1.0, 0.3, 0.1];
 /// Columns, and states of effects, that one evaluation takes at most.
 const MOST_COLUMNS: usize = 160;
 const MOST_STATES: usize = 8;
-/// Schemes so much further up the ladder than the model's are tried for what stands in the drive path.
-const FURTHER: [usize; 3] = [0, 4, 9];
 /// The first samples tell whether an effect does nothing.
 const FIRST: usize = 300;
 
@@ -96,7 +96,7 @@ impl<'a> ScoreTest<'a> {
         let rates = RATES.iter().map(|factor| multiplied(*factor).collect()).collect();
         let initial = initial.to_vec();
         let (first, without) = (Vec::new(), Vec::new());
-        let mut test = Self { model, runs, ready, initial, rates, first, without, plan: plan.clone(), expected };
+        let mut test = Self { model, runs, ready, initial, rates, first, without, plan: plan.clone(), stiffer: plan.stiffer(), expected };
         test.first = test.ready.iter().enumerate().map(|(run, ready)| test.first_of(run, ready)).collect();
         let without = |rates: &BTreeMap<usize, f64>| {
             let problem = test.problem(model, test.ready.clone(), rates);
@@ -108,35 +108,9 @@ impl<'a> ScoreTest<'a> {
         Ok(test)
     }
 
-    /// What the probes promise, the most promising first: all at the fitted rates, and the best of these, so many, at the others too.
-    /// `go_on` is asked between them.
+    /// What the probes promise at the best of these rates, by their place among [`RATES`], the most promising first; `go_on` is asked
+    /// between them.
     pub fn ask(
-        &self,
-        probes: &[(Candidate, Vec<Probe>)],
-        further: usize,
-        go_on: &(dyn Fn() -> bool + Sync),
-    ) -> Vec<Start> {
-        let mut starts = self.at_rates(probes, 0..1, go_on);
-        sort(&mut starts);
-        let promising = promising(&starts, further);
-        let (kept, others): (Vec<_>, Vec<_>) =
-            probes.iter().cloned().partition(|(candidate, _)| promising.contains(candidate));
-        let untold = others.iter().filter(|(own, _)| starts.iter().all(|start| start.candidate != *own)).cloned();
-        let again: Vec<_> = kept.into_iter().chain(untold).collect();
-        for other in self.at_rates(&again, 1..RATES.len(), go_on) {
-            let is_same = |own: &&mut Start| own.candidate == other.candidate && own.probe == other.probe;
-            match starts.iter_mut().find(is_same) {
-                Some(own) if own.promise < other.promise => *own = other,
-                Some(_) => {}
-                None => starts.push(other),
-            }
-        }
-        sort(&mut starts);
-        starts
-    }
-
-    /// Every probe's promise at the best of some rates.
-    fn at_rates(
         &self,
         probes: &[(Candidate, Vec<Probe>)],
         rates: Range<usize>,
@@ -144,17 +118,23 @@ impl<'a> ScoreTest<'a> {
     ) -> Vec<Start> {
         let all: Vec<(usize, usize)> =
             probes.iter().enumerate().flat_map(|(own, (_, probes))| (0..probes.len()).map(move |k| (own, k))).collect();
-        let vanish: Vec<bool> = all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].1[*k])).collect();
+        let vanish: Vec<bool> = all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].0, &probes[*own].1[*k])).collect();
         let mut chunks: Vec<Vec<(usize, usize)>> = Vec::new();
         let (mut columns, mut states) = (0, 0);
         // With whether they take a step.
         let mut jobs: Vec<(Vec<(usize, usize)>, bool)> = Vec::new();
+        // What takes another law's place does so at all joints at once.
+        let mut instead: BTreeMap<(&str, usize), Vec<(usize, usize)>> = BTreeMap::new();
         for (place, vanishes) in all.iter().zip(&vanish) {
             let (candidate, own) = &probes[place.0];
             let own = &own[place.1];
-            // What takes another law's place stands in a model of its own, and so does what acts before it takes its step.
-            if !vanishes || own.model.effects.len() <= self.model.effects.len() {
-                jobs.push((vec![*place], !own.steps.is_empty()));
+            let is_instead = self.takes_a_place(own);
+            if !vanishes {
+                jobs.push((vec![*place], is_instead && !own.steps.is_empty()));
+                continue;
+            }
+            if is_instead {
+                instead.entry((candidate.effect.as_str(), place.1)).or_default().push(*place);
                 continue;
             }
             let more = instance(&own.model, candidate).map_or(0, |instance| instance.effect.states.len());
@@ -168,6 +148,7 @@ impl<'a> ScoreTest<'a> {
                 chunk.push(*place);
             }
         }
+        chunks.extend(instead.into_values());
         jobs.extend(chunks.into_iter().map(|chunk| (chunk, true)));
         let asked: Vec<Vec<Option<Start>>> = jobs
             .par_iter()
@@ -177,7 +158,9 @@ impl<'a> ScoreTest<'a> {
                 (true, false) => places.iter().map(|place| self.at_values(*place, probes, &rates)).collect(),
             })
             .collect();
-        asked.into_iter().flatten().flatten().collect()
+        let mut starts: Vec<Start> = asked.into_iter().flatten().flatten().collect();
+        sort(&mut starts);
+        starts
     }
 
     fn problem(&self, model: &Model, runs: Vec<FitRun>, rates: &BTreeMap<usize, f64>) -> PredictionProblem {
@@ -189,20 +172,27 @@ impl<'a> ScoreTest<'a> {
         }
     }
 
-    /// Whether a probe has steps to take and does nothing before it takes them.
-    fn vanishes(&self, probe: &Probe) -> bool {
+    /// Whether a probe's effect takes the place of one of the model's.
+    fn takes_a_place(&self, probe: &Probe) -> bool {
+        probe.model.effects.len() <= self.model.effects.len()
+    }
+
+    /// Whether a probe has steps to take and does nothing before it takes them: beside others, by the null values of its effect, which
+    /// the library has made sure of; in another's place, by what it predicts of the first run that feels it.
+    fn vanishes(&self, candidate: &Candidate, probe: &Probe) -> bool {
         if probe.steps.is_empty() {
             return false;
         }
-        let ready = self.runs.iter().map(|run| FitRun::of_run(&probe.model, run).ok());
-        ready.zip(&self.first).enumerate().all(|(run, (ready, without))| {
-            match (ready.and_then(|ready| self.first_of(run, &ready)), without) {
-                (Some(with), Some(without)) => {
-                    with.iter().zip(without).all(|(one, other)| (one - other).abs() <= 1e-12)
-                }
-                _ => false,
-            }
-        })
+        let Some(instance) = instance(&probe.model, candidate) else { return false };
+        if !self.takes_a_place(probe) {
+            let nulls = instance.effect.parameters.iter().zip(&instance.parameters);
+            return nulls.filter_map(|(own, parameter)| Some((own.null?, parameter.value))).all(|(null, value)| null == value);
+        }
+        let run = self.runs.iter().position(|run| candidate.joint.is_none_or(|joint| run.free.contains(&joint)));
+        let Some((run, Some(without))) = run.map(|run| (run, &self.first[run])) else { return false };
+        let ready = FitRun::of_run(&probe.model, &self.runs[run]).ok();
+        let with = ready.and_then(|ready| self.first_of(run, &ready));
+        with.is_some_and(|with| with.iter().zip(without).all(|(one, other)| (one - other).abs() <= 1e-12))
     }
 
     /// Predictions of the first samples of a run.
@@ -243,35 +233,31 @@ impl<'a> ScoreTest<'a> {
     ) -> Option<Vec<Option<Start>>> {
         let mut effects: Vec<PlacedEffect> = Vec::new();
         let mut unknowns: Vec<Vec<Unknown>> = Vec::new();
-        // Effects that stand beside those of the model share it; what takes the place of one stands alone.
-        let alone = match chunk {
-            [(own, k)] => Some(&probes[*own].1[*k].model).filter(|own| own.effects.len() <= self.model.effects.len()),
-            _ => None,
-        };
+        // Effects that stand beside those of the model share it; what takes the place of one stands there.
+        let is_instead = chunk.iter().any(|(own, k)| self.takes_a_place(&probes[*own].1[*k]));
+        let mut model = self.model.clone();
         for (number, (own, k)) in chunk.iter().enumerate() {
             let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
-            let named = |name: &str| if alone.is_some() { name.to_owned() } else { format!("{name}#{number}") };
-            unknowns.push(
-                probe
-                    .steps
-                    .iter()
-                    .map(|step| Unknown {
-                        name: named(&step.name),
-                        value: step.from,
-                        expected: step.from,
-                        lower: f64::NEG_INFINITY,
-                        upper: f64::INFINITY,
-                    })
-                    .collect(),
-            );
-            if alone.is_none() {
+            let named = |name: &str| if is_instead { name.to_owned() } else { format!("{name}#{number}") };
+            let unknown = |step: &Step| Unknown {
+                name: named(&step.name),
+                value: step.from,
+                expected: step.from,
+                lower: f64::NEG_INFINITY,
+                upper: f64::INFINITY,
+            };
+            unknowns.push(probe.steps.iter().map(unknown).collect());
+            if is_instead {
+                model.add_effect(&candidate.effect, candidate.joint, candidate.from).ok()?;
+                model = model.with_values_of(&probe.model);
+            } else {
                 let placed = probe.model.placed(instance(&probe.model, candidate)?).ok()?;
                 let names = placed.names.iter().map(|name| named(name)).collect();
                 let state_names = placed.state_names.iter().map(|name| named(name)).collect();
                 effects.push(PlacedEffect { names, state_names, ..placed });
             }
         }
-        let model = alone.unwrap_or(self.model);
+        let model = &model;
         let with = |run: &Run| FitRun::of_run_with(model, run, &effects);
         let ready: Vec<FitRun> = self.runs.iter().map(with).collect::<Result<_, _>>().ok()?;
         let mut best: Vec<Option<Start>> = vec![None; chunk.len()];
@@ -281,13 +267,13 @@ impl<'a> ScoreTest<'a> {
             let spreads = vec![f64::INFINITY; unknowns.len()];
             let problem = PredictionProblem { unknowns, spreads, ..self.problem(model, ready.clone(), rates) };
             // States that the model does not have may need shorter steps.
-            let reduced = |further: usize| tangent.reduced(&problem, &self.plan.finer(further));
-            let tried = FURTHER.into_iter().take(if chunk.len() > 1 { 1 } else { FURTHER.len() });
-            let reduced = match tried.map(reduced).find(Option::is_some).flatten() {
-                Some(reduced) => reduced,
+            let reduced = tangent.reduced(&problem, &self.plan);
+            let reduced = match reduced {
                 None if chunk.len() > 1 => return None,
-                None => continue,
+                None => tangent.reduced(&problem, &self.stiffer),
+                reduced => reduced,
             };
+            let Some(reduced) = reduced else { continue };
             let mut place = 0;
             for (number, (own, k)) in chunk.iter().enumerate() {
                 let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
@@ -330,8 +316,8 @@ impl<'a> ScoreTest<'a> {
             let (tangent, without) = without.as_ref()?;
             let problem = self.problem(&probe.model, ready.clone(), rates);
             // A transmission may need shorter steps than the model without it.
-            let cost = |further: usize| tangent.cost(&problem, &self.plan.finer(further));
-            let gain = without - FURTHER.into_iter().find_map(cost)?;
+            let cost = tangent.cost(&problem, &self.plan).or_else(|| tangent.cost(&problem, &self.stiffer));
+            let gain = without - cost?;
             gain.is_finite().then_some(gain)
         });
         let best = gains.max_by(f64::total_cmp);

@@ -17,15 +17,14 @@ impl Plan {
         self.0.get(run).map_or(&[], Vec::as_slice)
     }
 
-    /// The next ones but `further` of the ladder of schemes.
+    /// With implicit steps everywhere, shorter ones where they were: for equations that are stiffer than those it was planned for.
     #[must_use]
-    pub fn finer(&self, further: usize) -> Self {
-        let last = Scheme::LADDER.len() - 1;
-        let finer = |scheme: &Scheme| {
-            let place = Scheme::LADDER.iter().position(|own| own == scheme).unwrap_or(last);
-            Scheme::LADDER[(place + further).min(last)]
+    pub fn stiffer(&self) -> Self {
+        let stiffer = |scheme: &Scheme| match scheme {
+            Scheme::Explicit(_) => Scheme::Implicit(0),
+            Scheme::Implicit(_) => scheme.finer(),
         };
-        Self(self.0.iter().map(|run| run.iter().map(finer).collect()).collect())
+        Self(self.0.iter().map(|run| run.iter().map(stiffer).collect()).collect())
     }
 
     /// With every step halved.
@@ -77,12 +76,12 @@ mod tests {
     use super::{Plan, Scheme};
 
     #[test]
-    fn a_plan_survives_its_text_and_climbs_the_ladder_to_its_end() {
+    fn a_plan_survives_its_text_and_has_a_stiffer_one() {
         let plan = Plan::new(vec![Scheme::LADDER.to_vec(), vec![]]);
         let text = serde_json::to_string(&plan).unwrap();
         assert_eq!(text, r#"["0123456789a",""]"#);
         assert_eq!(serde_json::from_str::<Plan>(&text).unwrap(), plan);
-        assert_eq!(serde_json::to_string(&plan.finer(2)).unwrap(), r#"["23456789aaa",""]"#);
+        assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["444457494a4",""]"#);
         assert!(serde_json::from_str::<Plan>(r#"["0x"]"#).is_err());
     }
 }

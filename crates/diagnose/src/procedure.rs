@@ -88,8 +88,7 @@ pub fn diagnose(
         if refitted.score() - base.score() > least {
             judged = judged.iter().map(runs::with_line).collect();
             let judged: Vec<&Run> = judged.iter().collect();
-            let left =
-                |fitted: &Fitted| Some(Judge { shown, runs: &judged }.as_it_is(&fitted.model).ok()?.rmse_validate?);
+            let left = |fitted: &Fitted| Judge { shown, runs: &judged }.as_it_is(&fitted.model).ok()?.rmse_validate;
             notes.push(Note::StraightCommand { rmse_straight: left(&refitted), rmse_standing: left(&base) });
             (base, work) = (refitted, straight);
         }
@@ -103,8 +102,10 @@ pub fn diagnose(
     let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
-        let goes_on =
-            step.verdict == Verdict::MissingEffect && !found.first().is_some_and(|best| best.is_whole(&settings));
+        let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
+        // Unless more was asked for, a second counts only where both explain all, which noise of the torque keeps them from.
+        let may_be_all = options.depth.is_some() || shown == ErrorSignal::Position;
+        let goes_on = step.verdict == Verdict::MissingEffect && !is_all && may_be_all;
         let next = found.into_iter().next().zip(step.best().cloned());
         steps.push(step);
         let Some((mut fitted, mut refit)) = next else { break };

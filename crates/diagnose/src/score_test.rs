@@ -96,7 +96,18 @@ impl<'a> ScoreTest<'a> {
         let rates = RATES.iter().map(|factor| multiplied(*factor).collect()).collect();
         let initial = initial.to_vec();
         let (first, without) = (Vec::new(), Vec::new());
-        let mut test = Self { model, runs, ready, initial, rates, first, without, plan: plan.clone(), stiffer: plan.stiffer(), expected };
+        let mut test = Self {
+            model,
+            runs,
+            ready,
+            initial,
+            rates,
+            first,
+            without,
+            plan: plan.clone(),
+            stiffer: plan.stiffer(),
+            expected,
+        };
         test.first = test.ready.iter().enumerate().map(|(run, ready)| test.first_of(run, ready)).collect();
         let without = |rates: &BTreeMap<usize, f64>| {
             let problem = test.problem(model, test.ready.clone(), rates);
@@ -118,7 +129,8 @@ impl<'a> ScoreTest<'a> {
     ) -> Vec<Start> {
         let all: Vec<(usize, usize)> =
             probes.iter().enumerate().flat_map(|(own, (_, probes))| (0..probes.len()).map(move |k| (own, k))).collect();
-        let vanish: Vec<bool> = all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].0, &probes[*own].1[*k])).collect();
+        let vanish: Vec<bool> =
+            all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].0, &probes[*own].1[*k])).collect();
         let mut chunks: Vec<Vec<(usize, usize)>> = Vec::new();
         let (mut columns, mut states) = (0, 0);
         // With whether they take a step.
@@ -130,7 +142,7 @@ impl<'a> ScoreTest<'a> {
             let own = &own[place.1];
             let is_instead = self.takes_a_place(own);
             if !vanishes {
-                jobs.push((vec![*place], is_instead && !own.steps.is_empty()));
+                jobs.push((vec![*place], false));
                 continue;
             }
             if is_instead {
@@ -186,7 +198,9 @@ impl<'a> ScoreTest<'a> {
         let Some(instance) = instance(&probe.model, candidate) else { return false };
         if !self.takes_a_place(probe) {
             let nulls = instance.effect.parameters.iter().zip(&instance.parameters);
-            return nulls.filter_map(|(own, parameter)| Some((own.null?, parameter.value))).all(|(null, value)| null == value);
+            return nulls
+                .filter_map(|(own, parameter)| Some((own.null?, parameter.value)))
+                .all(|(null, value)| null == value);
         }
         let run = self.runs.iter().position(|run| candidate.joint.is_none_or(|joint| run.free.contains(&joint)));
         let Some((run, Some(without))) = run.map(|run| (run, &self.first[run])) else { return false };

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use dynid_lower::Kir;
 
-use crate::{api, crate_order, dependency_cycles, licences, shell, snapshots, unused, workspace};
+use crate::{api, crate_order, dependency_cycles, licences, shell, size, snapshots, unused, workspace};
 
 /// Runs every check.
 #[derive(clap::Args)]
@@ -30,6 +30,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("the order of crates", crate_order::check),
         ("no circle between folders", dependency_cycles::check),
         ("unused dependencies", unused::check),
+        ("size of the diagnosis", size::print),
         ("the facade's public API", api::check),
         ("no computer algebra in what users build", without_algebra),
         ("equations belong to the models", equations_match_models),

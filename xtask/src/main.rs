@@ -9,6 +9,7 @@ mod generate;
 mod hidden_effects;
 mod licences;
 mod shell;
+mod size;
 mod snapshots;
 mod sources;
 mod unused;

@@ -140,7 +140,7 @@ impl Logs<'_> {
         let state = (self.recall)(key);
         let mut search = Search::new(&problem, state)?;
         self.advance(&mut search);
-        (self.keep)(key, search.state());
+        self.keep_whole(key, &search);
         self.fitted(None, model, &search, true)
     }
 
@@ -158,8 +158,15 @@ impl Logs<'_> {
             search.reopen(&self.settings.search);
         }
         self.advance(&mut search);
-        (self.keep)(&key, search.state());
+        self.keep_whole(&key, &search);
         self.fitted(fitted.candidate.as_ref(), model, &search, true)
+    }
+
+    /// Keeps a search, but for one that was stopped on its way: it would go on to other bits than if it had not been.
+    fn keep_whole(&self, key: &str, search: &Search<'_>) {
+        if !(self.stop)() {
+            (self.keep)(key, search.state());
+        }
     }
 
     fn advance(&self, search: &mut Search<'_>) {
@@ -382,7 +389,7 @@ impl Logs<'_> {
         problem.rates.clone_from(&whole.fit.rates);
         let mut search = Search::new(&problem, (self.recall)(key)).ok()?;
         self.advance(&mut search);
-        (self.keep)(key, search.state());
+        self.keep_whole(key, &search);
         self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 

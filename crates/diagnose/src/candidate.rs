@@ -186,6 +186,8 @@ impl Sizes {
 pub struct Probe {
     /// The model; amplitudes are where the effect does nothing.
     pub model: Model,
+    /// Which of its values each parameter takes that no linear step finds.
+    pub shape: Vec<usize>,
     /// Parameters in which the effect is linear: the steps to take.
     pub steps: Vec<Step>,
 }
@@ -242,19 +244,19 @@ pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe>
             _ => {}
         }
     }
-    let mut models = vec![with];
+    let mut models = vec![(with, Vec::new())];
     for (index, values) in &shapes {
         let name = instance.parameter_name(*index);
-        models = models
-            .into_iter()
-            .flat_map(|model| values.iter().map(move |value| (model.clone(), *value)).collect::<Vec<_>>())
-            .map(|(mut model, value)| {
-                let _ = model.set_value(&name, value);
-                model
-            })
-            .collect();
+        let at = |(model, shape): &(Model, Vec<usize>), place: usize, value: f64| {
+            let (mut model, mut shape) = (model.clone(), shape.clone());
+            let _ = model.set_value(&name, value);
+            shape.push(place);
+            (model, shape)
+        };
+        let with_all = |own| values.iter().enumerate().map(move |(place, value)| at(own, place, *value));
+        models = models.iter().flat_map(with_all).collect();
     }
-    for model in &mut models {
+    for (model, _) in &mut models {
         keep_orders(model);
     }
     let step = |model: &Model, index: usize| {
@@ -268,7 +270,10 @@ pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe>
     };
     models
         .into_iter()
-        .map(|model| Probe { steps: amplitudes.iter().filter_map(|index| step(&model, *index)).collect(), model })
+        .map(|(model, shape)| {
+            let steps = amplitudes.iter().filter_map(|index| step(&model, *index)).collect();
+            Probe { model, shape, steps }
+        })
         .collect()
 }
 

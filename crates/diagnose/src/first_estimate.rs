@@ -7,7 +7,6 @@ use dynid_user_model::{EffectInstance, Model};
 
 use crate::Candidate;
 use crate::missing::Logs;
-use crate::score_test::Start;
 use crate::settings::Settings;
 
 /// Where a fit of a model with new effects starts.
@@ -56,7 +55,7 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run]) -> FirstEstimates {
             starts.iter().map(|start| with_values(&found.model, &instance, &start.stepped())).collect();
         let Some(first) = estimates.first().cloned() else { continue };
         if is_single {
-            found.is_narrow = starts.iter().any(Start::is_tried);
+            found.is_narrow = starts.iter().any(|start| start.is_tried);
             let mut seen = BTreeMap::from([(first.digest(), ())]);
             let is_new = |other: &Model| seen.insert(other.digest(), ()).is_none();
             found.others = estimates.into_iter().filter(is_new).take(OTHERS).collect();

@@ -248,7 +248,7 @@ impl Logs<'_> {
     }
 
     /// What candidates promise at a model with these rates, starts of the runs and integration steps. Of many, a short look at the fitted
-    /// rates tells which are worth a longer one.
+    /// rates tells which are worth a longer one, and from which values.
     fn asked(&self, point: &Point, all: &[Candidate]) -> Result<Vec<Start>, PositionFitError> {
         let (model, rates, initial, plan) = point;
         let expected = |name: &str| self.expected(name);
@@ -259,17 +259,26 @@ impl Logs<'_> {
         let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
         let mut probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
         let go_on = || !(self.stop)();
-        if all.len() > self.settings.further {
+        let n_probes: usize = probes.iter().map(|(_, own)| own.len()).sum();
+        if n_probes > self.settings.further * self.settings.arms {
             let (whole, least) = self.settings.beginning;
-            let beginnings = self.beginnings(least.max(whole * self.settings.further as f64 / all.len() as f64), least);
-            let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
-            let promising = promising(&test.ask(&probes, 0..1, &go_on), self.settings.further);
+            let share = (self.settings.further as f64 / all.len() as f64).min(1.0);
+            let beginnings = self.beginnings(least.max(whole * share), least);
+            let test = ScoreTest::new(model, (rates, 1), (initial, plan), &beginnings, &expected)?;
+            let starts = test.ask(&probes, &go_on);
+            let promising = promising(&starts, self.settings.further);
             probes.retain(|(candidate, _)| promising.contains(candidate));
+            for (candidate, own) in &mut probes {
+                let best = starts.iter().filter(|start| start.candidate == *candidate).take(self.settings.arms);
+                let best: Vec<usize> = best.map(|start| start.probe).collect();
+                let mut place = 0..;
+                own.retain(|_| place.next().is_some_and(|place| best.contains(&place)));
+            }
         }
         let (whole, least) = self.settings.beginning;
         let beginnings = self.beginnings(whole, least);
-        let test = ScoreTest::new(model, rates, (initial, plan), &beginnings, &expected)?;
-        Ok(test.ask(&probes, 0..RATES.len(), &go_on))
+        let test = ScoreTest::new(model, (rates, RATES.len()), (initial, plan), &beginnings, &expected)?;
+        Ok(test.ask(&probes, &go_on))
     }
 
     /// Starts for one effect that is added to the model as it is given, the most promising first; `None` where that cannot be simulated.
@@ -361,7 +370,7 @@ impl Logs<'_> {
                 model.add_effect(effect, *joint, *from).ok()?;
                 model
             };
-            Some(Start { candidate, model, promise: 0.0, probe: 0, step: Vec::new() })
+            Some(Start { candidate, model, promise: 0.0, probe: 0, step: Vec::new(), is_tried: true })
         };
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).filter_map(start).collect()
     }
@@ -408,6 +417,7 @@ impl Logs<'_> {
             let mut problem = self.problem_of(&start.model, &beginnings)?;
             problem.initial.clone_from(&base.fit.initial);
             problem.rates.clone_from(&base.fit.rates);
+            problem.plan.clone_from(&base.fit.plan);
             let price = 0.5 * self.added_unknowns(&start.model) * (samples as f64).max(2.0).ln();
             arms.push(Arm {
                 candidate: Some(start.candidate.clone()),

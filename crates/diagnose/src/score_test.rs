@@ -1,22 +1,21 @@
 //! What would each effect explain at each place? Asked without a fit, by one step of Gauss and Newton (a score test).
 //!
-//! At the fitted model every candidate's own unknowns, and with them all others, take the step that raises the likelihood most. An
-//! effect that does nothing at its null is asked there: all such share one evaluation, as so many more columns of one derivative.
-//! What no derivative at a null shows (a dead zone, a delay, an elastic joint) is asked at a few finite values. A model that is held
+//! At the fitted model every candidate's own unknowns, and with them all others, take the step that raises the likelihood most. Most
+//! candidates are asked along the model's own predictions, which answer to their torques to first order. A transmission, and friction
+//! with states of its own, hold the motion that moves them: they are simulated, at a few finite values. A model that is held
 //! to its logs firmly shows other effects than one that runs nearly free, so each is asked at a few rates.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
-use dynid_dynamics::simulate::{self, Input, Predictor};
-use dynid_dynamics::system::{PlacedEffect, SystemError};
-use dynid_identify::position::{FitRun, Unknown, first_state};
-use dynid_identify::prediction::{Plan, PredictionProblem, Tangent};
+use dynid_dynamics::system::{System, SystemError};
+use dynid_identify::position::FitRun;
+use dynid_identify::prediction::{Change, Plan, PredictionProblem, Promise, Tangent};
 use dynid_logs::experiment::Run;
+use dynid_model::Place;
 use dynid_user_model::Model;
 use rayon::prelude::*;
 
-use crate::candidate::{Candidate, Probe, Step, instance, keep_orders};
+use crate::candidate::{Candidate, Probe, instance, keep_orders};
 
 /// A candidate with values to start a fit from, and what they promise.
 #[derive(Debug, Clone)]
@@ -29,8 +28,10 @@ pub struct Start {
     pub promise: f64,
     /// Which of the candidate's probes it is.
     pub probe: usize,
-    /// The step that this takes from where its effect vanishes, by parameter; none where it was asked as it is.
+    /// The step that is promised from there, by parameter.
     pub step: Vec<(String, f64)>,
+    /// Whether the effect does something there before it takes the step.
+    pub is_tried: bool,
 }
 
 impl Start {
@@ -46,23 +47,13 @@ impl Start {
         keep_orders(&mut model);
         model
     }
-
-    /// Whether it was asked at values of its own.
-    pub fn is_tried(&self) -> bool {
-        self.step.is_empty()
-    }
 }
 
 /// What is asked of a model.
 pub struct ScoreTest<'a> {
-    model: &'a Model,
     runs: &'a [Run],
-    /// The same runs with the model's equations.
-    ready: Vec<FitRun>,
     initial: Vec<Vec<f64>>,
     rates: Vec<BTreeMap<usize, f64>>,
-    /// Its predictions of the first samples of each run.
-    first: Vec<Option<Vec<f64>>>,
     /// The model as it is at each of the rates, and its cost once its own unknowns have taken their step.
     without: Vec<Option<(Tangent, f64)>>,
     plan: Plan,
@@ -73,45 +64,29 @@ pub struct ScoreTest<'a> {
 
 /// Rates at which candidates are asked, as multiples of the fitted ones.
 pub const RATES: [f64; 3] = [1.0, 0.3, 0.1];
-/// Columns, and states of effects, that one evaluation takes at most.
-const MOST_COLUMNS: usize = 160;
-const MOST_STATES: usize = 8;
-/// The first samples tell whether an effect does nothing.
-const FIRST: usize = 300;
+/// Parameters that are asked together, at most: one product of matrices takes them all in.
+const TOGETHER: usize = 32;
 
 impl<'a> ScoreTest<'a> {
-    /// At `model`, with the rates, the initial positions and the integration steps of a fit to runs of which `runs` are the beginnings.
+    /// At `model`, with the rates, the initial positions and the integration steps of a fit to runs of which `runs` are the beginnings;
+    /// asked at so many of [`RATES`].
     ///
     /// # Errors
     /// The model makes no equations for a run.
     pub fn new(
-        model: &'a Model,
-        rates: &BTreeMap<usize, f64>,
+        model: &Model,
+        (rates, n_rates): (&BTreeMap<usize, f64>, usize),
         (initial, plan): (&[Vec<f64>], &Plan),
         runs: &'a [Run],
         expected: &'a (dyn Fn(&str) -> Option<f64> + Sync),
     ) -> Result<Self, SystemError> {
         let ready = runs.iter().map(|run| FitRun::of_run(model, run)).collect::<Result<Vec<_>, _>>()?;
         let multiplied = |factor: f64| rates.iter().map(move |(joint, rate)| (*joint, rate.max(LEAST_RATE) * factor));
-        let rates = RATES.iter().map(|factor| multiplied(*factor).collect()).collect();
-        let initial = initial.to_vec();
-        let (first, without) = (Vec::new(), Vec::new());
-        let mut test = Self {
-            model,
-            runs,
-            ready,
-            initial,
-            rates,
-            first,
-            without,
-            plan: plan.clone(),
-            stiffer: plan.stiffer(),
-            expected,
-        };
-        test.first = test.ready.iter().enumerate().map(|(run, ready)| test.first_of(run, ready)).collect();
+        let rates = RATES.iter().take(n_rates).map(|factor| multiplied(*factor).collect()).collect();
+        let (initial, stiffer) = (initial.to_vec(), plan.stiffer());
+        let mut test = Self { runs, initial, rates, without: Vec::new(), plan: plan.clone(), stiffer, expected };
         let without = |rates: &BTreeMap<usize, f64>| {
-            let problem = test.problem(model, test.ready.clone(), rates);
-            let tangent = Tangent::new(&problem, plan)?;
+            let tangent = Tangent::new(&test.problem(model, ready.clone(), rates), plan)?;
             let cost = tangent.own_cost()?;
             Some((tangent, cost))
         };
@@ -119,58 +94,47 @@ impl<'a> ScoreTest<'a> {
         Ok(test)
     }
 
-    /// What the probes promise at the best of these rates, by their place among [`RATES`], the most promising first; `go_on` is asked
-    /// between them.
-    pub fn ask(
-        &self,
-        probes: &[(Candidate, Vec<Probe>)],
-        rates: Range<usize>,
-        go_on: &(dyn Fn() -> bool + Sync),
-    ) -> Vec<Start> {
-        let all: Vec<(usize, usize)> =
-            probes.iter().enumerate().flat_map(|(own, (_, probes))| (0..probes.len()).map(move |k| (own, k))).collect();
-        let vanish: Vec<bool> =
-            all.par_iter().map(|(own, k)| go_on() && self.vanishes(&probes[*own].0, &probes[*own].1[*k])).collect();
-        let mut chunks: Vec<Vec<(usize, usize)>> = Vec::new();
-        let (mut columns, mut states) = (0, 0);
-        // With whether they take a step.
-        let mut jobs: Vec<(Vec<(usize, usize)>, bool)> = Vec::new();
-        // What takes another law's place does so at all joints at once.
-        let mut instead: BTreeMap<(&str, usize), Vec<(usize, usize)>> = BTreeMap::new();
-        for (place, vanishes) in all.iter().zip(&vanish) {
-            let (candidate, own) = &probes[place.0];
-            let own = &own[place.1];
-            let is_instead = self.takes_a_place(own);
-            if !vanishes {
-                jobs.push((vec![*place], false));
-                continue;
-            }
-            if is_instead {
-                instead.entry((candidate.effect.as_str(), place.1)).or_default().push(*place);
-                continue;
-            }
-            let more = instance(&own.model, candidate).map_or(0, |instance| instance.effect.states.len());
-            if chunks.is_empty() || columns + own.steps.len() > MOST_COLUMNS || states + more > MOST_STATES {
-                chunks.push(Vec::new());
-                (columns, states) = (0, 0);
-            }
-            columns += own.steps.len();
-            states += more;
-            if let Some(chunk) = chunks.last_mut() {
-                chunk.push(*place);
+    /// What the probes promise at the best of the rates, the most promising first; `go_on` is asked between them.
+    pub fn ask(&self, probes: &[(Candidate, Vec<Probe>)], go_on: &(dyn Fn() -> bool + Sync)) -> Vec<Start> {
+        // Of one candidate: all that are simulated, or some that are asked along the model's predictions.
+        let mut jobs: Vec<(usize, Vec<usize>, bool)> = Vec::new();
+        for (own, (candidate, probes)) in probes.iter().enumerate() {
+            let first = jobs.len();
+            for (k, probe) in probes.iter().enumerate() {
+                let is_simulated = self.is_simulated(candidate, probe);
+                let columns = |together: &[usize]| (together.len() + 1) * (1 + probe.steps.len());
+                let has_room = |(_, together, other): &&mut (usize, Vec<usize>, bool)| {
+                    *other == is_simulated && (is_simulated || columns(together) <= TOGETHER)
+                };
+                match jobs[first..].iter_mut().rev().find(has_room) {
+                    Some((_, together, _)) => together.push(k),
+                    None => jobs.push((own, vec![k], is_simulated)),
+                }
             }
         }
-        chunks.extend(instead.into_values());
-        jobs.extend(chunks.into_iter().map(|chunk| (chunk, true)));
-        let asked: Vec<Vec<Option<Start>>> = jobs
-            .par_iter()
-            .map(|(places, have_steps)| match (go_on(), have_steps) {
-                (false, _) => Vec::new(),
-                (true, true) => self.all_with_steps(places, probes, &rates),
-                (true, false) => places.iter().map(|place| self.at_values(*place, probes, &rates)).collect(),
-            })
-            .collect();
-        let mut starts: Vec<Start> = asked.into_iter().flatten().flatten().collect();
+        let answer = |(own, places, is_simulated): &(usize, Vec<usize>, bool)| {
+            let (candidate, probes) = &probes[*own];
+            let asked: Vec<&Probe> = places.iter().map(|k| &probes[*k]).collect();
+            let promises = match (go_on(), is_simulated) {
+                (false, _) => vec![None; asked.len()],
+                (true, true) => self.simulated(&asked),
+                (true, false) => self.followed(&asked),
+            };
+            let start = |((k, probe), promise): ((&usize, &Probe), Option<(f64, Vec<f64>)>)| {
+                let (promise, step) = promise?;
+                Some(Start {
+                    candidate: candidate.clone(),
+                    model: probe.model.clone(),
+                    promise,
+                    probe: *k,
+                    step: probe.steps.iter().map(|step| step.name.clone()).zip(step).collect(),
+                    is_tried: *is_simulated || probe.steps.is_empty(),
+                })
+            };
+            places.iter().zip(asked).zip(promises).filter_map(start).collect()
+        };
+        let asked: Vec<Vec<Start>> = jobs.par_iter().map(answer).collect();
+        let mut starts: Vec<Start> = asked.into_iter().flatten().collect();
         sort(&mut starts);
         starts
     }
@@ -184,159 +148,97 @@ impl<'a> ScoreTest<'a> {
         }
     }
 
-    /// Whether a probe's effect takes the place of one of the model's.
-    fn takes_a_place(&self, probe: &Probe) -> bool {
-        probe.model.effects.len() <= self.model.effects.len()
-    }
-
-    /// Whether a probe has steps to take and does nothing before it takes them: beside others, by the null values of its effect, which
-    /// the library has made sure of; in another's place, by what it predicts of the first run that feels it.
-    fn vanishes(&self, candidate: &Candidate, probe: &Probe) -> bool {
-        if probe.steps.is_empty() {
-            return false;
-        }
+    /// Whether what moves a probe's effect hangs on what it does itself: it stands between drive and joint, or has states that the motion
+    /// drives and does something as it is.
+    fn is_simulated(&self, candidate: &Candidate, probe: &Probe) -> bool {
         let Some(instance) = instance(&probe.model, candidate) else { return false };
-        if !self.takes_a_place(probe) {
-            let nulls = instance.effect.parameters.iter().zip(&instance.parameters);
-            return nulls
-                .filter_map(|(own, parameter)| Some((own.null?, parameter.value)))
-                .all(|(null, value)| null == value);
-        }
-        let run = self.runs.iter().position(|run| candidate.joint.is_none_or(|joint| run.free.contains(&joint)));
-        let Some((run, Some(without))) = run.map(|run| (run, &self.first[run])) else { return false };
-        let ready = FitRun::of_run(&probe.model, &self.runs[run]).ok();
-        let with = ready.and_then(|ready| self.first_of(run, &ready));
-        with.is_some_and(|with| with.iter().zip(without).all(|(one, other)| (one - other).abs() <= 1e-12))
+        let reads_motion = || probe.model.placed(instance).is_ok_and(|placed| placed.reads_motion());
+        let is_changed = || {
+            let (systems, tangent) = (self.systems(&probe.model), self.without.iter().flatten().next());
+            systems.zip(tangent).is_some_and(|(systems, (tangent, _))| tangent.is_changed(&systems))
+        };
+        instance.effect.place == Place::Transmission
+            || (!instance.effect.states.is_empty() && reads_motion() && is_changed())
     }
 
-    /// Predictions of the first samples of a run.
-    fn first_of(&self, run: usize, ready: &FitRun) -> Option<Vec<f64>> {
-        let rates: Vec<f64> = ready.system.kernel().free.iter().map(|joint| self.rates[0][joint]).collect();
-        let predictor = Predictor { position: &ready.position, rates: &rates, schemes: self.plan.of_run(run) };
-        let input = Input { time: &ready.time, command: &ready.command, intersample: ready.intersample };
-        let options = simulate::Options { substeps: 1, ..simulate::Options::default() };
-        let found = simulate::predict(&ready.system, &input.first(FIRST), &predictor, &first_state(ready), &options);
-        Some(found.ok()?.q)
+    fn systems(&self, model: &Model) -> Option<Vec<System>> {
+        self.runs.iter().map(|run| model.system(&run.free, |joint| run.log.mean_position(joint)).ok()).collect()
     }
 
-    /// Probes that take a step; where one has no derivative there, the others are asked without it.
-    fn all_with_steps(
-        &self,
-        chunk: &[(usize, usize)],
-        probes: &[(Candidate, Vec<Probe>)],
-        rates: &Range<usize>,
-    ) -> Vec<Option<Start>> {
-        match self.with_steps(chunk, probes, rates) {
-            Some(found) => found,
-            None if chunk.len() < 2 => vec![None; chunk.len()],
-            None => {
-                let (one, other) = chunk.split_at(chunk.len() / 2);
-                let mut found = self.all_with_steps(one, probes, rates);
-                found.extend(self.all_with_steps(other, probes, rates));
-                found
-            }
-        }
-    }
-
-    /// Probes that do nothing before they take their step, all in one evaluation; or a single one.
-    fn with_steps(
-        &self,
-        chunk: &[(usize, usize)],
-        probes: &[(Candidate, Vec<Probe>)],
-        rates: &Range<usize>,
-    ) -> Option<Vec<Option<Start>>> {
-        let mut effects: Vec<PlacedEffect> = Vec::new();
-        let mut unknowns: Vec<Vec<Unknown>> = Vec::new();
-        // Effects that stand beside those of the model share it; what takes the place of one stands there.
-        let is_instead = chunk.iter().any(|(own, k)| self.takes_a_place(&probes[*own].1[*k]));
-        let mut model = self.model.clone();
-        for (number, (own, k)) in chunk.iter().enumerate() {
-            let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
-            let named = |name: &str| if is_instead { name.to_owned() } else { format!("{name}#{number}") };
-            let unknown = |step: &Step| Unknown {
-                name: named(&step.name),
-                value: step.from,
-                expected: step.from,
-                lower: f64::NEG_INFINITY,
-                upper: f64::INFINITY,
-            };
-            unknowns.push(probe.steps.iter().map(unknown).collect());
-            if is_instead {
-                model.add_effect(&candidate.effect, candidate.joint, candidate.from).ok()?;
-                model = model.with_values_of(&probe.model);
-            } else {
-                let placed = probe.model.placed(instance(&probe.model, candidate)?).ok()?;
-                let names = placed.names.iter().map(|name| named(name)).collect();
-                let state_names = placed.state_names.iter().map(|name| named(name)).collect();
-                effects.push(PlacedEffect { names, state_names, ..placed });
-            }
-        }
-        let model = &model;
-        let with = |run: &Run| FitRun::of_run_with(model, run, &effects);
-        let ready: Vec<FitRun> = self.runs.iter().map(with).collect::<Result<_, _>>().ok()?;
-        let mut best: Vec<Option<Start>> = vec![None; chunk.len()];
-        for (rates, without) in self.rates.iter().zip(&self.without).take(rates.end).skip(rates.start) {
-            let Some((tangent, without)) = without else { continue };
-            let unknowns: Vec<Unknown> = unknowns.iter().flatten().cloned().collect();
-            let spreads = vec![f64::INFINITY; unknowns.len()];
-            let problem = PredictionProblem { unknowns, spreads, ..self.problem(model, ready.clone(), rates) };
-            // States that the model does not have may need shorter steps.
-            let reduced = tangent.reduced(&problem, &self.plan);
-            let reduced = match reduced {
-                None if chunk.len() > 1 => return None,
-                None => tangent.reduced(&problem, &self.stiffer),
-                reduced => reduced,
-            };
-            let Some(reduced) = reduced else { continue };
-            let mut place = 0;
-            for (number, (own, k)) in chunk.iter().enumerate() {
-                let (candidate, probe) = (&probes[*own].0, &probes[*own].1[*k]);
-                let places: Vec<usize> = (place..place + probe.steps.len()).collect();
-                place += probe.steps.len();
-                let bounds: Vec<(f64, f64)> = probe
-                    .steps
-                    .iter()
-                    .map(|step| {
-                        let ends = (step.range.0 * step.unit, step.range.1 * step.unit);
-                        (ends.0.min(ends.1), ends.0.max(ends.1))
-                    })
-                    .collect();
-                let promise = reduced.promise(&places, &bounds);
-                let gain = without - promise.cost;
-                if !gain.is_finite() || best[number].as_ref().is_some_and(|best| best.promise >= gain) {
-                    continue;
+    /// What probes promise along the model's predictions, and the steps that they take.
+    fn followed(&self, probes: &[&Probe]) -> Vec<Option<(f64, Vec<f64>)>> {
+        let change = |probe: &&Probe| -> Option<Change> {
+            let further = probe.steps.iter().map(|step| {
+                let mut model = probe.model.clone();
+                model.set_value(&step.name, step.from + step.unit).ok()?;
+                Some((self.systems(&model)?, step.unit))
+            });
+            Some(Change { systems: self.systems(&probe.model)?, further: further.collect::<Option<_>>()? })
+        };
+        let changes: Vec<Option<Change>> = probes.iter().map(change).collect();
+        let asked: Vec<&Change> = changes.iter().flatten().collect();
+        let mut best: Vec<Option<(f64, Vec<f64>)>> = vec![None; probes.len()];
+        for (tangent, without) in self.without.iter().flatten() {
+            let mut found = tangent.reduced(&asked).into_iter();
+            for ((probe, best), change) in probes.iter().zip(&mut best).zip(&changes) {
+                let Some(reduced) = change.as_ref().and_then(|_| found.next()?) else { continue };
+                let bounds = probe.steps.iter().map(|step| {
+                    let ends = (step.range.0 * step.unit, step.range.1 * step.unit);
+                    (ends.0.min(ends.1), ends.0.max(ends.1))
+                });
+                let places: Vec<usize> = (0..probe.steps.len()).collect();
+                let Promise { cost, step } = reduced.promise(&places, &bounds.collect::<Vec<_>>());
+                let gain = without - cost;
+                if gain.is_finite() && best.as_ref().is_none_or(|best| best.0 < gain) {
+                    *best = Some((gain, step));
                 }
-                // The fit itself takes the step, with all other unknowns and no further than it keeps its promise.
-                let (candidate, model) = (candidate.clone(), probe.model.clone());
-                let step = probe.steps.iter().map(|step| step.name.clone()).zip(promise.step).collect();
-                best[number] = Some(Start { candidate, model, promise: gain, probe: *k, step });
             }
         }
-        Some(best)
+        best
     }
 
-    /// A probe at finite values, against the model without it.
-    fn at_values(
-        &self,
-        (own, k): (usize, usize),
-        probes: &[(Candidate, Vec<Probe>)],
-        rates: &Range<usize>,
-    ) -> Option<Start> {
-        let (candidate, probe) = (&probes[own].0, &probes[own].1[k]);
+    /// What probes of one candidate promise that are simulated as they are: one after another of their values is varied, from those in
+    /// the middle on, at the first of the rates; and the best of them is asked at the others too.
+    fn simulated(&self, probes: &[&Probe]) -> Vec<Option<(f64, Vec<f64>)>> {
+        let mut found: Vec<Option<Option<f64>>> = vec![None; probes.len()];
+        let n_shapes = probes.first().map_or(0, |probe| probe.shape.len());
+        let middle = |shape: usize| {
+            let mut values: Vec<usize> = probes.iter().map(|probe| probe.shape[shape]).collect();
+            values.sort_unstable();
+            values.dedup();
+            values[values.len() / 2]
+        };
+        let middles: Vec<usize> = (0..n_shapes).map(middle).collect();
+        let distance = |probe: &Probe| probe.shape.iter().zip(&middles).filter(|(own, middle)| own != middle).count();
+        let Some(mut best) = (0..probes.len()).min_by_key(|k| distance(probes[*k])) else { return Vec::new() };
+        for shape in 0..n_shapes.max(1) {
+            let differ = |k: &usize| {
+                let pairs = probes[*k].shape.iter().zip(&probes[best].shape).enumerate();
+                pairs.filter(|(_, (one, other))| one != other).all(|(place, _)| place == shape)
+            };
+            let varied: Vec<usize> = (0..probes.len()).filter(differ).collect();
+            for k in varied.iter().copied() {
+                if found[k].is_none() {
+                    found[k] = Some(self.simulated_at(probes[k], 0));
+                }
+            }
+            let promise = |k: usize| found[k].flatten().unwrap_or(f64::NEG_INFINITY);
+            best = varied.into_iter().max_by(|a, b| promise(*a).total_cmp(&promise(*b))).unwrap_or(best);
+        }
+        let others = (1..self.rates.len()).filter_map(|rate| self.simulated_at(probes[best], rate));
+        found[best] = Some(others.chain(found[best].flatten()).max_by(f64::total_cmp));
+        found.into_iter().map(|promise| Some((promise??, Vec::new()))).collect()
+    }
+
+    /// At one of the rates.
+    fn simulated_at(&self, probe: &Probe, rate: usize) -> Option<f64> {
+        let (tangent, without) = self.without[rate].as_ref()?;
         let ready: Vec<FitRun> =
             self.runs.iter().map(|run| FitRun::of_run(&probe.model, run)).collect::<Result<_, _>>().ok()?;
-        let asked = self.rates.iter().zip(&self.without).take(rates.end).skip(rates.start);
-        let gains = asked.filter_map(|(rates, without)| {
-            let (tangent, without) = without.as_ref()?;
-            let problem = self.problem(&probe.model, ready.clone(), rates);
-            // A transmission may need shorter steps than the model without it.
-            let cost = tangent.cost(&problem, &self.plan).or_else(|| tangent.cost(&problem, &self.stiffer));
-            let gain = without - cost?;
-            gain.is_finite().then_some(gain)
-        });
-        let best = gains.max_by(f64::total_cmp);
-        let (candidate, model) = (candidate.clone(), probe.model.clone());
-        Some(Start { candidate, model, promise: best?, probe: k, step: Vec::new() })
+        let problem = self.problem(&probe.model, ready, &self.rates[rate]);
+        // A transmission may need shorter steps than the model without it.
+        let cost = tangent.cost(&problem, &self.plan).or_else(|| tangent.cost(&problem, &self.stiffer));
+        Some(without - cost?).filter(|gain| gain.is_finite())
     }
 }
 

@@ -18,6 +18,7 @@ mod evaluate;
 mod expansion;
 mod held_out;
 mod plan;
+mod response;
 mod result;
 
 use std::collections::BTreeMap;
@@ -33,7 +34,7 @@ use dynid_optimise::sqp::{self, Ended, Limits, Objective, SearchControl};
 use dynid_user_model::Model;
 
 use evaluate::Evaluator;
-pub use expansion::{Promise, Reduced, Tangent};
+pub use expansion::{Change, Promise, Reduced, Tangent};
 pub use held_out::{HeldOut, held_out};
 pub use plan::Plan;
 pub use result::{JointInnovations, PredictionFit};
@@ -58,6 +59,8 @@ pub struct PredictionProblem {
     pub rates: BTreeMap<usize, f64>,
     /// Whether the rates stay where they begin.
     pub keeps_rates: bool,
+    /// Integration steps to begin with, at least: those of a model that is much like this one.
+    pub plan: Plan,
 }
 
 impl PredictionProblem {
@@ -100,6 +103,7 @@ impl PredictionProblem {
             initial: Vec::new(),
             rates: BTreeMap::new(),
             keeps_rates: false,
+            plan: Plan::default(),
         }
     }
 
@@ -199,7 +203,7 @@ impl<'a> Search<'a> {
             }
             None => {
                 let x = evaluator.start()?;
-                let plan = evaluator.plan(&x, &Plan::default(), evaluate::ROUGHLY);
+                let plan = evaluator.plan(&x, &problem.plan, evaluate::ROUGHLY);
                 let region = problem.region(&evaluator);
                 State { plan, iterations: 0, search: sqp::State::start(&x, &region), cost: None, is_done: false }
             }

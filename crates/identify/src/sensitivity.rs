@@ -4,7 +4,8 @@
 //! S is the exact derivative of the numeric solution; where an effect jumps at a joint's rest position, S jumps as that of
 //! the exact solution does. Columns are, in this order: the wanted effect parameters, the
 //! kernel's lumps (all unknown inertial parameters act through them: `ds/dp = ds/dlump dlump/dp`), and the initial
-//! positions of the free joints. A row of S holds all columns of one state, padded to whole blocks.
+//! positions of the free joints. A row of S holds all columns of one state, padded to whole blocks. [`transitions`] has other
+//! columns: the state at the sample before, and torques from there on.
 //!
 //! A few steps at a time are taken in three passes, for there are many more unknowns than states:
 //! 1. the states alone, as in any simulation, keeping what every stage saw;
@@ -41,6 +42,7 @@ pub struct Columns {
     n_lumps: usize,
     n_initial: usize,
     n_rates: usize,
+    n_torques: usize,
     width: usize,
 }
 
@@ -63,7 +65,16 @@ impl Columns {
         let n_lumps = if lumps == Lumps::Wanted { system.kernel().n_lumps } else { 0 };
         let n_initial = system.n_free();
         let width = (count + n_lumps + n_initial).next_multiple_of(BLOCK);
-        Self { of_effect, first_lump: count, n_lumps, n_initial, n_rates: 0, width }
+        Self { of_effect, first_lump: count, n_lumps, n_initial, n_rates: 0, n_torques: 0, width }
+    }
+
+    /// Columns for all states at the sample before, then for two torques on each free joint until the next: one that falls from 1 to 0,
+    /// one that rises from 0 to 1.
+    pub fn of_transitions(system: &System) -> Self {
+        let (n_initial, n_torques) = (system.n_states(), 2 * system.n_free());
+        let of_effect = vec![NONE; system.effect_parameters().len()];
+        let width = (n_initial + n_torques).next_multiple_of(BLOCK);
+        Self { of_effect, first_lump: 0, n_lumps: 0, n_initial, n_rates: 0, n_torques, width }
     }
 
     /// With columns for the initial speeds of the `n_free` joints too.
@@ -103,9 +114,15 @@ impl Columns {
         first..first + self.n_rates
     }
 
+    /// Columns of the torques between two samples.
+    pub fn torques(&self) -> std::ops::Range<usize> {
+        let first = self.rates().end;
+        first..first + self.n_torques
+    }
+
     /// Number of columns in use.
     pub fn count(&self) -> usize {
-        self.rates().end
+        self.torques().end
     }
 
     /// Length of a row of S: [`Columns::count`], padded.
@@ -161,57 +178,74 @@ fn along(
     mut observe: impl FnMut(usize, &[f64], &[f64]),
 ) -> Result<(), SimulationError> {
     check(system, input, q0)?;
-    let n_joints = system.n_joints();
     let mut motion = Variation::new(system, columns, q0);
     let mut view = View::new(system, columns);
-    check_state(system, 0.0, &motion.x, options)?;
     let mut show = |motion: &mut Variation, sample: usize, t: f64| {
+        check_state(system, t, &motion.x, options)?;
         view.take(system, columns, t, motion);
         observe(sample, &view.position, &view.by_column);
         if let Some(predictor) = predictor {
             motion.correct(system, columns, predictor, (input.time, sample), &view);
         }
+        Ok(())
     };
-    show(&mut motion, 0, input.time.first().copied().unwrap_or(0.0));
+    show(&mut motion, 0, input.time.first().copied().unwrap_or(0.0))?;
     let grid = Grid::new(input.time, options.substeps);
-    for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
-        let (now, next) = rows.split_at(n_joints);
+    for sample in 0..input.time.len().saturating_sub(1) {
         let scheme = predictor.map(|predictor| predictor.scheme(sample));
         let steps = scheme.map_or_else(|| grid.steps(input.time[sample], input.time[sample + 1]), Scheme::steps);
-        let mut span = Span {
-            sample,
-            start: input.time[sample],
-            end: input.time[sample + 1],
-            steps,
-            intersample: input.intersample,
-            now,
-            next,
-            late: input.commands(n_joints),
-            observer,
-        };
         let is_implicit = matches!(scheme, Some(Scheme::Implicit(_)));
-        if is_implicit && motion.implicit_steps(system, columns, input, &span) {
-            check_state(system, span.end, &motion.x, options)?;
-            show(&mut motion, sample + 1, span.end);
-            continue;
+        motion.across(system, columns, input, Span::new(input, sample, steps, observer), is_implicit);
+        show(&mut motion, sample + 1, input.time[sample + 1])?;
+    }
+    Ok(())
+}
+
+/// How the prediction of a sample hangs on the state after the sample before and on torques between the two.
+pub struct Transition<'a> {
+    /// Index of the sample before.
+    pub sample: usize,
+    /// State after that was compared.
+    pub begin: &'a [f64],
+    /// State at the next sample, before it is compared.
+    pub end: &'a [f64],
+    /// Derivatives of `end` by [`Columns::of_transitions`], n_states x width.
+    pub end_by: &'a [f64],
+    /// Derivatives of what is logged of it, n_free x width.
+    pub shown_by: &'a [f64],
+}
+
+/// As [`predict`], but `observe` is handed the derivatives of each interval alone.
+pub fn transitions(
+    system: &System,
+    columns: &Columns,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    mut observe: impl FnMut(&Transition<'_>),
+) -> Result<(), SimulationError> {
+    check(system, input, q0)?;
+    let options = Options::default();
+    let mut motion = Variation::new(system, columns, q0);
+    let mut view = View::new(system, columns);
+    let mut begin = motion.x.clone();
+    for sample in 0..input.time.len() {
+        let t = input.time[sample];
+        check_state(system, t, &motion.x, &options)?;
+        view.take(system, columns, t, &motion);
+        if let Some(before) = sample.checked_sub(1) {
+            let (end, end_by) = (motion.x.as_slice(), motion.s.as_slice());
+            observe(&Transition { sample: before, begin: &begin, end, end_by, shown_by: &view.by_column });
         }
-        if is_implicit {
-            span.steps = Scheme::FINEST.steps();
+        predictor.correct(system, input.time, sample, &view.position, &mut motion.x);
+        if sample + 1 < input.time.len() {
+            begin.copy_from_slice(&motion.x);
+            motion.s.fill(0.0);
+            (0..columns.n_initial).for_each(|state| motion.s[state * columns.width + state] = 1.0);
+            let scheme = predictor.scheme(sample);
+            let is_implicit = matches!(scheme, Scheme::Implicit(_));
+            motion.across(system, columns, input, Span::new(input, sample, scheme.steps(), None), is_implicit);
         }
-        // As even as they come.
-        let most = span.steps.div_ceil(span.steps.div_ceil(MOST_STEPS));
-        let mut done = 0;
-        while done < span.steps {
-            let passed = motion.states(system, &span, done..span.steps.min(done + most));
-            motion.linearise(system, columns, &span);
-            motion.sensitivities(system, columns, &span);
-            done += motion.steps;
-            if passed {
-                motion.jumps(system, columns, span.start + done as f64 * span.step(), span.step());
-            }
-        }
-        check_state(system, span.end, &motion.x, options)?;
-        show(&mut motion, sample + 1, span.end);
     }
     Ok(())
 }
@@ -231,7 +265,23 @@ struct Span<'a> {
     observer: Option<&'a Observer<'a>>,
 }
 
-impl Span<'_> {
+impl<'a> Span<'a> {
+    fn new(input: &Input<'a>, sample: usize, steps: usize, observer: Option<&'a Observer<'a>>) -> Self {
+        let n_joints = input.command.len() / input.time.len();
+        let (now, next) = input.around(sample, n_joints);
+        Self {
+            sample,
+            start: input.time[sample],
+            end: input.time[sample + 1],
+            steps,
+            intersample: input.intersample,
+            now,
+            next,
+            late: input.commands(n_joints),
+            observer,
+        }
+    }
+
     fn step(&self) -> f64 {
         (self.end - self.start) / self.steps as f64
     }
@@ -371,6 +421,28 @@ impl Variation {
             rate_lanes: vec![Lanes::constant(0.0); n_states],
             implicit: None,
             x,
+        }
+    }
+
+    /// Takes states and sensitivities over a span; where implicit steps have no solution, in the finest explicit ones.
+    fn across(&mut self, system: &System, columns: &Columns, input: &Input<'_>, mut span: Span<'_>, is_implicit: bool) {
+        if is_implicit && self.implicit_steps(system, columns, input, &span) {
+            return;
+        }
+        if is_implicit {
+            span.steps = Scheme::FINEST.steps();
+        }
+        // As even as they come.
+        let most = span.steps.div_ceil(span.steps.div_ceil(MOST_STEPS));
+        let mut done = 0;
+        while done < span.steps {
+            let passed = self.states(system, &span, done..span.steps.min(done + most));
+            self.linearise(system, columns, &span);
+            self.sensitivities(system, columns, &span);
+            done += self.steps;
+            if passed {
+                self.jumps(system, columns, span.start + done as f64 * span.step(), span.step());
+            }
         }
     }
 
@@ -624,12 +696,13 @@ impl Variation {
             if self.places.count == 0 {
                 self.places = Places::new(&self.linear, system, columns);
             }
-            self.keep(columns);
+            let share = |k: usize| (self.stage_t[first + k] - span.start) / (span.end - span.start);
+            self.keep(columns, Lanes::new([share(0), share(1)]));
         }
     }
 
-    /// Appends the slopes of the equations as they are linearised now.
-    fn keep(&mut self, columns: &Columns) {
+    /// Appends the slopes of the equations as they are linearised now, at this share of the way between two samples.
+    fn keep(&mut self, columns: &Columns, share: Lanes) {
         let Self { linear, slopes, places, .. } = self;
         let start = slopes.len();
         slopes.extend_from_slice(&linear.factor);
@@ -641,6 +714,7 @@ impl Variation {
         slopes.extend(linear.torque_by_parameter.iter().filter(|entry| wanted(entry.1)).map(|entry| entry.2));
         slopes.extend(linear.rate_by_state.iter().map(|entry| entry.2));
         slopes.extend(linear.rate_by_parameter.iter().filter(|entry| wanted(entry.1)).map(|entry| entry.2));
+        slopes.extend((0..columns.n_torques).map(|k| if k % 2 == 0 { Lanes::constant(1.0) - share } else { share }));
         assert_eq!(slopes.len() - start, places.count, "the places of the slopes are the same at every state");
     }
 
@@ -706,10 +780,13 @@ impl Places {
             let column = columns.of_effect[*parameter];
             (column != NONE).then_some((*row, column))
         };
-        let torque_by_parameter = linear.torque_by_parameter.iter().filter_map(column).map(&mut place).collect();
+        let mut torque_by_parameter: Vec<_> =
+            linear.torque_by_parameter.iter().filter_map(column).map(&mut place).collect();
         let states = linear.rate_by_state.iter().map(|(row, state, _)| (*row, *state));
         let rate_by_state = states.map(&mut place).collect();
         let rate_by_parameter = linear.rate_by_parameter.iter().filter_map(column).map(&mut place).collect();
+        let torques = columns.torques().enumerate().map(|(k, column)| (k / 2, column));
+        torque_by_parameter.extend(torques.map(&mut place));
         let regressor = if columns.n_lumps > 0 { occurring(system) } else { Vec::new() };
         let regressor = regressor
             .into_iter()

@@ -16,19 +16,6 @@ impl Model {
     /// # Errors
     /// Joints that no configuration of the device frees, a value or an effect's kernel that is missing.
     pub fn system(&self, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<System, SystemError> {
-        self.system_with(free, position_of, &[])
-    }
-
-    /// As [`Model::system`], with `more` effects beside the model's own.
-    ///
-    /// # Errors
-    /// As [`Model::system`].
-    pub fn system_with(
-        &self,
-        free: &[usize],
-        position_of: impl Fn(usize) -> f64,
-        more: &[PlacedEffect],
-    ) -> Result<System, SystemError> {
         let kernel = kernel_of(self, free)?;
         let values: std::collections::BTreeMap<String, f64> =
             self.parameters().into_iter().map(|(name, parameter)| (name, parameter.value)).collect();
@@ -41,8 +28,7 @@ impl Model {
             })
             .collect::<Result<_, _>>()?;
         let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
-        let mut effects = self.effects.iter().map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
-        effects.extend_from_slice(more);
+        let effects = self.effects.iter().map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
         System::new(kernel, self.device.joints.len(), link_parameters, locked, &effects)
     }
 

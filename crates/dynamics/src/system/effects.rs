@@ -123,6 +123,11 @@ impl SignalSet {
 }
 
 impl PlacedEffect {
+    /// Whether its formulas hang on how the joints move, and not on commands and time alone.
+    pub fn reads_motion(&self) -> bool {
+        !self.uses.only(&[Signal::Command, Signal::CommandFrom, Signal::T])
+    }
+
     /// Index of the first output of this kind.
     pub(super) fn output(&self, kind: Output) -> Option<usize> {
         self.outputs.iter().position(|output| *output == kind)

@@ -1,19 +1,14 @@
 //! From a user's model and an experiment's runs to a [`PositionProblem`], and back.
 
 use super::{FitRun, PositionFit, PositionFitError, PositionProblem, Unknown};
-use dynid_dynamics::system::{PlacedEffect, SystemError};
+use dynid_dynamics::system::SystemError;
 use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 
 impl FitRun {
     /// The run of an experiment as `model` sees it: locked joints stand where their log says.
     pub fn of_run(model: &Model, run: &Run) -> Result<Self, SystemError> {
-        Self::of_run_with(model, run, &[])
-    }
-
-    /// As [`FitRun::of_run`], with `more` effects beside the model's own.
-    pub fn of_run_with(model: &Model, run: &Run, more: &[PlacedEffect]) -> Result<Self, SystemError> {
-        let system = model.system_with(&run.free, |joint| run.log.mean_position(joint), more)?;
+        let system = model.system(&run.free, |joint| run.log.mean_position(joint))?;
         let samples = 0..run.log.len();
         let time = run.elapsed_s();
         let command = samples.clone().flat_map(|k| run.log.tau.iter().map(move |tau| tau[k])).collect();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{PredictionProblem, plan::Plan};
+use super::{PredictionProblem, plan::Plan, response::Predicted};
 use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
 use crate::sensitivity;
 use dynid_dynamics::simulate::{self, Input, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError};
@@ -274,6 +274,15 @@ impl<'a> Evaluator<'a> {
     /// of that run.
     pub(super) fn slopes(&self, x: &[f64], plan: &Plan) -> Option<Vec<Vec<DMatrix<f64>>>> {
         self.ready.par_iter().enumerate().map(|(run, ready)| ready.slopes(x, plan.of_run(run))).collect()
+    }
+
+    /// All runs, and how their predictions answer to other equations.
+    pub(super) fn responses(&self, x: &[f64], plan: &Plan) -> Option<Vec<Predicted>> {
+        let of_run = |(run, ready): (usize, &Ready<'_>)| {
+            let (system, rates) = (ready.unknowns.system(ready.run, x), ready.rates(x));
+            Predicted::new(ready.run, system, rates, plan.of_run(run), ready.unknowns.initial(x)).ok()
+        };
+        self.ready.par_iter().enumerate().map(of_run).collect()
     }
 
     /// Index of each joint that has a rate, slot by slot, and of each unknown of a run among all.

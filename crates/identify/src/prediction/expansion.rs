@@ -2,22 +2,59 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::{PredictionProblem, evaluate::Evaluator, plan::Plan};
+use dynid_dynamics::system::System;
+
+use super::{PredictionProblem, evaluate::Evaluator, plan::Plan, response::Predicted};
 
 /// Predictions near the point where a problem starts, to first order: what its unknowns may make up for of any other predictions.
 pub struct Tangent {
-    /// Of every run and free joint, one row an error.
-    slopes: Vec<Vec<DMatrix<f64>>>,
-    /// The errors there, and the variance below which those of a joint are rounding.
-    errors: Vec<Vec<Vec<f64>>>,
+    runs: Vec<NearRun>,
+    /// Sums over all runs, by joint.
+    sums: Vec<Sums>,
+    /// The variance below which errors of a joint are rounding.
     floors: Vec<f64>,
     /// `slopes' slopes` of all runs, by joint and all unknowns.
     grams: Vec<DMatrix<f64>>,
-    /// Index among the joints of every run's free ones, and of its unknowns among all.
-    places: Vec<(Vec<usize>, Vec<usize>)>,
     /// Cost of the prior, and its information and slope.
     prior_cost: f64,
     prior: Vec<(f64, f64)>,
+}
+
+/// One run of a tangent.
+struct NearRun {
+    predicted: Predicted,
+    /// Of every free joint, one row an error, one column an unknown of this run.
+    slopes: Vec<DMatrix<f64>>,
+    /// The errors of the model as it is.
+    errors: Vec<Vec<f64>>,
+    /// Index among the joints of every free one, and among all unknowns of the run's own.
+    joints: Vec<usize>,
+    places: Vec<usize>,
+}
+
+/// Errors of one joint.
+#[derive(Clone)]
+struct Sums {
+    samples: f64,
+    squares: f64,
+    /// `slopes' errors`, by all unknowns.
+    by_slopes: DVector<f64>,
+}
+
+/// Other equations, of every run: as they are asked, and as each of some parameters goes so far from there.
+pub struct Change {
+    /// The equations.
+    pub systems: Vec<System>,
+    /// Those with one parameter changed, and by how much.
+    pub further: Vec<(Vec<System>, f64)>,
+}
+
+/// Products of the responses to changes, of one joint in all runs.
+struct Products {
+    /// `slopes' responses`, `errors' responses` and `responses' responses`.
+    by_slopes: DMatrix<f64>,
+    by_errors: DVector<f64>,
+    square: DMatrix<f64>,
 }
 
 /// A likelihood near a point, by all unknowns of a tangent, each in units of its own information.
@@ -56,100 +93,200 @@ impl Tangent {
             .map(|((unknown, spread), x)| (spread.powi(-2), (x - unknown.expected) / (spread * spread)))
             .collect();
         prior.resize(n, (0.0, 0.0));
-        let errors = evaluator.errors(&x, plan)?;
+        let (predicted, errors) = (evaluator.responses(&x, plan)?, evaluator.errors(&x, plan)?);
+        let runs = predicted.into_iter().zip(slopes).zip(errors).zip(places);
+        let near =
+            |(((predicted, slopes), errors), (joints, places))| NearRun { predicted, slopes, errors, joints, places };
+        let runs: Vec<NearRun> = runs.map(near).collect();
         let floors = evaluator.floors.clone();
-        Some(Self { slopes, errors, floors, grams, places, prior_cost: evaluator.prior_cost(&x), prior })
+        let mut own = Self { runs, sums: Vec::new(), floors, grams, prior_cost: evaluator.prior_cost(&x), prior };
+        own.sums = own.sums_of(own.runs.iter().map(|run| run.errors.as_slice()));
+        Some(own)
     }
 
     /// Cost once the unknowns have taken their step.
     pub fn own_cost(&self) -> Option<f64> {
-        self.near(&self.errors)?.cost_after_step()
+        self.near(&self.sums)?.cost_after_step()
     }
 
-    /// Cost of a problem of the same runs, with other equations, once the unknowns of this one have taken the step that is best
-    /// for it.
+    /// Cost of a problem of the same runs, with other equations that are simulated as they are, once the unknowns of this one have taken
+    /// the step that is best for it.
     pub fn cost(&self, problem: &PredictionProblem, plan: &Plan) -> Option<f64> {
         let evaluator = Evaluator::new(problem);
         let x = evaluator.start().ok()?;
-        self.near(&evaluator.errors(&x, plan)?)?.cost_after_step()
+        let errors = evaluator.errors(&x, plan)?;
+        self.near(&self.sums_of(errors.iter().map(Vec::as_slice)))?.cost_after_step()
     }
 
-    /// What is left for the unknowns of a problem of the same runs, with other equations, when those of this one have taken the step that
-    /// is best for it.
-    pub fn reduced(&self, problem: &PredictionProblem, plan: &Plan) -> Option<Reduced> {
-        let evaluator = Evaluator::new(problem);
-        let x = evaluator.start().ok()?;
-        let own_slopes = evaluator.slopes(&x, plan)?;
-        let errors = evaluator.errors(&x, plan)?;
-        let near = self.near(&errors)?;
-        let n = problem.unknowns.len();
+    /// What is left for the parameters of each of these changes when the unknowns have taken the step that is best for it; `None` where
+    /// it has no number.
+    pub fn reduced(&self, changes: &[&Change]) -> Vec<Option<Reduced>> {
+        // Column of a change as it is asked, if it is any, and of its first parameter.
+        let mut places: Vec<Option<(Option<usize>, usize)>> = Vec::new();
+        let mut columns: Vec<Vec<DMatrix<f64>>> = Vec::new();
+        for change in changes {
+            let place = self.responses(change).map(|(asked, further)| {
+                let own = asked.map(|asked| {
+                    columns.push(asked);
+                    columns.len() - 1
+                });
+                columns.extend(further);
+                (own, columns.len() - change.further.len())
+            });
+            places.push(place);
+        }
+        let products = self.products(&columns);
+        let unchanged = self.near(&self.sums);
+        let of = |(change, place): (&&Change, &Option<(Option<usize>, usize)>)| {
+            let (asked, first) = (*place)?;
+            let changed = asked.map(|asked| self.near(&self.sums_less(&products, asked)));
+            let near = changed.as_ref().unwrap_or(&unchanged).as_ref()?;
+            Some(self.reduced_at(near, &products, asked, first..first + change.further.len()))
+        };
+        changes.iter().zip(&places).map(of).collect()
+    }
+
+    /// Whether other equations differ along the predictions.
+    pub fn is_changed(&self, systems: &[System]) -> bool {
+        let pairs = self.runs.iter().zip(systems);
+        !pairs.map(|(run, system)| run.predicted.to(&run.predicted.aligned(system))).all(|to| matches!(to, Some(None)))
+    }
+
+    /// The responses of all runs to a change as it is asked, if it is any, and to a unit of each of its parameters.
+    #[expect(clippy::type_complexity, reason = "of all runs, one matrix each")]
+    fn responses(&self, change: &Change) -> Option<(Option<Vec<DMatrix<f64>>>, Vec<Vec<DMatrix<f64>>>)> {
+        let to = |systems: &[System]| -> Option<Vec<Option<DMatrix<f64>>>> {
+            self.runs
+                .iter()
+                .zip(systems)
+                .map(|(run, system)| run.predicted.to(&run.predicted.aligned(system)))
+                .collect()
+        };
+        let zeros = |run: &NearRun| DMatrix::zeros(run.errors[0].len(), run.joints.len());
+        let asked = to(&change.systems)?;
+        let mut further = Vec::new();
+        for (systems, unit) in &change.further {
+            let with = to(systems)?;
+            let difference = with.into_iter().zip(&asked).zip(&self.runs).map(|((with, asked), run)| {
+                let with = with.unwrap_or_else(|| zeros(run));
+                asked.as_ref().map_or_else(|| with.clone(), |asked| &with - asked) / *unit
+            });
+            further.push(difference.collect());
+        }
+        let is_any = asked.iter().any(Option::is_some);
+        let all = asked.into_iter().zip(&self.runs).map(|(asked, run)| asked.unwrap_or_else(|| zeros(run)));
+        Some((is_any.then(|| all.collect()), further))
+    }
+
+    fn products(&self, columns: &[Vec<DMatrix<f64>>]) -> Vec<Products> {
+        let n = columns.len();
+        let none = || Products {
+            by_slopes: DMatrix::zeros(self.prior.len(), n),
+            by_errors: DVector::zeros(n),
+            square: DMatrix::zeros(n, n),
+        };
+        let mut products: Vec<Products> = self.sums.iter().map(|_| none()).collect();
+        for (index, run) in self.runs.iter().enumerate() {
+            for (slot, joint) in run.joints.iter().enumerate() {
+                let own: Vec<_> = columns.iter().map(|column| column[index].column(slot).into_owned()).collect();
+                if own.is_empty() {
+                    continue;
+                }
+                let (own, products) = (DMatrix::from_columns(&own), &mut products[*joint]);
+                let by_slopes = run.slopes[slot].tr_mul(&own);
+                for (row, place) in run.places.iter().enumerate() {
+                    (0..n).for_each(|column| products.by_slopes[(*place, column)] += by_slopes[(row, column)]);
+                }
+                products.by_errors += own.tr_mul(&DVector::from_column_slice(&run.errors[slot]));
+                products.square += own.tr_mul(&own);
+            }
+        }
+        products
+    }
+
+    fn reduced_at(
+        &self,
+        near: &Near,
+        products: &[Products],
+        asked: Option<usize>,
+        further: std::ops::Range<usize>,
+    ) -> Reduced {
+        let n = further.len();
         let mut gradient = DVector::zeros(n);
         let mut hessian = DMatrix::<f64>::zeros(n, n);
         let mut mixed = DMatrix::<f64>::zeros(near.scale.len(), n);
-        for (run, own_slopes) in own_slopes.iter().enumerate() {
-            let (joints, places) = &self.places[run];
-            let (_, own_places) = evaluator.places(run);
-            // Parameters come first.
-            let own_places: Vec<usize> = own_places.into_iter().take_while(|place| *place < n).collect();
-            for (slot, own) in own_slopes.iter().enumerate() {
-                let information = near.variances[joints[slot]].recip();
-                let own = own.columns(0, own_places.len()).transpose();
-                let square = information * &own * own.transpose();
-                let across = information * &own * &self.slopes[run][slot];
-                let slope = -information * &own * DVector::from_column_slice(&errors[run][slot]);
-                for (k, column) in own_places.iter().enumerate() {
-                    gradient[*column] += slope[k];
-                    own_places.iter().enumerate().for_each(|(l, row)| hessian[(*row, *column)] += square[(l, k)]);
-                    places.iter().enumerate().for_each(|(l, row)| mixed[(*row, *column)] += across[(k, l)]);
-                }
+        for (products, variance) in products.iter().zip(&near.variances) {
+            for (own, column) in further.clone().enumerate() {
+                let by_errors =
+                    products.by_errors[column] - asked.map_or(0.0, |asked| products.square[(asked, column)]);
+                gradient[own] -= by_errors / variance;
+                further
+                    .clone()
+                    .enumerate()
+                    .for_each(|(k, row)| hessian[(k, own)] += products.square[(row, column)] / variance);
+                (0..near.scale.len()).for_each(|row| mixed[(row, own)] += products.by_slopes[(row, column)] / variance);
             }
         }
         let scale = DVector::from_fn(n, |k, _| hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip());
         let mixed = DMatrix::from_fn(mixed.nrows(), n, |k, l| mixed[(k, l)] * near.scale[k] * scale[l]);
         let outer = DMatrix::from_fn(n, n, |k, l| hessian[(k, l)] * scale[k] * scale[l]);
         let step = near.factor.solve(&near.slope);
-        Some(Reduced {
+        Reduced {
             cost: near.cost,
             samples: near.samples,
             gain: 0.5 * near.slope.dot(&step),
             gradient: gradient.component_mul(&scale) - mixed.transpose() * &step,
             hessian: outer - mixed.transpose() * near.factor.solve(&mixed),
             scale: scale.iter().copied().collect(),
-        })
+        }
     }
 
-    /// The likelihood of these errors, which all unknowns change as they change those of the tangent.
-    fn near(&self, errors: &[Vec<Vec<f64>>]) -> Option<Near> {
-        let mut sums = vec![(0.0, 0.0); self.grams.len()];
-        for ((joints, _), errors) in self.places.iter().zip(errors) {
-            for (joint, errors) in joints.iter().zip(errors) {
-                sums[*joint].0 += errors.len() as f64;
-                sums[*joint].1 += errors.iter().map(|error| error * error).sum::<f64>();
+    /// Sums of these errors, of every run and free joint.
+    fn sums_of<'e>(&self, errors: impl Iterator<Item = &'e [Vec<f64>]>) -> Vec<Sums> {
+        let none = Sums { samples: 0.0, squares: 0.0, by_slopes: DVector::zeros(self.prior.len()) };
+        let mut sums = vec![none; self.grams.len()];
+        for (run, errors) in self.runs.iter().zip(errors) {
+            for (joint, (slopes, errors)) in run.joints.iter().zip(run.slopes.iter().zip(errors)) {
+                let own = &mut sums[*joint];
+                own.samples += errors.len() as f64;
+                own.squares += errors.iter().map(|error| error * error).sum::<f64>();
+                let by_slopes = slopes.tr_mul(&DVector::from_column_slice(errors));
+                run.places.iter().zip(by_slopes.iter()).for_each(|(place, value)| own.by_slopes[*place] += value);
             }
         }
+        sums
+    }
+
+    /// Sums of the errors that a response leaves.
+    fn sums_less(&self, products: &[Products], column: usize) -> Vec<Sums> {
+        let less = |(sums, products): (&Sums, &Products)| Sums {
+            samples: sums.samples,
+            squares: (sums.squares - 2.0 * products.by_errors[column] + products.square[(column, column)]).max(0.0),
+            by_slopes: &sums.by_slopes - products.by_slopes.column(column),
+        };
+        self.sums.iter().zip(products).map(less).collect()
+    }
+
+    /// The likelihood of errors with these sums, which all unknowns change as they change those of the tangent.
+    fn near(&self, sums: &[Sums]) -> Option<Near> {
         let variances: Vec<f64> =
-            sums.iter().zip(&self.floors).map(|((n, squares), floor)| squares / n + floor).collect();
+            sums.iter().zip(&self.floors).map(|(sums, floor)| sums.squares / sums.samples + floor).collect();
         let cost = self.prior_cost
-            + sums.iter().zip(&variances).map(|((n, _), variance)| 0.5 * n * variance.ln()).sum::<f64>();
+            + sums.iter().zip(&variances).map(|(sums, variance)| 0.5 * sums.samples * variance.ln()).sum::<f64>();
         let mut gradient = DVector::from_iterator(self.prior.len(), self.prior.iter().map(|(_, slope)| *slope));
         let mut hessian = DMatrix::from_diagonal(&DVector::from_iterator(
             self.prior.len(),
             self.prior.iter().map(|(information, _)| *information),
         ));
-        for (gram, variance) in self.grams.iter().zip(&variances) {
+        for ((gram, sums), variance) in self.grams.iter().zip(sums).zip(&variances) {
             hessian += gram / *variance;
-        }
-        for ((slopes, errors), (joints, places)) in self.slopes.iter().zip(errors).zip(&self.places) {
-            for (joint, (slopes, errors)) in joints.iter().zip(slopes.iter().zip(errors)) {
-                let own = slopes.tr_mul(&DVector::from_column_slice(errors)) / variances[*joint];
-                places.iter().zip(own.iter()).for_each(|(place, value)| gradient[*place] -= value);
-            }
+            gradient -= &sums.by_slopes / *variance;
         }
         let scale = hessian.diagonal().map(|entry| entry.max(f64::MIN_POSITIVE).sqrt().recip());
         let mut scaled = DMatrix::from_fn(scale.len(), scale.len(), |k, l| hessian[(k, l)] * scale[k] * scale[l]);
         // What moves nothing has no step.
         (0..scale.len()).for_each(|k| scaled[(k, k)] += 1e-10);
-        let samples: f64 = sums.iter().map(|(n, _)| n).sum();
+        let samples: f64 = sums.iter().map(|sums| sums.samples).sum();
         Some(Near {
             cost,
             samples,

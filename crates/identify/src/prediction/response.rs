@@ -1,0 +1,309 @@
+//! What other equations would change about predictions, to first order: torques that they make beside those of the model pass through
+//! the model's own linearised predictor.
+//!
+//! Between two samples the state obeys `dx_next = A dx + B f` and what is logged of it `dy = C dx_next + m`; the predictor then takes
+//! `K dy` off. `A`, `B` and `C` are the model's ([`sensitivity::transitions`]) and serve for whatever is asked. `f` are the torques by
+//! which the other equations miss the model's motion, and `m` what their sensors show differently. That is exact for the derivative by
+//! anything that a torque, an inertia or a sensor is linear in, and for what acts on commands alone.
+
+use dynid_dynamics::simulate::{Gains, Input, Predictor, Scheme, SimulationError, runge_kutta};
+use dynid_dynamics::system::{Scratch, System};
+use nalgebra::DMatrix;
+
+use crate::position::FitRun;
+use crate::sensitivity::{self, Columns, Transition};
+
+/// Two points of Gauss in an interval: a torque that runs straight is found from its values there.
+const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+/// Steps of an effect's own states to the first point, between the points, and to the end.
+const STEPS: usize = 4;
+
+/// A predicted run, and how its predictions answer to torques.
+pub(super) struct Predicted {
+    run: FitRun,
+    /// The model's equations.
+    system: System,
+    rates: Vec<f64>,
+    columns: Columns,
+    /// States at both ends of each interval.
+    begin: Vec<f64>,
+    end: Vec<f64>,
+    /// States at its two points, accelerations there, and by what torque these equations miss them: by rounding.
+    states: Vec<f64>,
+    ddq: Vec<f64>,
+    missed: Vec<f64>,
+    /// Derivatives of each interval's end, n_states rows of all columns; and of what is logged of it, n_free rows, where a sensor shows
+    /// something else than the position.
+    end_by: Vec<f64>,
+    shown_by: Option<Vec<f64>>,
+}
+
+/// Torques of the free joints at both ends of each interval, and what is logged differently at each sample.
+struct Forces {
+    torques: Vec<f64>,
+    shown: Option<Vec<f64>>,
+}
+
+impl Predicted {
+    pub(super) fn new(
+        run: &FitRun,
+        system: System,
+        rates: Vec<f64>,
+        schemes: &[Scheme],
+        initial: &[f64],
+    ) -> Result<Self, SimulationError> {
+        let columns = Columns::of_transitions(&system);
+        let (mut begin, mut end, mut end_by) = (Vec::new(), Vec::new(), Vec::new());
+        let mut shown_by = system.has_sensors().then(Vec::new);
+        let count = columns.count();
+        let observe = |transition: &Transition<'_>| {
+            begin.extend_from_slice(transition.begin);
+            end.extend_from_slice(transition.end);
+            let rows = transition.end_by.chunks_exact(columns.width());
+            rows.for_each(|row| end_by.extend_from_slice(&row[..count]));
+            if let Some(shown_by) = &mut shown_by {
+                let rows = transition.shown_by.chunks_exact(columns.width());
+                rows.for_each(|row| shown_by.extend_from_slice(&row[..count]));
+            }
+        };
+        let predictor = Predictor { position: &run.position, rates: &rates, schemes };
+        sensitivity::transitions(&system, &columns, &input(run), &predictor, initial, observe)?;
+        let (states, ddq, missed) = (Vec::new(), Vec::new(), Vec::new());
+        let run = run.clone();
+        let mut predicted = Self { run, system, rates, columns, begin, end, states, ddq, missed, end_by, shown_by };
+        predicted.look_between();
+        Ok(predicted)
+    }
+
+    fn intervals(&self) -> usize {
+        self.run.time.len().saturating_sub(1)
+    }
+
+    /// The model's state at a share of the way through an interval.
+    fn state(&self, interval: usize, share: f64, x: &mut [f64]) {
+        let (n, n_states) = (self.system.n_free(), self.system.n_states());
+        let places = interval * n_states..(interval + 1) * n_states;
+        let (begin, end) = (&self.begin[places.clone()], &self.end[places]);
+        for state in n..n_states {
+            x[state] = begin[state] + share * (end[state] - begin[state]);
+        }
+        let span = self.run.time[interval + 1] - self.run.time[interval];
+        for slot in 0..n {
+            let (speed, change) = (begin[n + slot], end[n + slot] - begin[n + slot]);
+            let gone = |share: f64| span * share * (speed + 0.5 * share * change);
+            x[slot] = begin[slot] + gone(share) + share * (end[slot] - begin[slot] - gone(1.0));
+        }
+    }
+
+    fn time(&self, interval: usize, share: f64) -> f64 {
+        let (begin, end) = (self.run.time[interval], self.run.time[interval + 1]);
+        begin + share * (end - begin)
+    }
+
+    fn look_between(&mut self) {
+        let (n, n_states) = (self.system.n_free(), self.system.n_states());
+        let (mut x, mut missed) = (vec![0.0; n_states], vec![0.0; n]);
+        let mut room = Room::new(&self.system);
+        for interval in 0..self.intervals() {
+            for (point, share) in POINTS.into_iter().enumerate() {
+                let t = self.time(interval, share);
+                self.state(interval, share, &mut x);
+                let Room { scratch, command, dx } = &mut room;
+                input(&self.run).command_at(&self.system, interval, (point, POINTS.len()), t, command);
+                self.system.derivative(scratch, t, &x, command, dx);
+                let ddq = dx[n..2 * n].to_vec();
+                self.system.missing_torque(scratch, t, (&x, &ddq), command, dx, &mut missed);
+                self.states.extend_from_slice(&x);
+                self.ddq.extend_from_slice(&ddq);
+                self.missed.extend_from_slice(&missed);
+            }
+        }
+    }
+
+    /// What `changed`, equations of the same run, makes differently; `None` where a number is none.
+    fn forces(&self, changed: &System) -> Option<Forces> {
+        let n = self.system.n_free();
+        let input = input(&self.run);
+        // Where the model has the same state, it goes along; what is new starts as it does.
+        let known: Vec<Option<usize>> = changed
+            .state_names()
+            .iter()
+            .map(|name| Some(2 * n + self.system.state_names().iter().position(|own| own == name)?))
+            .collect();
+        let mut own = vec![0.0; self.system.n_states()];
+        let mut x = changed.rest(&self.begin[..2 * n]);
+        let take = |own: &[f64], x: &mut [f64]| {
+            x[..2 * n].copy_from_slice(&own[..2 * n]);
+            let places = known.iter().enumerate();
+            places.filter_map(|(k, known)| Some((2 * n + k, (*known)?))).for_each(|(to, from)| x[to] = own[from]);
+        };
+        let has_new = known.iter().any(Option::is_none);
+        let mut room = Room::new(changed);
+        let mut missing = vec![0.0; n];
+        let mut torques = Vec::with_capacity(self.intervals() * 2 * n);
+        let mut at = [vec![0.0; n], vec![0.0; n]];
+        for interval in 0..self.intervals() {
+            let mut share_before = 0.0;
+            for (point, share) in POINTS.into_iter().enumerate() {
+                if has_new {
+                    self.follow(changed, interval, (share_before, share), &take, &mut own, &mut x, &mut room);
+                }
+                share_before = share;
+                let t = self.time(interval, share);
+                let place = interval * POINTS.len() + point;
+                let n_own = own.len();
+                take(&self.states[place * n_own..(place + 1) * n_own], &mut x);
+                let ddq = &self.ddq[place * n..(place + 1) * n];
+                let Room { scratch, command, dx } = &mut room;
+                input.command_at(changed, interval, (point, POINTS.len()), t, command);
+                changed.missing_torque(scratch, t, (&x, ddq), command, dx, &mut missing);
+                for slot in 0..n {
+                    at[point][slot] = self.missed[place * n + slot] - missing[slot];
+                }
+            }
+            if has_new {
+                self.follow(changed, interval, (share_before, 1.0), &take, &mut own, &mut x, &mut room);
+            }
+            for slot in 0..n {
+                let slope = (at[1][slot] - at[0][slot]) / (POINTS[1] - POINTS[0]);
+                torques.push(at[0][slot] - POINTS[0] * slope);
+                torques.push(at[1][slot] + (1.0 - POINTS[1]) * slope);
+            }
+        }
+        let shown = (changed.has_sensors() || self.system.has_sensors()).then(|| {
+            let mut shown = vec![0.0; (self.intervals() + 1) * n];
+            let (mut with, mut without) = (vec![0.0; n], vec![0.0; n]);
+            for (sample, shown) in shown.chunks_exact_mut(n).enumerate() {
+                match sample.checked_sub(1) {
+                    Some(interval) => self.state(interval, 1.0, &mut own),
+                    None => {
+                        let n_own = own.len();
+                        own.copy_from_slice(&self.begin[..n_own]);
+                    }
+                }
+                take(&own, &mut x);
+                let t = self.run.time[sample];
+                changed.measure(t, &x, &mut with);
+                self.system.measure(t, &own, &mut without);
+                (0..n).for_each(|slot| shown[slot] = with[slot] - without[slot]);
+            }
+            shown
+        });
+        torques.iter().chain(shown.iter().flatten()).all(|value| value.is_finite()).then_some(Forces { torques, shown })
+    }
+
+    /// Other equations with the model's own values, where they name the same.
+    pub(super) fn aligned(&self, changed: &System) -> System {
+        let mut aligned = changed.clone();
+        let own = self.system.effect_names().iter().zip(self.system.effect_parameters());
+        let mut values = changed.effect_parameters().to_vec();
+        for (name, value) in own {
+            if let Some(place) = changed.effect_names().iter().position(|other| other == name) {
+                values[place] = *value;
+            }
+        }
+        aligned.set_parameters(self.system.link_parameters(), &values);
+        aligned
+    }
+
+    /// Takes the new states of `changed` over a part of an interval, along the motion of the model.
+    #[expect(clippy::too_many_arguments, reason = "room that is used again and again")]
+    fn follow(
+        &self,
+        changed: &System,
+        interval: usize,
+        (from, to): (f64, f64),
+        take: &impl Fn(&[f64], &mut [f64]),
+        own: &mut [f64],
+        x: &mut [f64],
+        room: &mut Room,
+    ) {
+        let n = self.system.n_free();
+        let input = input(&self.run);
+        let Room { scratch, command, .. } = room;
+        let mut z = x[2 * n..].to_vec();
+        let mut spare = [z.clone(), z.clone(), z.clone()];
+        let span = self.run.time[interval + 1] - self.run.time[interval];
+        let start = self.run.time[interval];
+        let mut dx = vec![0.0; x.len()];
+        let step = (to - from) * span / STEPS as f64;
+        for index in 0..STEPS {
+            let [stage, rate, sum] = &mut spare;
+            let slope = |t: f64, z: &[f64], dz: &mut [f64]| {
+                self.state(interval, (t - start) / span, own);
+                x[2 * n..].copy_from_slice(z);
+                take(own, x);
+                input.command_at(changed, interval, (0, 1), t, command);
+                changed.effects_alone(scratch, t, x, command, &mut dx);
+                dz.copy_from_slice(&dx[2 * n..]);
+            };
+            runge_kutta(slope, start + from * span + index as f64 * step, step, [&mut z, stage, rate, sum]);
+        }
+        x[2 * n..].copy_from_slice(&z);
+    }
+
+    /// How the predictions of the samples that count change with the equations `changed`, one column a free joint; `None` where they make
+    /// no numbers, and where they are no others, no columns.
+    pub(super) fn to(&self, changed: &System) -> Option<Option<DMatrix<f64>>> {
+        let Forces { torques, shown } = self.forces(changed)?;
+        if torques.iter().chain(shown.iter().flatten()).all(|value| *value == 0.0) {
+            return Some(None);
+        }
+        let (n, n_states, count) = (self.system.n_free(), self.system.n_states(), self.columns.count());
+        let (first, samples) = (self.run.first_sample(), self.run.time.len());
+        let mut answer = DMatrix::zeros(samples - first, n);
+        // The states, then the torques of an interval.
+        let mut cause = vec![0.0; count];
+        let mut after = vec![0.0; n_states];
+        let mut error = vec![0.0; n];
+        let dot = |row: &[f64], cause: &[f64]| row.iter().zip(cause).map(|(by, cause)| by * cause).sum::<f64>();
+        for sample in 0..samples {
+            if let Some(interval) = sample.checked_sub(1) {
+                cause[n_states..].copy_from_slice(&torques[interval * 2 * n..(interval + 1) * 2 * n]);
+                let rows = &self.end_by[interval * n_states * count..(interval + 1) * n_states * count];
+                after.iter_mut().zip(rows.chunks_exact(count)).for_each(|(after, row)| *after = dot(row, &cause));
+                match &self.shown_by {
+                    None => error.copy_from_slice(&after[..n]),
+                    Some(shown_by) => {
+                        let rows = &shown_by[interval * n * count..(interval + 1) * n * count];
+                        error.iter_mut().zip(rows.chunks_exact(count)).for_each(|(own, row)| *own = dot(row, &cause));
+                    }
+                }
+            }
+            if let Some(shown) = &shown {
+                error.iter_mut().zip(&shown[sample * n..]).for_each(|(error, shown)| *error += shown);
+            }
+            let span = Predictor::span(&self.run.time, sample);
+            for slot in 0..n {
+                if sample >= first {
+                    answer[(sample - first, slot)] = error[slot];
+                }
+                let gains = Gains::of(self.rates[slot], span);
+                after[slot] -= gains.position * error[slot];
+                after[n + slot] -= gains.speed * error[slot];
+                for &(state, _) in self.system.states_at_speed().iter().filter(|(_, at)| *at == slot) {
+                    after[state] -= gains.speed * error[slot];
+                }
+            }
+            cause[..n_states].copy_from_slice(&after);
+        }
+        answer.iter().all(|value| value.is_finite()).then_some(Some(answer))
+    }
+}
+
+/// Room for one evaluation of the equations.
+struct Room {
+    scratch: Scratch,
+    command: Vec<f64>,
+    dx: Vec<f64>,
+}
+
+impl Room {
+    fn new(system: &System) -> Self {
+        Self { scratch: system.scratch(), command: vec![0.0; system.n_joints()], dx: vec![0.0; system.n_states()] }
+    }
+}
+
+fn input(run: &FitRun) -> Input<'_> {
+    Input { time: &run.time, command: &run.command, intersample: run.intersample }
+}

@@ -30,6 +30,7 @@ pub fn held_out(runs: Vec<FitRun>, fit: &PredictionFit) -> Result<HeldOut, Posit
         initial: Vec::new(),
         rates: fit.rates.clone(),
         keeps_rates: true,
+        plan: super::Plan::default(),
     };
     let mut search = Search::new(&problem, None)?;
     let settings = Settings { iterations: 10, ..Settings::default() };

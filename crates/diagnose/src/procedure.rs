@@ -69,9 +69,9 @@ pub fn diagnose(
     let mut work = Logs { given: model, fit, held_out, settings, rates, recall: &recall, keep: &keep, stop };
     let mut base = work.base(model, "base").map_err(FitError::from)?;
     outside.asked_to_stop()?;
-    if !base.is_whole(&settings) && seen.iter().all(runs::stands) {
-        let lines: Vec<Run> = seen.iter().map(runs::with_line).collect();
-        let (fit, held_out) = runs::by_role(&lines);
+    if !base.is_whole(&settings) && judged.iter().all(runs::stands) {
+        let lines: Vec<Run> = judged.iter().map(runs::with_line).collect();
+        let (fit, held_out) = runs::by_role(&runs::looked_at(&lines, settings.samples));
         let straight = Logs { fit, held_out, ..work.clone() };
         let refitted = straight.base(&base.model, "base, straight").map_err(FitError::from)?;
         outside.asked_to_stop()?;

@@ -147,14 +147,13 @@ pub struct Settings {
     pub iterations: usize,
     /// The search ends where a step promises less than this increase of the log likelihood.
     pub tolerance: f64,
-    /// Share of the errors that may be the integration's in the end, where the model is not trusted beyond a sample; less where it
-    /// is trusted longer.
+    /// What the integration may cost of the log likelihood in the end.
     pub integration: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations: 60, tolerance: 0.05, integration: 0.1 }
+        Self { iterations: 60, tolerance: 0.05, integration: 0.5 }
     }
 }
 

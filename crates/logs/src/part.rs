@@ -39,11 +39,11 @@ pub fn unmasked(run: &Run, least: usize) -> Vec<Run> {
     parts
 }
 
-/// Of how many samples one may be kept so that predictions from the mean command between those say the same: third differences of
-/// the positions that are kept are still those of noise for the most part.
+/// Of how many samples one may be kept so that predictions say the same: third differences of the positions that are kept are still
+/// those of noise for the most part.
 ///
-/// Between two samples `h` apart, a command that changes moves a joint by up to `h^3 q''' / 12` farther than its mean does, and third
-/// differences are `h^3 q'''` beside the noise, `sqrt(20)` times that of a sample however far apart they are.
+/// They are `h^3 q'''` of samples `h` apart, which is what a command that does not change in time could not follow, beside the noise,
+/// `sqrt(20)` times that of a sample however far apart they are.
 #[must_use]
 pub fn may_keep_one_of(run: &Run, most: usize) -> usize {
     /// Third differences of what is kept may be so many times those of all samples.
@@ -61,7 +61,8 @@ pub fn may_keep_one_of(run: &Run, most: usize) -> usize {
     (2..=most).take_while(|keep| is_noise(*keep)).last().unwrap_or(1)
 }
 
-/// One of every `keep` samples of a run; between them the mean of the command.
+/// One of every `keep` samples of a run; between them the command runs straight, as near to what it was as it can be by least squares:
+/// a mass that it pushes is then at the samples where it was.
 #[must_use]
 pub fn thinned(run: &Run, keep: usize) -> Run {
     if keep < 2 {
@@ -70,20 +71,48 @@ pub fn thinned(run: &Run, keep: usize) -> Run {
     let log = &run.log;
     let kept: Vec<usize> = (0..log.len()).step_by(keep).collect();
     let is_straight = run.settings.intersample == Intersample::FirstOrder;
-    let mean = |tau: &Vec<f64>| -> Vec<f64> {
-        let integral = |k: usize| {
-            let end = if is_straight { tau[k + 1] } else { tau[k] };
-            0.5 * (tau[k] + end) * (log.t[k + 1] - log.t[k])
-        };
-        let over = |from: usize, to: usize| (from..to).map(integral).sum::<f64>() / (log.t[to] - log.t[from]);
-        let mut means: Vec<f64> = kept.windows(2).map(|pair| over(pair[0], pair[1])).collect();
-        means.extend(kept.last().map(|last| tau[*last]));
-        means
-    };
-    let tau = log.tau.iter().map(mean).collect();
+    let tau = log.tau.iter().map(|tau| straightened(&log.t, tau, is_straight, &kept)).collect();
     let mut settings = run.settings.clone();
-    settings.intersample = Intersample::ZeroOrder;
+    settings.intersample = Intersample::FirstOrder;
     Run { settings, log: Log { tau, ..rows_of(log, &kept) }, ..run.clone() }
+}
+
+/// Values at the times that are kept of the continuous line, straight between them, that is nearest to a command by least squares: the
+/// command is held from its row to the next, or runs straight itself.
+fn straightened(t: &[f64], tau: &[f64], is_straight: bool, kept: &[usize]) -> Vec<f64> {
+    let n = kept.len();
+    // Normal equations: a matrix with three diagonals.
+    let (mut diagonal, mut beside, mut moments) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    for (k, pair) in kept.windows(2).enumerate() {
+        let (begin, span) = (t[pair[0]], t[pair[1]] - t[pair[0]]);
+        diagonal[k] += span / 3.0;
+        diagonal[k + 1] += span / 3.0;
+        beside[k] = span / 6.0;
+        for row in pair[0]..pair[1] {
+            let end = if is_straight { tau[row + 1] } else { tau[row] };
+            // Simpson's rule is exact for a product of two lines.
+            for (at, weight) in [(0.0, 1.0), (0.5, 4.0), (1.0, 1.0)] {
+                let time = t[row] + at * (t[row + 1] - t[row]);
+                let part = weight / 6.0 * (t[row + 1] - t[row]) * (tau[row] + at * (end - tau[row]));
+                let share = (time - begin) / span;
+                moments[k] += part * (1.0 - share);
+                moments[k + 1] += part * share;
+            }
+        }
+    }
+    if n < 2 {
+        return kept.iter().map(|row| tau[*row]).collect();
+    }
+    for k in 1..n {
+        let factor = beside[k - 1] / diagonal[k - 1];
+        diagonal[k] -= factor * beside[k - 1];
+        moments[k] -= factor * moments[k - 1];
+    }
+    for k in (0..n).rev() {
+        let after = if k + 1 < n { beside[k] * moments[k + 1] } else { 0.0 };
+        moments[k] = (moments[k] - after) / diagonal[k];
+    }
+    moments
 }
 
 /// Those samples of a log.
@@ -95,5 +124,40 @@ fn rows_of(log: &Log, kept: &[usize]) -> Log {
         q: log.q.iter().map(take).collect(),
         reference: log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
         mask: log.mask.as_ref().map(|mask| kept.iter().map(|k| mask[*k]).collect()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::straightened;
+
+    /// Where a unit mass at rest is at the rows that are wanted, under a command.
+    fn pushed(t: &[f64], tau: &[f64], is_straight: bool) -> Vec<f64> {
+        let (mut q, mut dq) = (0.0, 0.0);
+        let mut positions = vec![q];
+        for row in 0..t.len() - 1 {
+            let (span, end) = (t[row + 1] - t[row], if is_straight { tau[row + 1] } else { tau[row] });
+            q += span * dq + span * span * (tau[row] / 3.0 + end / 6.0);
+            dq += span * 0.5 * (tau[row] + end);
+            positions.push(q);
+        }
+        positions
+    }
+
+    #[test]
+    fn a_mass_is_where_it_was_at_the_samples_that_are_kept() {
+        let t: Vec<f64> = (0..61).map(|k| 0.01 * f64::from(k) + 0.003 * f64::from(k % 3)).collect();
+        let tau: Vec<f64> = (0..61).map(|k| (0.3 * f64::from(k)).sin() + f64::from(k * 7 % 5) - 2.0).collect();
+        for is_straight in [false, true] {
+            for keep in [2, 3, 5] {
+                let kept: Vec<usize> = (0..61).step_by(keep).collect();
+                let all = pushed(&t, &tau, is_straight);
+                let times: Vec<f64> = kept.iter().map(|row| t[*row]).collect();
+                let few = pushed(&times, &straightened(&t, &tau, is_straight, &kept), true);
+                for (row, few) in kept.iter().zip(few) {
+                    assert!((all[*row] - few).abs() < 1e-12, "{few} is not {}", all[*row]);
+                }
+            }
+        }
     }
 }

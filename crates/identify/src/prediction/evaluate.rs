@@ -202,9 +202,8 @@ impl<'a> Evaluator<'a> {
         best.map(|(_, x)| x).ok_or_else(|| self.why_not(&with(LEAST_POLE)))
     }
 
-    /// The fewest integration steps, but at least those of `least`, with which no more than a share of each joint's errors is the
-    /// integration's: `loosest` where a predictor follows its log, and less the longer it remembers.
-    pub(super) fn plan(&self, x: &[f64], least: &Plan, loosest: f64) -> Plan {
+    /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood.
+    pub(super) fn plan(&self, x: &[f64], least: &Plan, loss: f64) -> Plan {
         let planned = |least: &Plan, tolerances: &[f64]| -> Option<(Plan, Vec<Vec<f64>>)> {
             let of_run = |(index, ready): (usize, &Ready<'_>)| ready.plan(x, least.of_run(index), tolerances).ok();
             let found: Option<Vec<Planned>> = self.ready.par_iter().enumerate().map(of_run).collect();
@@ -216,17 +215,15 @@ impl<'a> Evaluator<'a> {
         let Some((mut plan, rough)) = planned(least, &self.floors.iter().map(unit).collect::<Vec<_>>()) else {
             return least.clone();
         };
-        // Errors of intervals add up over as many samples as a predictor remembers.
-        let shares: Vec<f64> =
-            x[self.first_rate..].iter().map(|pole| (loosest * (1.0 - pole)).max(LEAST_SHARE)).collect();
-        let sums = self.squares(&rough);
-        let deviation = |(sum, floor): (&(f64, f64), &f64)| (sum.1 / sum.0.max(1.0) + floor).sqrt();
-        let deviations = sums.iter().zip(&self.floors).map(deviation);
-        let mut tolerances: Vec<f64> = deviations.zip(&shares).map(|(deviation, share)| share * deviation).collect();
+        // Were every interval to err by so much, and each forgotten at once, that would be the loss.
+        let tolerance = |(sum, floor): (&(f64, f64), &f64)| {
+            (sum.1 / sum.0.max(1.0) + floor).sqrt() * (2.0 * loss / sum.0.max(1.0)).sqrt()
+        };
+        let mut tolerances: Vec<f64> = self.squares(&rough).iter().zip(&self.floors).map(tolerance).collect();
         for _ in 0..TIGHTER {
             let Some((next, rough)) = planned(&plan, &tolerances) else { break };
             plan = next;
-            if self.predicted(x, &plan.halved()).is_some_and(|fine| self.are_close(&rough, &fine, &shares)) {
+            if self.predicted(x, &plan.halved()).is_some_and(|fine| self.lost(&rough, &fine) <= loss) {
                 break;
             }
             tolerances.iter_mut().for_each(|tolerance| *tolerance *= 0.25);
@@ -253,8 +250,8 @@ impl<'a> Evaluator<'a> {
         totals
     }
 
-    /// Whether rough predictions differ from fine ones by a small part of these ones' errors, joint by joint.
-    fn are_close(&self, rough: &[Vec<f64>], fine: &[Vec<f64>], shares: &[f64]) -> bool {
+    /// What rough predictions may cost of the log likelihood, if they differ from fine ones by noise of their own.
+    fn lost(&self, rough: &[Vec<f64>], fine: &[Vec<f64>]) -> f64 {
         let mut sums = vec![(0.0, 0.0, 0.0); self.joints.len()];
         for ((ready, rough), fine) in self.ready.iter().zip(rough).zip(fine) {
             for (index, (rough, fine)) in rough.iter().zip(fine).enumerate() {
@@ -264,10 +261,9 @@ impl<'a> Evaluator<'a> {
                 sum.2 += 1.0;
             }
         }
-        let limits = self.floors.iter().zip(shares);
-        sums.iter()
-            .zip(limits)
-            .all(|((change, error, count), (floor, share))| *change <= share * share * (error + count * floor))
+        let of_joint =
+            |((change, error, count), floor): (&(f64, f64, f64), &f64)| 0.5 * change / (error / count + floor);
+        sums.iter().zip(&self.floors).map(of_joint).sum()
     }
 
     /// Derivatives of the predictions of every run and free joint: one row an error as in [`Evaluator::errors`], one column an unknown
@@ -349,10 +345,8 @@ impl<'a> Evaluator<'a> {
     }
 }
 
-/// Share of the root mean square of the errors that the integration may make at the start of a search.
-pub(super) const ROUGHLY: f64 = 0.3;
-/// And however long a predictor remembers: of errors of which so few are the integration's, it does not matter what it remembers.
-const LEAST_SHARE: f64 = 0.002;
+/// What the integration may cost of the log likelihood at the start of a search.
+pub(super) const ROUGHLY: f64 = 10.0;
 /// With so small a pole a predictor takes every sample for the truth.
 const LEAST_POLE: f64 = 0.05;
 /// Poles that are tried at the start.
@@ -361,8 +355,8 @@ const POLES: [f64; 5] = [LEAST_POLE, 0.4, 0.8, 0.95, 0.99];
 const ROUNDING: f64 = 1e-6;
 /// Before it is known how large errors are, steps may err by this share of a joint's range.
 const UNPLANNED: f64 = 1e-4;
-/// So often what an interval may err by is cut to a quarter.
-const TIGHTER: usize = 3;
+/// So often what an interval may err by is cut to a quarter: errors add up as long as a predictor remembers.
+const TIGHTER: usize = 5;
 
 /// What is not said by a plan.
 const ONE_STEP: Options = Options { substeps: 1, position_limit: POSITION_LIMIT };

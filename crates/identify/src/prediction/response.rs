@@ -307,3 +307,84 @@ impl Room {
 fn input(run: &FitRun) -> Input<'_> {
     Input { time: &run.time, command: &run.command, intersample: run.intersample }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dynid_dynamics::simulate::{Intersample, Options, predict};
+    use dynid_dynamics::system::PlacedEffect;
+    use dynid_dynamics::system::fixtures::{
+        ARM, GAIN, INPUT_COUPLING, INPUT_LAG, LUGRE, ROTOR_INERTIA, SPRING, VISCOUS, full_arm, placed,
+    };
+
+    const RATES: [f64; 2] = [20.0, 60.0];
+    const START: [f64; 2] = [0.31, -0.42];
+
+    /// The arm with friction that has states, and these effects beside it.
+    fn arm(more: &[PlacedEffect]) -> System {
+        let mut effects = vec![
+            placed(&GAIN, 0, None, &[1.4]),
+            placed(&SPRING, 0, None, &[0.9, 2.5]),
+            placed(&LUGRE, 1, None, &[2.0, 0.2, 0.03, 0.1, 0.2, 0.1]),
+        ];
+        effects.extend_from_slice(more);
+        System::new(&ARM, 2, full_arm().link_parameters().to_vec(), Vec::new(), &effects).unwrap()
+    }
+
+    /// A run of the arm that no model explains.
+    fn run(system: &System) -> FitRun {
+        let time: Vec<f64> = (0..81).map(|k| f64::from(k) * 0.01).collect();
+        let command = time.iter().flat_map(|t| [4.0 + (9.0 * t).sin(), 3.0 * (5.0 * t).cos()]).collect();
+        let position = time.iter().flat_map(|t| [0.3 + 0.2 * (4.0 * t).sin(), -0.5 + 0.1 * (7.0 * t).cos()]).collect();
+        FitRun {
+            name: String::new(),
+            system: system.clone(),
+            time,
+            command,
+            position,
+            intersample: Intersample::ZeroOrder,
+            weights: vec![1.0; 2],
+            from_s: 0.1,
+            first_half: 1.0,
+            moving: false,
+        }
+    }
+
+    /// The predictions themselves, of other equations.
+    fn predictions(system: &System, run: &FitRun, schemes: &[Scheme]) -> Vec<f64> {
+        let predictor = Predictor { position: &run.position, rates: &RATES, schemes };
+        predict(system, &input(run), &predictor, &START, &Options::default()).unwrap().q
+    }
+
+    /// Torques of every kind, and an inertia, small enough for the first order; then a lag of the drive, which is none.
+    #[test]
+    fn predictions_answer_to_other_equations() {
+        let base = arm(&[]);
+        let run = run(&base);
+        for schemes in [[Scheme::Explicit(4); 80], [Scheme::Implicit(1); 80]] {
+            let predicted = Predicted::new(&run, base.clone(), RATES.to_vec(), &schemes, &START).unwrap();
+            assert!(predicted.to(&base).unwrap().is_none());
+            let before = predictions(&base, &run, &schemes);
+            for (more, tolerance) in [
+                (placed(&VISCOUS, 0, None, &[1e-4]), 1e-2),
+                (placed(&ROTOR_INERTIA, 1, None, &[1e-6]), 1e-2),
+                (placed(&INPUT_COUPLING, 1, Some(0), &[1e-5]), 1e-2),
+                (placed(&SPRING, 1, None, &[1e-4, 0.3]), 1e-2),
+                (placed(&INPUT_LAG, 0, None, &[0.03]), 3e-2),
+            ] {
+                let name = more.names[0].clone();
+                let changed = arm(&[more]);
+                let answer = predicted.to(&predicted.aligned(&changed)).unwrap().unwrap();
+                let after = predictions(&changed, &run, &schemes);
+                let first = run.first_sample();
+                let difference = |k: usize| after[2 * first + k] - before[2 * first + k];
+                let scale = (0..2 * answer.nrows()).map(|k| difference(k).abs()).fold(0.0, f64::max);
+                assert!(scale > 0.0, "{name} matters");
+                for k in 0..2 * answer.nrows() {
+                    let (exact, found) = (difference(k), answer[(k / 2, k % 2)]);
+                    assert!((exact - found).abs() <= tolerance * scale, "{name}, {k}: {found} is not {exact}");
+                }
+            }
+        }
+    }
+}

@@ -430,10 +430,12 @@ impl Logs<'_> {
             });
         }
         let arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
-        for arm in arms.iter().filter(|arm| arm.cost().is_finite()) {
-            let problem = self.problem(&arm.model)?;
-            let Ok(search) = Search::new(&problem, arm.state.clone()) else { continue };
-            let Ok(fitted) = self.fitted(arm.candidate.as_ref(), &arm.model, &search, false) else { continue };
+        let fitted = arms.par_iter().filter(|arm| arm.cost().is_finite()).map(|arm| {
+            let problem = self.problem(&arm.model).ok()?;
+            let search = Search::new(&problem, arm.state.clone()).ok()?;
+            self.fitted(arm.candidate.as_ref(), &arm.model, &search, false).ok()
+        });
+        for fitted in fitted.collect::<Vec<_>>().into_iter().flatten() {
             match found.iter_mut().find(|other| other.candidate == fitted.candidate) {
                 Some(other) if other.score() < fitted.score() => *other = fitted,
                 Some(_) => {}

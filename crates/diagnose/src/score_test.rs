@@ -66,6 +66,8 @@ pub struct ScoreTest<'a> {
 pub const RATES: [f64; 3] = [1.0, 0.3, 0.1];
 /// Parameters that are asked together, at most: one product of matrices takes them all in.
 const TOGETHER: usize = 32;
+/// Of those, so many that promise most at the first of the rates are asked at the others.
+const AT_ALL_RATES: usize = 4;
 
 impl<'a> ScoreTest<'a> {
     /// At `model`, with the rates, the initial positions and the integration steps of a fit to runs of which `runs` are the beginnings;
@@ -176,12 +178,12 @@ impl<'a> ScoreTest<'a> {
             Some(Change { systems: self.systems(&probe.model)?, further: further.collect::<Option<_>>()? })
         };
         let changes: Vec<Option<Change>> = probes.iter().map(change).collect();
-        let asked: Vec<&Change> = changes.iter().flatten().collect();
         let mut best: Vec<Option<(f64, Vec<f64>)>> = vec![None; probes.len()];
+        let mut asked: Vec<usize> = (0..probes.len()).filter(|k| changes[*k].is_some()).collect();
         for (tangent, without) in self.without.iter().flatten() {
-            let mut found = tangent.reduced(&asked).into_iter();
-            for ((probe, best), change) in probes.iter().zip(&mut best).zip(&changes) {
-                let Some(reduced) = change.as_ref().and_then(|_| found.next()?) else { continue };
+            let found = tangent.reduced(&asked.iter().filter_map(|k| changes[*k].as_ref()).collect::<Vec<_>>());
+            for (k, reduced) in asked.iter().zip(found) {
+                let (probe, Some(reduced)) = (probes[*k], reduced) else { continue };
                 let bounds = probe.steps.iter().map(|step| {
                     let ends = (step.range.0 * step.unit, step.range.1 * step.unit);
                     (ends.0.min(ends.1), ends.0.max(ends.1))
@@ -189,10 +191,13 @@ impl<'a> ScoreTest<'a> {
                 let places: Vec<usize> = (0..probe.steps.len()).collect();
                 let Promise { cost, step } = reduced.promise(&places, &bounds.collect::<Vec<_>>());
                 let gain = without - cost;
-                if gain.is_finite() && best.as_ref().is_none_or(|best| best.0 < gain) {
-                    *best = Some((gain, step));
+                if gain.is_finite() && best[*k].as_ref().is_none_or(|best| best.0 < gain) {
+                    best[*k] = Some((gain, step));
                 }
             }
+            let promise = |k: &usize| best[*k].as_ref().map_or(f64::NEG_INFINITY, |best| best.0);
+            asked.sort_by(|a, b| promise(b).total_cmp(&promise(a)).then(a.cmp(b)));
+            asked.truncate(AT_ALL_RATES);
         }
         best
     }

@@ -50,9 +50,9 @@ impl Fitted {
         0.5 * self.unknowns * samples.max(2.0).ln()
     }
 
-    /// The largest rate of a joint [1/s]: near 0, the model is trusted altogether.
-    pub fn rate(&self) -> f64 {
-        self.fit.rates.values().copied().fold(0.0, f64::max)
+    /// The largest share of an innovation that corrects a position: near 0, the model is trusted altogether.
+    pub fn correction(&self) -> f64 {
+        self.fit.joints.iter().map(|joint| joint.correction).fold(0.0, f64::max)
     }
 
     /// The worst joint's whiteness.
@@ -68,7 +68,7 @@ impl Fitted {
 
     /// Whether nothing is left to explain.
     pub fn is_whole(&self, settings: &Settings) -> bool {
-        self.rate() < settings.trusted && self.is_white(settings)
+        self.correction() < settings.trusted && self.is_white(settings)
     }
 
     /// As the model that more is added to.

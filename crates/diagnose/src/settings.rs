@@ -11,7 +11,7 @@ pub(super) struct Settings {
     pub(super) chance: f64,
     /// Innovations are white up to this multiple of what Box and Pierce's sum is expected to be.
     pub(super) white: f64,
-    /// A model whose rates are below this [1/s] is trusted altogether.
+    /// A model is trusted altogether that is corrected by less than this share of an innovation at every sample.
     pub(super) trusted: f64,
     /// A command that runs straight must leave so much less of the squared errors.
     pub(super) straight: f64,
@@ -51,7 +51,7 @@ impl Default for Settings {
             search: prediction::Settings::default(),
             chance: 0.01,
             white: 3.0,
-            trusted: 1.0,
+            trusted: 0.05,
             straight: 0.3,
             much: 0.5,
             near: 1.5,

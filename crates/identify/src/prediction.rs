@@ -242,7 +242,14 @@ impl<'a> Search<'a> {
             state.cost = outcome.quadratic.map(|quadratic| quadratic.cost).or(cost);
             match outcome.ended {
                 Ended::Interrupted => return,
-                Ended::IterationLimit => self.slacken(),
+                Ended::IterationLimit => {
+                    self.slacken();
+                    // The nearer it comes to the logs, the more rough steps cost.
+                    let finer = self.evaluator.plan(&self.state.search.x, &plan, evaluate::ROUGHLY);
+                    if finer != plan {
+                        self.refine(finer);
+                    }
+                }
                 Ended::Converged | Ended::Stuck => {
                     // What has stiffened on the way, or come nearer to the logs, needs shorter steps.
                     let ahead = evaluator.with_poles_nearer(&state.search.x, AHEAD);

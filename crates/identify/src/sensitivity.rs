@@ -535,54 +535,74 @@ impl Variation {
         is_solved
     }
 
-    /// `S` over one implicit step: `K_i = A_i V_i + B_i`, `V_i = S + h (sum of the slopes before, own K_i)`.
+    /// `S` over one implicit step. With `K_i = A_i V_i + B_i` the slopes of its stages, `V_i = S + h (sum of the slopes before, own K_i)`
+    /// and `T_i = 1 / (1 - h OWN A_i)`, its end is `S + h (sum of all K_i) = P S + sum of C_i B_i`: from the last stage to the first,
+    /// and an unknown costs only its own few entries of B.
     fn implicit_sensitivities(&mut self, columns: &Columns, n: usize, step: f64) {
         let (n_states, width) = (self.x.len(), columns.width);
-        let begin = DMatrix::from_row_slice(n_states, width, &self.s);
-        let mut by_stage: Vec<DMatrix<f64>> = Vec::with_capacity(implicit::STAGES);
-        let mut end = begin.clone();
-        for (stage, weights) in implicit::BEFORE.iter().enumerate() {
-            let first = stage / LANES * self.places.count;
-            let slope = |place: usize| self.slopes[first + place].to_array()[stage % LANES];
-            let factor: Vec<f64> = (0..n * n).map(slope).collect();
-            let torque_by_state: Vec<f64> = (n * n..n * n + n * n_states).map(slope).collect();
+        let unit = DMatrix::<f64>::identity(n_states, n_states);
+        let (slopes, count) = (&self.slopes, self.places.count);
+        let stage_of =
+            |stage: usize| move |place: usize| slopes[stage / LANES * count + place].to_array()[stage % LANES];
+        let own = step * implicit::OWN;
+        // D, `T` and `T A` of each stage.
+        let mut solved: Vec<(Vec<f64>, DMatrix<f64>, DMatrix<f64>)> = Vec::with_capacity(implicit::STAGES);
+        for stage in 0..implicit::STAGES {
+            let slope = stage_of(stage);
+            let factor: Vec<f64> = (0..n * n).map(&slope).collect();
+            let torque_by_state: Vec<f64> = (n * n..n * n + n * n_states).map(&slope).collect();
             let rate_by_state =
                 self.places.rate_by_state.iter().map(|(row, state, place)| (*row, *state, slope(*place)));
             let by_state = implicit::state_matrix(n, &factor, &torque_by_state, rate_by_state);
-            let mut torque = DMatrix::zeros(n, width);
-            for &(slot, column, place) in &self.places.torque_by_parameter {
-                torque[(slot, column)] += slope(place);
+            // The state had a solution here, so its derivative has one; else it is no number, which every caller refuses.
+            let inverse = (&unit - &by_state * own).try_inverse();
+            let inverse = inverse.unwrap_or_else(|| DMatrix::repeat(n_states, n_states, f64::NAN));
+            let by_state = &inverse * by_state;
+            solved.push((factor, inverse, by_state));
+        }
+        // Derivatives of the end by each stage's slopes: what is known of them so far.
+        let last = &unit + &solved[implicit::STAGES - 1].2 * own;
+        let mut by_slopes: Vec<DMatrix<f64>> =
+            implicit::BEFORE[implicit::STAGES - 1].iter().map(|weight| &last * (step * weight)).collect();
+        by_slopes.push(&unit * own);
+        let mut by_begin = last;
+        for stage in (0..implicit::STAGES - 1).rev() {
+            let through = &by_slopes[stage] * &solved[stage].2;
+            for (before, weight) in implicit::BEFORE[stage].iter().enumerate().take(stage) {
+                by_slopes[before] += &through * (step * weight);
             }
-            for &(column, slot, place) in &self.places.regressor {
-                torque[(slot, column)] -= slope(place);
-            }
-            let mut before = begin.clone();
-            for (weight, slopes) in weights.iter().zip(&by_stage) {
-                before += slopes * (step * weight);
-            }
-            let mut slopes = &by_state * &before;
-            for column in 0..columns.count() {
-                let mut torque = torque.column_mut(column);
-                if torque.iter().any(|torque| *torque != 0.0) {
-                    substitute(n, |place| factor[place], torque.as_mut_slice());
-                    (0..n).for_each(|slot| slopes[(n + slot, column)] += torque[slot]);
+            by_begin += through;
+        }
+        for row in 0..n_states {
+            let next = &mut self.s_next[row * width..(row + 1) * width];
+            next.fill(0.0);
+            for (state, source) in self.s.chunks_exact(width).enumerate() {
+                let factor = by_begin[(row, state)];
+                if factor != 0.0 {
+                    next.iter_mut().zip(source).for_each(|(next, source)| *next += factor * source);
                 }
             }
-            for &(row, column, place) in &self.places.rate_by_parameter {
-                slopes[(row, column)] += slope(place);
-            }
-            let own = step * implicit::OWN;
-            let matrix = DMatrix::identity(n_states, n_states) - by_state * own;
-            if !matrix.lu().solve_mut(&mut slopes) {
-                // The state had a solution here, so its derivative has one; else it is no number, which every caller refuses.
-                slopes.fill(f64::NAN);
-            }
-            end = before + &slopes * own;
-            by_stage.push(slopes);
         }
-        for (row, line) in self.s.chunks_exact_mut(width).enumerate() {
-            line.iter_mut().enumerate().for_each(|(column, value)| *value = end[(row, column)]);
+        let mut by_torque = vec![0.0; n];
+        for (stage, (factor, inverse, _)) in solved.iter().enumerate() {
+            let slope = stage_of(stage);
+            let by_rate = &by_slopes[stage] * inverse;
+            for row in 0..n_states {
+                by_torque.iter_mut().enumerate().for_each(|(slot, by)| *by = by_rate[(row, n + slot)]);
+                substitute(n, |place| factor[place], &mut by_torque);
+                let next = &mut self.s_next[row * width..(row + 1) * width];
+                for &(slot, column, place) in &self.places.torque_by_parameter {
+                    next[column] += by_torque[slot] * slope(place);
+                }
+                for &(column, slot, place) in &self.places.regressor {
+                    next[column] -= by_torque[slot] * slope(place);
+                }
+                for &(rate, column, place) in &self.places.rate_by_parameter {
+                    next[column] += by_rate[(row, rate)] * slope(place);
+                }
+            }
         }
+        std::mem::swap(&mut self.s, &mut self.s_next);
     }
 
     /// Corrects states and sensitivities after a sample of which `view` holds the prediction.

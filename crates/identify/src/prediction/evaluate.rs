@@ -212,9 +212,11 @@ impl<'a> Evaluator<'a> {
             Some((Plan::new(schemes), rough))
         };
         let unit = |floor: &f64| floor.sqrt() * UNPLANNED / ROUNDING;
-        let Some((mut plan, rough)) = planned(least, &self.floors.iter().map(unit).collect::<Vec<_>>()) else {
-            return least.clone();
+        let begun = match self.is_planned(least) {
+            true => self.predicted(x, least).map(|rough| (least.clone(), rough)),
+            false => planned(least, &self.floors.iter().map(unit).collect::<Vec<_>>()),
         };
+        let Some((mut plan, rough)) = begun else { return least.clone() };
         // Were every interval to err by so much, and each forgotten at once, that would be the loss.
         let tolerance = |(sum, floor): (&(f64, f64), &f64)| {
             (sum.1 / sum.0.max(1.0) + floor).sqrt() * (2.0 * loss / sum.0.max(1.0)).sqrt()
@@ -312,6 +314,11 @@ impl<'a> Evaluator<'a> {
             x[self.first_rate..].iter_mut().for_each(|pole| *pole = 1.0 - share * (1.0 - *pole));
         }
         x
+    }
+
+    /// What share of an innovation a joint's position is corrected by.
+    pub(super) fn correction(&self, x: &[f64], joint: usize) -> f64 {
+        1.0 - x[self.first_rate + joint].min(1.0).powi(2)
     }
 
     /// Rates of all joints that have one [1/s].

@@ -58,6 +58,8 @@ pub struct JointInnovations {
     pub deviation: f64,
     /// How far they are from white: 1 for white ones.
     pub whiteness: f64,
+    /// What share of an innovation corrects the position: 0 where the model is trusted altogether.
+    pub correction: f64,
 }
 
 /// Box and Pierce's sum `n sum rho(k)^2` over the first lags of several series, over its expectation: 1 for white ones.
@@ -97,7 +99,8 @@ pub(super) fn conclude(
         let variance = evaluator.variance(index, squares, samples);
         log_likelihood -= 0.5 * samples * (variance.ln() + squares / samples / variance);
         let whiteness = whiteness(&series);
-        joints.push(JointInnovations { joint: *joint, samples, deviation: variance.sqrt(), whiteness });
+        let (deviation, correction) = (variance.sqrt(), evaluator.correction(x, index));
+        joints.push(JointInnovations { joint: *joint, samples, deviation, whiteness, correction });
     }
     let variances = variances(&quadratic.hessian);
     let estimate = |(k, unknown): (usize, &Unknown)| {

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use dynid_identify::SearchControl;
 use dynid_identify::position::{FitRun, PositionFitError};
-use dynid_identify::prediction::{self, HeldOut, Plan, PredictionFit, PredictionProblem, Search, State};
+use dynid_identify::prediction::{
+    self, HeldOut, JointInnovations, Plan, PredictionFit, PredictionProblem, Search, State,
+};
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
 use dynid_model::Parameter;
@@ -55,26 +57,26 @@ impl Fitted {
         self.fit.joints.iter().map(|joint| joint.correction).fold(0.0, f64::max)
     }
 
-    /// The worst joint's whiteness.
-    pub fn whiteness(&self) -> f64 {
-        let held_out = self.held_out.iter().flat_map(|held_out| &held_out.joints);
-        self.fit.joints.iter().chain(held_out).map(|joint| joint.whiteness).fold(0.0, f64::max)
-    }
-
-    /// Whether what is left has no structure: it may be noise of the logged torque.
+    /// Whether what is left has no structure, in the runs held out too: it may be noise of the logged torque.
     pub fn is_white(&self, settings: &Settings) -> bool {
-        self.whiteness() < settings.white
+        let held_out = self.held_out.iter().flat_map(|held_out| &held_out.joints);
+        whiteness(self.fit.joints.iter().chain(held_out)) < settings.white
     }
 
-    /// Whether nothing is left to explain.
+    /// Whether nothing is left to explain of the runs that were fitted to.
     pub fn is_whole(&self, settings: &Settings) -> bool {
-        self.correction() < settings.trusted && self.is_white(settings)
+        self.correction() < settings.trusted && whiteness(self.fit.joints.iter()) < settings.white
     }
 
     /// As the model that more is added to.
     pub fn as_base(&self) -> Self {
         Self { candidate: None, ..self.clone() }
     }
+}
+
+/// The worst joint's.
+fn whiteness<'a>(joints: impl Iterator<Item = &'a JointInnovations>) -> f64 {
+    joints.map(|joint| joint.whiteness).fold(0.0, f64::max)
 }
 
 /// A model, rates, where each run starts and integration steps.

@@ -225,7 +225,7 @@ fn step(
                 of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
             let much = explained(base, best, &work.fit).max(of_torque) >= settings.much;
             let joint = helped(base, best);
-            let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.much);
+            let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.less);
             if much && formula().is_none() { Verdict::MissingEffect } else { Verdict::Unexplained }
         }
     };

@@ -229,7 +229,8 @@ impl<'a> Search<'a> {
             let plan = state.plan.clone();
             let at = evaluator.at(&plan);
             let mut region = problem.region(evaluator);
-            let left = (end - state.iterations).min(state.search.iterations + BETWEEN_LINES);
+            let line = (state.search.iterations + 1).next_multiple_of(BETWEEN_LINES);
+            let left = (end - state.iterations).min(line);
             let limits = Limits { iterations: left, tolerance: settings.tolerance };
             let (mut search, mut cost) = (state.search.clone(), state.cost);
             let mut watched = |iteration: &sqp::Iteration, now: &sqp::State| {
@@ -242,6 +243,7 @@ impl<'a> Search<'a> {
             state.cost = outcome.quadratic.map(|quadratic| quadratic.cost).or(cost);
             match outcome.ended {
                 Ended::Interrupted => return,
+                Ended::IterationLimit if state.search.iterations < line => {}
                 Ended::IterationLimit => {
                     self.slacken();
                     // The nearer it comes to the logs, the more rough steps cost.

@@ -5,14 +5,14 @@
 //! 2. The model is fitted by the prediction-error method: its values, one rate and one standard deviation per joint, and where each run
 //!    starts; with a command that stands still between samples and, where something is left, with one that runs straight.
 //! 3. Its innovations are white and its rates 0: nothing is missing.
-//! 4. `score_test`: every effect at every place, at three rates, finite values where the derivative vanishes; from the fitted and from the
-//!    believed values.
+//! 4. `score_test`: every effect at every place, along the model's own linearised predictions, at three rates; what holds the motion that
+//!    moves it is simulated; from the fitted and from the believed values.
 //! 5. `arms`: one queue of starts, halved again and again; then starts from the best one's values; as long as that changes the best.
 //! 6. What is compared is the log likelihood of the fitted and the held-out runs, less the price of the unknowns.
 //! 7. Effects that this does not tell apart are named together.
-//! 8. The best is the missing effect if its innovations are white and its rates 0, or if it makes up for most of what the logs' own noise
-//!    leaves to explain and no formula leaves far less; else it is the nearest.
-//! 9. It is added, and all goes on from 3 while it pays; what is found so counts where it explains all in the end.
+//! 8. The best is the missing effect if its innovations are white and its rates 0, or if it makes up for nearly all of what the logs' own
+//!    noise leaves to explain and no formula leaves far less; else it is the nearest.
+//! 9. Where it makes up for a good part it is added, and all goes on from 3; what is found so counts where it explains all in the end.
 //! 10. A formula (`discover`) is looked for where no effect explains what is left.
 //!
 //! `finished` holds searches by key: an interrupted diagnosis goes on from them to the same answer. [`with_first_estimates`] uses the

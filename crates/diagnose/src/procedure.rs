@@ -103,13 +103,16 @@ pub fn diagnose(
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
         let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
+        let is_part = |best: &Fitted| explained(&before.0, best, &work.fit) >= settings.less;
+        let may_be_one_of_two = found.first().is_some_and(is_part);
         // Unless more was asked for, a second counts only where both explain all, which noise of the torque keeps them from.
         let may_be_all = options.depth.is_some() || shown == ErrorSignal::Position;
-        let goes_on = step.verdict == Verdict::MissingEffect && !is_all && may_be_all;
+        let is_found = step.verdict == Verdict::MissingEffect;
+        let goes_on = (is_found || may_be_one_of_two) && !is_all && may_be_all;
         let next = found.into_iter().next().zip(step.best().cloned());
         steps.push(step);
         let Some((mut fitted, mut refit)) = next else { break };
-        if steps.last().is_some_and(|step| step.verdict != Verdict::MissingEffect) {
+        if !is_found && !goes_on && !is_all {
             break;
         }
         // A later effect may make an earlier one needless.
@@ -137,9 +140,12 @@ pub fn diagnose(
         }
         before = (fitted.as_base(), refit);
     }
-    // Where nothing explains all, what was added to the first may make up for its values; unless more was asked for, only that is said.
-    if options.depth.is_none() && !is_whole {
-        steps.truncate(1);
+    if is_whole {
+        steps.iter_mut().for_each(|step| step.verdict = Verdict::MissingEffect);
+    } else {
+        // What was added to the first may make up for its values; unless more was asked for, only that is said.
+        let open = steps.iter().take_while(|step| step.verdict == Verdict::MissingEffect).count() + 1;
+        steps.truncate(if options.depth.is_none() { 1 } else { open });
     }
     let is_open = steps.first().is_some_and(|step| step.verdict == Verdict::Unexplained);
     let moved = if is_open { inconsistent_runs::moved(&work, &first.parsed()?)? } else { Vec::new() };

@@ -49,6 +49,9 @@ impl Start {
     }
 }
 
+/// By how much the log likelihood rises, and the step that it takes of each parameter.
+type Promised = (f64, Vec<f64>);
+
 /// What is asked of a model.
 pub struct ScoreTest<'a> {
     runs: &'a [Run],
@@ -122,7 +125,7 @@ impl<'a> ScoreTest<'a> {
                 (true, true) => self.simulated(&asked),
                 (true, false) => self.followed(&asked),
             };
-            let start = |((k, probe), promise): ((&usize, &Probe), Option<(f64, Vec<f64>)>)| {
+            let start = |((k, probe), promise): ((&usize, &Probe), Option<Promised>)| {
                 let (promise, step) = promise?;
                 Some(Start {
                     candidate: candidate.clone(),
@@ -168,7 +171,7 @@ impl<'a> ScoreTest<'a> {
     }
 
     /// What probes promise along the model's predictions, and the steps that they take.
-    fn followed(&self, probes: &[&Probe]) -> Vec<Option<(f64, Vec<f64>)>> {
+    fn followed(&self, probes: &[&Probe]) -> Vec<Option<Promised>> {
         let change = |probe: &&Probe| -> Option<Change> {
             let further = probe.steps.iter().map(|step| {
                 let mut model = probe.model.clone();
@@ -178,7 +181,7 @@ impl<'a> ScoreTest<'a> {
             Some(Change { systems: self.systems(&probe.model)?, further: further.collect::<Option<_>>()? })
         };
         let changes: Vec<Option<Change>> = probes.iter().map(change).collect();
-        let mut best: Vec<Option<(f64, Vec<f64>)>> = vec![None; probes.len()];
+        let mut best: Vec<Option<Promised>> = vec![None; probes.len()];
         let mut asked: Vec<usize> = (0..probes.len()).filter(|k| changes[*k].is_some()).collect();
         for (tangent, without) in self.without.iter().flatten() {
             let found = tangent.reduced(&asked.iter().filter_map(|k| changes[*k].as_ref()).collect::<Vec<_>>());
@@ -204,7 +207,7 @@ impl<'a> ScoreTest<'a> {
 
     /// What probes of one candidate promise that are simulated as they are: one after another of their values is varied, from those in
     /// the middle on, at the first of the rates; and the best of them is asked at the others too.
-    fn simulated(&self, probes: &[&Probe]) -> Vec<Option<(f64, Vec<f64>)>> {
+    fn simulated(&self, probes: &[&Probe]) -> Vec<Option<Promised>> {
         let mut found: Vec<Option<Option<f64>>> = vec![None; probes.len()];
         let n_shapes = probes.first().map_or(0, |probe| probe.shape.len());
         let middle = |shape: usize| {

@@ -10,7 +10,7 @@
 //! 5. `arms`: one queue of starts, halved again and again; then starts from the best one's values; as long as that changes the best.
 //! 6. What is compared is the log likelihood of the fitted and the held-out runs, less the price of the unknowns.
 //! 7. Effects that this does not tell apart are named together.
-//! 8. The best is the missing effect if its innovations are white and its rates 0, or if it makes up for nearly all of what the logs' own
+//! 8. The best is the missing effect if its innovations are white, or if it makes up for nearly all of what the logs' own
 //!    noise leaves to explain and no formula leaves far less; else it is the nearest.
 //! 9. Where it makes up for a good part it is added, and all goes on from 3; what is found so counts where it explains all in the end.
 //! 10. A formula (`discover`) is looked for where no effect explains what is left.

@@ -139,9 +139,11 @@ impl Logs<'_> {
     /// The model itself, fitted.
     pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        let state = (self.recall)(key);
-        let mut search = Search::new(&problem, state)?;
-        self.advance(&mut search);
+        let recalled = (self.recall)(key);
+        let mut search = Search::new(&problem, recalled.clone())?;
+        if recalled.is_none() {
+            self.advance(&mut search);
+        }
         self.keep_whole(key, &search);
         self.fitted(None, model, &search, true)
     }
@@ -158,8 +160,8 @@ impl Logs<'_> {
         let mut search = Search::new(&problem, recalled.clone().or_else(|| Some(fitted.state.clone())))?;
         if recalled.is_none() {
             search.reopen(&self.settings.search);
+            self.advance(&mut search);
         }
-        self.advance(&mut search);
         self.keep_whole(&key, &search);
         self.fitted(fitted.candidate.as_ref(), model, &search, true)
     }
@@ -398,8 +400,11 @@ impl Logs<'_> {
         let mut problem = self.problem(&model).ok()?;
         problem.initial.clone_from(&whole.fit.initial);
         problem.rates.clone_from(&whole.fit.rates);
-        let mut search = Search::new(&problem, (self.recall)(key)).ok()?;
-        self.advance(&mut search);
+        let recalled = (self.recall)(key);
+        let mut search = Search::new(&problem, recalled.clone()).ok()?;
+        if recalled.is_none() {
+            self.advance(&mut search);
+        }
         self.keep_whole(key, &search);
         self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
@@ -433,11 +438,11 @@ impl Logs<'_> {
         }
         let arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
         let fitted = arms.par_iter().filter(|arm| arm.cost().is_finite()).map(|arm| {
-            let problem = self.problem(&arm.model).ok()?;
-            let search = Search::new(&problem, arm.state.clone()).ok()?;
-            self.fitted(arm.candidate.as_ref(), &arm.model, &search, false).ok()
+            let problem = self.problem(&arm.model)?;
+            let search = Search::new(&problem, arm.state.clone());
+            Ok(search.and_then(|search| self.fitted(arm.candidate.as_ref(), &arm.model, &search, false)).ok())
         });
-        for fitted in fitted.collect::<Vec<_>>().into_iter().flatten() {
+        for fitted in fitted.collect::<Result<Vec<_>, PositionFitError>>()?.into_iter().flatten() {
             match found.iter_mut().find(|other| other.candidate == fitted.candidate) {
                 Some(other) if other.score() < fitted.score() => *other = fitted,
                 Some(_) => {}

@@ -103,7 +103,7 @@ pub fn diagnose(
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
         let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
-        let is_part = |best: &Fitted| explained(&before.0, best, &work.fit) >= settings.less;
+        let is_part = |best: &Fitted| explained(&before.0, best, &work.fit) >= settings.part;
         let may_be_one_of_two = found.first().is_some_and(is_part);
         // Unless more was asked for, a second counts only where both explain all, which noise of the torque keeps them from.
         let may_be_all = options.depth.is_some() || shown == ErrorSignal::Position;
@@ -134,7 +134,7 @@ pub fn diagnose(
                 }
             }
         }
-        is_whole = fitted.is_whole(&settings);
+        is_whole = fitted.is_whole(&settings) && fitted.is_white(&settings);
         if !goes_on || is_whole {
             break;
         }

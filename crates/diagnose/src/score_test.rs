@@ -67,9 +67,9 @@ pub struct ScoreTest<'a> {
 
 /// Rates at which candidates are asked, as multiples of the fitted ones.
 pub const RATES: [f64; 3] = [1.0, 0.3, 0.1];
-/// Parameters that are asked together, at most: one product of matrices takes them all in.
+/// Columns that are asked together, at most, one for a probe and one for each of its parameters: one product of matrices takes them in.
 const TOGETHER: usize = 32;
-/// Of those, so many that promise most at the first of the rates are asked at the others.
+/// Of the probes asked together, so many that promise most at the first of the rates are asked at the others.
 const AT_ALL_RATES: usize = 4;
 
 impl<'a> ScoreTest<'a> {
@@ -231,7 +231,8 @@ impl<'a> ScoreTest<'a> {
                 }
             }
             let promise = |k: usize| found[k].flatten().unwrap_or(f64::NEG_INFINITY);
-            best = varied.into_iter().max_by(|a, b| promise(*a).total_cmp(&promise(*b))).unwrap_or(best);
+            let answered = varied.into_iter().filter(|k| found[*k].flatten().is_some());
+            best = answered.max_by(|a, b| promise(*a).total_cmp(&promise(*b))).unwrap_or(best);
         }
         let others = (1..self.rates.len()).filter_map(|rate| self.simulated_at(probes[best], rate));
         found[best] = Some(others.chain(found[best].flatten()).max_by(f64::total_cmp));

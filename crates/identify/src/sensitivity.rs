@@ -203,9 +203,7 @@ fn along(
 
 /// How the prediction of a sample hangs on the state after the sample before and on torques between the two.
 pub struct Transition<'a> {
-    /// Index of the sample before.
-    pub sample: usize,
-    /// State after that was compared.
+    /// State after the sample before was compared.
     pub begin: &'a [f64],
     /// State at the next sample, before it is compared.
     pub end: &'a [f64],
@@ -233,9 +231,9 @@ pub fn transitions(
         let t = input.time[sample];
         check_state(system, t, &motion.x, &options)?;
         view.take(system, columns, t, &motion);
-        if let Some(before) = sample.checked_sub(1) {
+        if sample > 0 {
             let (end, end_by) = (motion.x.as_slice(), motion.s.as_slice());
-            observe(&Transition { sample: before, begin: &begin, end, end_by, shown_by: &view.by_column });
+            observe(&Transition { begin: &begin, end, end_by, shown_by: &view.by_column });
         }
         predictor.correct(system, input.time, sample, &view.position, &mut motion.x);
         if sample + 1 < input.time.len() {
@@ -536,7 +534,7 @@ impl Variation {
     }
 
     /// `S` over one implicit step. With `K_i = A_i V_i + B_i` the slopes of its stages, `V_i = S + h (sum of the slopes before, own K_i)`
-    /// and `T_i = 1 / (1 - h OWN A_i)`, its end is `S + h (sum of all K_i) = P S + sum of C_i B_i`: from the last stage to the first,
+    /// and `T_i = 1 / (1 - h OWN A_i)`, its end is `V_last + h OWN K_last = P S + sum of C_i B_i`: from the last stage to the first,
     /// and an unknown costs only its own few entries of B.
     fn implicit_sensitivities(&mut self, columns: &Columns, n: usize, step: f64) {
         let (n_states, width) = (self.x.len(), columns.width);
@@ -555,7 +553,7 @@ impl Variation {
                 self.places.rate_by_state.iter().map(|(row, state, place)| (*row, *state, slope(*place)));
             let by_state = implicit::state_matrix(n, &factor, &torque_by_state, rate_by_state);
             // The state had a solution here, so its derivative has one; else it is no number, which every caller refuses.
-            let inverse = (&unit - &by_state * own).try_inverse();
+            let inverse = (&unit - &by_state * own).lu().try_inverse();
             let inverse = inverse.unwrap_or_else(|| DMatrix::repeat(n_states, n_states, f64::NAN));
             let by_state = &inverse * by_state;
             solved.push((factor, inverse, by_state));

@@ -212,14 +212,15 @@ impl<'a> Evaluator<'a> {
             Some((Plan::new(schemes), rough))
         };
         let unit = |floor: &f64| floor.sqrt() * UNPLANNED / ROUNDING;
-        let begun = match self.is_planned(least) {
-            true => self.predicted(x, least).map(|rough| (least.clone(), rough)),
-            false => planned(least, &self.floors.iter().map(unit).collect::<Vec<_>>()),
-        };
+        let own = self.is_planned(least).then(|| self.predicted(x, least)).flatten();
+        let begun = own
+            .map(|rough| (least.clone(), rough))
+            .or_else(|| planned(least, &self.floors.iter().map(unit).collect::<Vec<_>>()));
         let Some((mut plan, rough)) = begun else { return least.clone() };
         // Were every interval to err by so much, and each forgotten at once, that would be the loss.
+        let loss_each = loss / self.joints.len().max(1) as f64;
         let tolerance = |(sum, floor): (&(f64, f64), &f64)| {
-            (sum.1 / sum.0.max(1.0) + floor).sqrt() * (2.0 * loss / sum.0.max(1.0)).sqrt()
+            (sum.1 / sum.0.max(1.0) + floor).sqrt() * (2.0 * loss_each / sum.0.max(1.0)).sqrt()
         };
         let mut tolerances: Vec<f64> = self.squares(&rough).iter().zip(&self.floors).map(tolerance).collect();
         for _ in 0..TIGHTER {
@@ -256,15 +257,17 @@ impl<'a> Evaluator<'a> {
     fn lost(&self, rough: &[Vec<f64>], fine: &[Vec<f64>]) -> f64 {
         let mut sums = vec![(0.0, 0.0, 0.0); self.joints.len()];
         for ((ready, rough), fine) in self.ready.iter().zip(rough).zip(fine) {
-            for (index, (rough, fine)) in rough.iter().zip(fine).enumerate() {
+            let uncounted = ready.run.first_sample() * ready.joints.len();
+            for (index, (rough, fine)) in rough.iter().zip(fine).enumerate().skip(uncounted) {
                 let sum = &mut sums[ready.joints[index % ready.joints.len()]];
                 sum.0 += (rough - fine).powi(2);
                 sum.1 += (ready.run.position[index] - fine).powi(2);
                 sum.2 += 1.0;
             }
         }
-        let of_joint =
-            |((change, error, count), floor): (&(f64, f64, f64), &f64)| 0.5 * change / (error / count + floor);
+        let of_joint = |((change, error, count), floor): (&(f64, f64, f64), &f64)| {
+            0.5 * change / (error / f64::max(*count, 1.0) + floor)
+        };
         sums.iter().zip(&self.floors).map(of_joint).sum()
     }
 

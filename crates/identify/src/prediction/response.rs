@@ -3,8 +3,9 @@
 //!
 //! Between two samples the state obeys `dx_next = A dx + B f` and what is logged of it `dy = C dx_next + m`; the predictor then takes
 //! `K dy` off. `A`, `B` and `C` are the model's ([`sensitivity::transitions`]) and serve for whatever is asked. `f` are the torques by
-//! which the other equations miss the model's motion, and `m` what their sensors show differently. That is exact for the derivative by
-//! anything that a torque, an inertia or a sensor is linear in, and for what acts on commands alone.
+//! which the other equations miss the model's motion, and `m` what their sensors show differently. That is the derivative by
+//! anything that a torque, an inertia or a sensor is linear in, but for how a torque bends within an interval. States that the model
+//! has too are taken to go on as they do in it.
 
 use dynid_dynamics::simulate::{Gains, Input, Predictor, Scheme, SimulationError, runge_kutta};
 use dynid_dynamics::system::{Scratch, System};
@@ -245,6 +246,9 @@ impl Predicted {
     /// How the predictions of the samples that count change with the equations `changed`, one column a free joint; `None` where they make
     /// no numbers, and where they are no others, no columns.
     pub(super) fn to(&self, changed: &System) -> Option<Option<DMatrix<f64>>> {
+        if self.intervals() == 0 {
+            return Some(None);
+        }
         let Forces { torques, shown } = self.forces(changed)?;
         if torques.iter().chain(shown.iter().flatten()).all(|value| *value == 0.0) {
             return Some(None);

@@ -139,13 +139,7 @@ impl Logs<'_> {
     /// The model itself, fitted.
     pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        let recalled = (self.recall)(key);
-        let mut search = Search::new(&problem, recalled.clone())?;
-        if recalled.is_none() {
-            self.advance(&mut search);
-        }
-        self.keep_whole(key, &search);
-        self.fitted(None, model, &search, true)
+        self.fitted(None, model, &self.followed(&problem, key, None)?, true)
     }
 
     /// Follows a fit to its end with fine integration steps.
@@ -156,26 +150,32 @@ impl Logs<'_> {
             Some(candidate) => format!("{key} > {candidate}, final"),
             None => format!("{key} final"),
         };
-        let recalled = (self.recall)(&key);
-        let mut search = Search::new(&problem, recalled.clone().or_else(|| Some(fitted.state.clone())))?;
-        if recalled.is_none() {
-            search.reopen(&self.settings.search);
-            self.advance(&mut search);
-        }
-        self.keep_whole(&key, &search);
+        let search = self.followed(&problem, &key, Some(&fitted.state))?;
         self.fitted(fitted.candidate.as_ref(), model, &search, true)
     }
 
-    /// Keeps a search, but for one that was stopped on its way: it would go on to other bits than if it had not been.
-    fn keep_whole(&self, key: &str, search: &Search<'_>) {
+    /// A search that has come to its end: the one that is kept under this key, or one from `state` or from the beginning. One that was
+    /// stopped on its way is not kept: it would go on to other bits than if it had not been.
+    fn followed<'p>(
+        &self,
+        problem: &'p PredictionProblem,
+        key: &str,
+        state: Option<&State>,
+    ) -> Result<Search<'p>, PositionFitError> {
+        let recalled = (self.recall)(key);
+        let is_new = recalled.is_none();
+        let mut search = Search::new(problem, recalled.or_else(|| state.cloned()))?;
+        if is_new {
+            if state.is_some() {
+                search.reopen(&self.settings.search);
+            }
+            let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
+            search.advance(&self.settings.search, self.settings.search.iterations, &mut |_| go_on());
+        }
         if !(self.stop)() {
             (self.keep)(key, search.state());
         }
-    }
-
-    fn advance(&self, search: &mut Search<'_>) {
-        let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
-        search.advance(&self.settings.search, self.settings.search.iterations, &mut |_| go_on());
+        Ok(search)
     }
 
     fn fitted(
@@ -400,12 +400,7 @@ impl Logs<'_> {
         let mut problem = self.problem(&model).ok()?;
         problem.initial.clone_from(&whole.fit.initial);
         problem.rates.clone_from(&whole.fit.rates);
-        let recalled = (self.recall)(key);
-        let mut search = Search::new(&problem, recalled.clone()).ok()?;
-        if recalled.is_none() {
-            self.advance(&mut search);
-        }
-        self.keep_whole(key, &search);
+        let search = self.followed(&problem, key, None).ok()?;
         self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 

@@ -191,8 +191,7 @@ impl<'a> ScoreTest<'a> {
                     let ends = (step.range.0 * step.unit, step.range.1 * step.unit);
                     (ends.0.min(ends.1), ends.0.max(ends.1))
                 });
-                let places: Vec<usize> = (0..probe.steps.len()).collect();
-                let Promise { cost, step } = reduced.promise(&places, &bounds.collect::<Vec<_>>());
+                let Promise { cost, step } = reduced.promise(&bounds.collect::<Vec<_>>());
                 let gain = without - cost;
                 if gain.is_finite() && best[*k].as_ref().is_none_or(|best| best.0 < gain) {
                     best[*k] = Some((gain, step));

@@ -10,7 +10,7 @@ mod predictor;
 mod scheme;
 
 pub use late::Commands;
-pub use predictor::{Gains, Planned, Predictor, plan};
+pub use predictor::{Gains, Planned, Predictor, correct_by, plan};
 pub use scheme::Scheme;
 
 use crate::{system::Scratch, system::System};

@@ -1,6 +1,6 @@
 //! Whether a simulation stays near its log.
 
-use dynid_dynamics::simulate::{self, Input};
+use dynid_dynamics::simulate::{self};
 use dynid_logs::{experiment::Run, noise::noise_of_log};
 use dynid_signal::statistics::rms;
 use dynid_user_model::Model;
@@ -17,7 +17,7 @@ pub fn stays_near(model: &Model, run: &Run) -> bool {
     const NEAR: f64 = 0.3;
     let Ok(fit_run) = FitRun::of_run(model, run) else { return false };
     let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
-    let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
+    let input = fit_run.input();
     let options = simulate::Options { substeps, ..simulate::Options::default() };
     let n = run.free.len();
     let start = first_state(&fit_run);

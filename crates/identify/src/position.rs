@@ -65,6 +65,11 @@ pub struct FitRun {
 }
 
 impl FitRun {
+    /// What drives its simulation.
+    pub fn input(&self) -> Input<'_> {
+        Input { time: &self.time, command: &self.command, intersample: self.intersample }
+    }
+
     /// Index of the first sample that counts.
     pub fn first_sample(&self) -> usize {
         self.time.partition_point(|t| *t < self.from_s)
@@ -506,7 +511,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
 /// A run against its log: estimates the initial positions, simulates, and tells the error of each free joint.
 pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitError> {
     let initial = initial_positions(run, options)?;
-    let input = Input { time: &run.time, command: &run.command, intersample: run.intersample };
+    let input = run.input();
     let how = simulate::Options { substeps: options.substeps, ..simulate::Options::default() };
     let trajectory = simulate::simulate(&run.system, &input, &initial, &how)
         .map_err(|error| PositionFitError::Simulation { run: run.name.clone(), error })?;

@@ -65,14 +65,19 @@ impl Predictor<'_> {
     /// Corrects the state `x` after a sample of which `shown` was predicted. States that begin at their joint's speed (the drive
     /// side of a transmission) are corrected as that is.
     pub fn correct(&self, system: &System, time: &[f64], sample: usize, shown: &[f64], x: &mut [f64]) {
-        let (n, span) = (system.n_free(), Self::span(time, sample));
-        for slot in 0..n {
-            let (gains, error) = (Gains::of(self.rates[slot], span), self.error(sample, slot, shown));
-            x[slot] += gains.position * error;
-            x[n + slot] += gains.speed * error;
-            for &(state, _) in system.states_at_speed().iter().filter(|(_, at)| *at == slot) {
-                x[state] += gains.speed * error;
-            }
+        correct_by(system, self.rates, Self::span(time, sample), |slot| self.error(sample, slot, shown), x);
+    }
+}
+
+/// Adds to the state `x` what errors of the free joints come to, a sample `span` (s) after the one before, with gains of these rates [1/s].
+pub fn correct_by(system: &System, rates: &[f64], span: f64, error: impl Fn(usize) -> f64, x: &mut [f64]) {
+    let n = system.n_free();
+    for (slot, rate) in rates.iter().enumerate() {
+        let (gains, error) = (Gains::of(*rate, span), error(slot));
+        x[slot] += gains.position * error;
+        x[n + slot] += gains.speed * error;
+        for &(state, _) in system.states_at_speed().iter().filter(|(_, at)| *at == slot) {
+            x[state] += gains.speed * error;
         }
     }
 }

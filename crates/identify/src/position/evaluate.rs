@@ -219,7 +219,7 @@ impl<'a> Ready<'a> {
     }
 
     fn input(&self, resolution: Resolution) -> Input<'a> {
-        let all = Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample };
+        let all = self.run.input();
         let end = self.run.time.first().copied().unwrap_or(0.0) + resolution.horizon_s;
         all.first(self.run.time.partition_point(|t| *t <= end))
     }
@@ -331,7 +331,7 @@ impl<'a> Ready<'a> {
                 sum.ger(1.0, &row, &row, 1.0);
             }
         };
-        let all = Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample };
+        let all = self.run.input();
         let options = Options { substeps, ..Options::default() };
         sensitivity::simulate(
             &system,

@@ -327,7 +327,7 @@ fn stiff_only_later() -> FitRun {
 }
 
 fn simulated(run: &FitRun, substeps: usize) -> Result<Vec<f64>, SimulationError> {
-    let input = Input { time: &run.time, command: &run.command, intersample: run.intersample };
+    let input = run.input();
     let options = simulate::Options { substeps, ..simulate::Options::default() };
     simulate::simulate(&run.system, &input, &[-0.25], &options).map(|trajectory| trajectory.q)
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{PredictionProblem, plan::Plan, response::Predicted};
 use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
 use crate::sensitivity;
-use dynid_dynamics::simulate::{self, Input, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError};
+use dynid_dynamics::simulate::{self, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
 /// A run, ready to be predicted with any unknowns.
@@ -382,15 +382,11 @@ impl Ready<'_> {
         self.unknowns.rates(x).iter().zip(&self.sample_s).map(|(pole, sample_s)| rate(*pole, *sample_s)).collect()
     }
 
-    fn input(&self) -> Input<'_> {
-        Input { time: &self.run.time, command: &self.run.command, intersample: self.run.intersample }
-    }
-
     /// Predicted positions, one row a sample.
     fn predict(&self, x: &[f64], schemes: &[Scheme]) -> Result<Vec<f64>, SimulationError> {
         let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
         let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
-        simulate::predict(&system, &self.input(), &predictor, self.unknowns.initial(x), &ONE_STEP)
+        simulate::predict(&system, &self.run.input(), &predictor, self.unknowns.initial(x), &ONE_STEP)
             .map(|trajectory| trajectory.q)
     }
 
@@ -399,7 +395,7 @@ impl Ready<'_> {
         let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
         let predictor = Predictor { position: &self.run.position, rates: &rates, schemes: least };
         let own: Vec<f64> = self.joints.iter().map(|joint| tolerances[*joint]).collect();
-        simulate::plan(&system, &self.input(), &predictor, self.unknowns.initial(x), &own)
+        simulate::plan(&system, &self.run.input(), &predictor, self.unknowns.initial(x), &own)
     }
 
     /// Hands each sample that counts to `observe`: its index, the predictions and their derivatives by the columns.
@@ -418,7 +414,7 @@ impl Ready<'_> {
             }
         };
         let (columns, initial) = (self.unknowns.columns(), self.unknowns.initial(x));
-        sensitivity::predict(&system, columns, &self.input(), &predictor, initial, &ONE_STEP, counted).ok()?;
+        sensitivity::predict(&system, columns, &self.run.input(), &predictor, initial, &ONE_STEP, counted).ok()?;
         let (mut chain, n) = (self.unknowns.chain(&system), self.joints.len());
         for (slot, (column, pole)) in columns.rates().zip(self.unknowns.rates(x)).enumerate() {
             let place = chain.ncols() - n + slot;

@@ -148,19 +148,14 @@ impl Tangent {
 
     /// Whether other equations differ along the predictions.
     pub fn is_changed(&self, systems: &[System]) -> bool {
-        let pairs = self.runs.iter().zip(systems);
-        !pairs.map(|(run, system)| run.predicted.to(&run.predicted.aligned(system))).all(|to| matches!(to, Some(None)))
+        self.runs.iter().zip(systems).any(|(run, system)| run.predicted.is_changed_by(system))
     }
 
     /// The responses of all runs to a change as it is asked, if it is any, and to a unit of each of its parameters.
     #[expect(clippy::type_complexity, reason = "of all runs, one matrix each")]
     fn responses(&self, change: &Change) -> Option<(Option<Vec<DMatrix<f64>>>, Vec<Vec<DMatrix<f64>>>)> {
         let to = |systems: &[System]| -> Option<Vec<Option<DMatrix<f64>>>> {
-            self.runs
-                .iter()
-                .zip(systems)
-                .map(|(run, system)| run.predicted.to(&run.predicted.aligned(system)))
-                .collect()
+            self.runs.iter().zip(systems).map(|(run, system)| run.predicted.to(system)).collect()
         };
         let zeros = |run: &NearRun| DMatrix::zeros(run.errors[0].len(), run.joints.len());
         let asked = to(&change.systems)?;
@@ -339,31 +334,31 @@ impl Reduced {
         after(self.cost, self.samples, gain)
     }
 
-    /// The best step of some of the unknowns, by their place among these, that stays within `bounds` (lowest and highest step of
-    /// each): coordinate descent, which for so few unknowns is quick.
-    pub fn promise(&self, places: &[usize], bounds: &[(f64, f64)]) -> Promise {
+    /// The best step that stays within `bounds` (lowest and highest step of each unknown): coordinate descent, which for so few unknowns
+    /// is quick.
+    pub fn promise(&self, bounds: &[(f64, f64)]) -> Promise {
         /// For a few unknowns, strongly coupled at worst.
         const SWEEPS: usize = 200;
-        let mut step = vec![0.0; places.len()];
+        let n = bounds.len();
+        let mut step = vec![0.0; n];
         for _ in 0..SWEEPS {
-            for (own, place) in places.iter().enumerate() {
-                let curvature = self.hessian[(*place, *place)];
+            for (own, (low, high)) in bounds.iter().enumerate() {
+                let curvature = self.hessian[(own, own)];
                 // What the others can do as well is no unknown of its own: the diagonal was one before they had their step.
                 if curvature < 1e-9 {
                     continue;
                 }
-                let others = places.iter().zip(&step).enumerate().filter(|(other, _)| *other != own);
-                let slope: f64 = self.gradient[*place]
-                    + others.map(|(_, (other, step))| self.hessian[(*place, *other)] * step).sum::<f64>();
-                let (low, high) = bounds[own];
-                let scale = self.scale[*place];
+                let others = (0..n).filter(|other| *other != own);
+                let slope: f64 =
+                    self.gradient[own] + others.map(|other| self.hessian[(own, other)] * step[other]).sum::<f64>();
+                let scale = self.scale[own];
                 step[own] = (-slope / curvature).clamp((low / scale).min(0.0), (high / scale).max(0.0));
             }
         }
-        let linear: f64 = places.iter().zip(&step).map(|(place, step)| self.gradient[*place] * step).sum();
-        let pairs = places.iter().zip(&step).flat_map(|one| places.iter().zip(&step).map(move |other| (one, other)));
-        let square: f64 = pairs.map(|((row, a), (column, b))| self.hessian[(*row, *column)] * a * b).sum();
-        let step = places.iter().zip(step).map(|(place, step)| step * self.scale[*place]).collect();
+        let linear: f64 = (0..n).map(|own| self.gradient[own] * step[own]).sum();
+        let pairs = (0..n).flat_map(|one| (0..n).map(move |other| (one, other)));
+        let square: f64 = pairs.map(|(one, other)| self.hessian[(one, other)] * step[one] * step[other]).sum();
+        let step = step.iter().zip(&self.scale).map(|(step, scale)| step * scale).collect();
         Promise { cost: self.after(self.gain - linear - 0.5 * square), step }
     }
 }

@@ -13,7 +13,7 @@ impl Plan {
     }
 
     /// Of one run; what is not planned takes one step.
-    pub fn of_run(&self, run: usize) -> &[Scheme] {
+    pub(super) fn of_run(&self, run: usize) -> &[Scheme] {
         self.0.get(run).map_or(&[], Vec::as_slice)
     }
 

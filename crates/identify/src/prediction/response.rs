@@ -7,7 +7,7 @@
 //! anything that a torque, an inertia or a sensor is linear in, but for how a torque bends within an interval. States that the model
 //! has too are taken to go on as they do in it.
 
-use dynid_dynamics::simulate::{Gains, Input, Predictor, Scheme, SimulationError, runge_kutta};
+use dynid_dynamics::simulate::{Predictor, Scheme, SimulationError, correct_by, runge_kutta};
 use dynid_dynamics::system::{Scratch, System};
 use nalgebra::DMatrix;
 
@@ -45,6 +45,12 @@ struct Forces {
     shown: Option<Vec<f64>>,
 }
 
+impl Forces {
+    fn are_none(&self) -> bool {
+        self.torques.iter().chain(self.shown.iter().flatten()).all(|value| *value == 0.0)
+    }
+}
+
 impl Predicted {
     pub(super) fn new(
         run: &FitRun,
@@ -68,7 +74,7 @@ impl Predicted {
             }
         };
         let predictor = Predictor { position: &run.position, rates: &rates, schemes };
-        sensitivity::transitions(&system, &columns, &input(run), &predictor, initial, observe)?;
+        sensitivity::transitions(&system, &columns, &run.input(), &predictor, initial, observe)?;
         let (states, ddq, missed) = (Vec::new(), Vec::new(), Vec::new());
         let run = run.clone();
         let mut predicted = Self { run, system, rates, columns, begin, end, states, ddq, missed, end_by, shown_by };
@@ -110,7 +116,7 @@ impl Predicted {
                 let t = self.time(interval, share);
                 self.state(interval, share, &mut x);
                 let Room { scratch, command, dx } = &mut room;
-                input(&self.run).command_at(&self.system, interval, (point, POINTS.len()), t, command);
+                self.run.input().command_at(&self.system, interval, (point, POINTS.len()), t, command);
                 self.system.derivative(scratch, t, &x, command, dx);
                 let ddq = dx[n..2 * n].to_vec();
                 self.system.missing_torque(scratch, t, (&x, &ddq), command, dx, &mut missed);
@@ -123,8 +129,12 @@ impl Predicted {
 
     /// What `changed`, equations of the same run, makes differently; `None` where a number is none.
     fn forces(&self, changed: &System) -> Option<Forces> {
+        if self.intervals() == 0 {
+            return Some(Forces { torques: Vec::new(), shown: None });
+        }
+        let changed = &self.aligned(changed);
         let n = self.system.n_free();
-        let input = input(&self.run);
+        let input = self.run.input();
         // Where the model has the same state, it goes along; what is new starts as it does.
         let known: Vec<Option<usize>> = changed
             .state_names()
@@ -194,7 +204,7 @@ impl Predicted {
     }
 
     /// Other equations with the model's own values, where they name the same.
-    pub(super) fn aligned(&self, changed: &System) -> System {
+    fn aligned(&self, changed: &System) -> System {
         let mut aligned = changed.clone();
         let own = self.system.effect_names().iter().zip(self.system.effect_parameters());
         let mut values = changed.effect_parameters().to_vec();
@@ -220,13 +230,12 @@ impl Predicted {
         room: &mut Room,
     ) {
         let n = self.system.n_free();
-        let input = input(&self.run);
-        let Room { scratch, command, .. } = room;
+        let input = self.run.input();
+        let Room { scratch, command, dx } = room;
         let mut z = x[2 * n..].to_vec();
         let mut spare = [z.clone(), z.clone(), z.clone()];
         let span = self.run.time[interval + 1] - self.run.time[interval];
         let start = self.run.time[interval];
-        let mut dx = vec![0.0; x.len()];
         let step = (to - from) * span / STEPS as f64;
         for index in 0..STEPS {
             let [stage, rate, sum] = &mut spare;
@@ -235,7 +244,7 @@ impl Predicted {
                 x[2 * n..].copy_from_slice(z);
                 take(own, x);
                 input.command_at(changed, interval, (0, 1), t, command);
-                changed.effects_alone(scratch, t, x, command, &mut dx);
+                changed.effects_alone(scratch, t, x, command, dx);
                 dz.copy_from_slice(&dx[2 * n..]);
             };
             runge_kutta(slope, start + from * span + index as f64 * step, step, [&mut z, stage, rate, sum]);
@@ -243,16 +252,19 @@ impl Predicted {
         x[2 * n..].copy_from_slice(&z);
     }
 
+    /// Whether the equations `changed` make anything differently.
+    pub(super) fn is_changed_by(&self, changed: &System) -> bool {
+        !self.forces(changed).is_some_and(|forces| forces.are_none())
+    }
+
     /// How the predictions of the samples that count change with the equations `changed`, one column a free joint; `None` where they make
     /// no numbers, and where they are no others, no columns.
     pub(super) fn to(&self, changed: &System) -> Option<Option<DMatrix<f64>>> {
-        if self.intervals() == 0 {
+        let forces = self.forces(changed)?;
+        if forces.are_none() {
             return Some(None);
         }
-        let Forces { torques, shown } = self.forces(changed)?;
-        if torques.iter().chain(shown.iter().flatten()).all(|value| *value == 0.0) {
-            return Some(None);
-        }
+        let Forces { torques, shown } = forces;
         let (n, n_states, count) = (self.system.n_free(), self.system.n_states(), self.columns.count());
         let (first, samples) = (self.run.first_sample(), self.run.time.len());
         let mut answer = DMatrix::zeros(samples - first, n);
@@ -278,17 +290,11 @@ impl Predicted {
                 error.iter_mut().zip(&shown[sample * n..]).for_each(|(error, shown)| *error += shown);
             }
             let span = Predictor::span(&self.run.time, sample);
-            for slot in 0..n {
-                if sample >= first {
-                    answer[(sample - first, slot)] = error[slot];
-                }
-                let gains = Gains::of(self.rates[slot], span);
-                after[slot] -= gains.position * error[slot];
-                after[n + slot] -= gains.speed * error[slot];
-                for &(state, _) in self.system.states_at_speed().iter().filter(|(_, at)| *at == slot) {
-                    after[state] -= gains.speed * error[slot];
-                }
+            if sample >= first {
+                (0..n).for_each(|slot| answer[(sample - first, slot)] = error[slot]);
             }
+            // What is predicted more is an error less.
+            correct_by(&self.system, &self.rates, span, |slot| -error[slot], &mut after);
             cause[..n_states].copy_from_slice(&after);
         }
         answer.iter().all(|value| value.is_finite()).then_some(Some(answer))
@@ -306,10 +312,6 @@ impl Room {
     fn new(system: &System) -> Self {
         Self { scratch: system.scratch(), command: vec![0.0; system.n_joints()], dx: vec![0.0; system.n_states()] }
     }
-}
-
-fn input(run: &FitRun) -> Input<'_> {
-    Input { time: &run.time, command: &run.command, intersample: run.intersample }
 }
 
 #[cfg(test)]
@@ -357,7 +359,7 @@ mod tests {
     /// The predictions themselves, of other equations.
     fn predictions(system: &System, run: &FitRun, schemes: &[Scheme]) -> Vec<f64> {
         let predictor = Predictor { position: &run.position, rates: &RATES, schemes };
-        predict(system, &input(run), &predictor, &START, &Options::default()).unwrap().q
+        predict(system, &run.input(), &predictor, &START, &Options::default()).unwrap().q
     }
 
     /// Torques of every kind, and an inertia, small enough for the first order; then a lag of the drive, which is none.
@@ -378,7 +380,7 @@ mod tests {
             ] {
                 let name = more.names[0].clone();
                 let changed = arm(&[more]);
-                let answer = predicted.to(&predicted.aligned(&changed)).unwrap().unwrap();
+                let answer = predicted.to(&changed).unwrap().unwrap();
                 let after = predictions(&changed, &run, &schemes);
                 let first = run.first_sample();
                 let difference = |k: usize| after[2 * first + k] - before[2 * first + k];

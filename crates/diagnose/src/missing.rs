@@ -9,6 +9,7 @@ use dynid_identify::prediction::{
 };
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
+use dynid_logs::noise::noise_of_log;
 use dynid_model::Parameter;
 use dynid_user_model::Model;
 use rayon::prelude::*;
@@ -68,10 +69,26 @@ impl Fitted {
         self.correction() < settings.trusted && whiteness(self.fit.joints.iter()) < settings.white
     }
 
+    /// How much of what the log likelihood of `before` falls short of at the noise of its logs this makes up for.
+    pub fn explains(&self, before: &Self, runs: &[Run]) -> f64 {
+        let short = |joint: &JointInnovations| {
+            let noise = noise_at(runs.iter(), joint.joint);
+            joint.samples * (joint.deviation / noise).ln().max(0.0)
+        };
+        let attainable: f64 = before.fit.joints.iter().map(short).sum();
+        (self.fit.log_likelihood - before.fit.log_likelihood) / attainable.max(f64::MIN_POSITIVE)
+    }
+
     /// As the model that more is added to.
     pub fn as_base(&self) -> Self {
         Self { candidate: None, ..self.clone() }
     }
+}
+
+/// The noise of a joint's logs [rad or m].
+pub fn noise_at<'a>(runs: impl Iterator<Item = &'a Run>, joint: usize) -> f64 {
+    let free = runs.filter(|run| run.free.contains(&joint));
+    free.map(|run| noise_of_log(&run.log.q[joint])).fold(f64::MIN_POSITIVE, f64::max)
 }
 
 /// The worst joint's.
@@ -188,7 +205,8 @@ impl Logs<'_> {
         let fit = search.result()?;
         let model = with_values(start, &fit);
         let held_out: Result<Vec<FitRun>, _> = self.held_out.iter().map(|run| FitRun::of_run(&model, run)).collect();
-        let held_out = prediction::held_out(held_out?, &fit).ok();
+        let integration = if is_final { self.settings.search.integration } else { prediction::ROUGHLY };
+        let held_out = prediction::held_out(held_out?, &fit, integration).ok();
         Ok(Fitted {
             candidate: candidate.cloned(),
             unknowns: self.added_unknowns(&model),
@@ -295,6 +313,13 @@ impl Logs<'_> {
         Some(starts.into_iter().filter(|start| start.promise > 0.0).collect())
     }
 
+    /// Whether a fit that adds something to `base` leaves nothing to others that add more.
+    pub fn leaves_nothing(&self, base: &Fitted, fitted: &Fitted) -> bool {
+        let is_at_noise = || fitted.explains(base, &self.fit) >= 1.0 - self.settings.trusted;
+        whiteness(fitted.fit.joints.iter()) < self.settings.white
+            && (fitted.correction() < self.settings.trusted || is_at_noise())
+    }
+
     /// Fits the most promising starts; all that were followed to their end, best first.
     pub fn best(&self, base: &Fitted, starts: &[Start], key: &str) -> Result<Vec<Fitted>, PositionFitError> {
         let mut found: Vec<Fitted> = Vec::new();
@@ -313,7 +338,7 @@ impl Logs<'_> {
                 asked_at.push(best.candidate.clone());
                 // What leaves nothing has no rivals but with fewer unknowns.
                 let is_smaller =
-                    |model: &Model| !best.is_whole(&self.settings) || self.added_unknowns(model) < best.unknowns;
+                    |model: &Model| !self.leaves_nothing(base, &best) || self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {
                     let mut model = base.model.clone();
                     let Candidate { effect, joint, from } = candidate;
@@ -330,7 +355,7 @@ impl Logs<'_> {
             }
             // What promises less is not asked where the last batch brought nothing better.
             let is_settled = batch > 0 && found.first().map(|best| best.candidate.clone()) == best_before;
-            if found.first().is_some_and(|best| best.is_whole(&self.settings)) || ordered.is_empty() || is_settled {
+            if found.first().is_some_and(|best| self.leaves_nothing(base, best)) || ordered.is_empty() || is_settled {
                 break;
             }
         }
@@ -404,6 +429,7 @@ impl Logs<'_> {
         self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 
+    /// Fits the beginnings of the runs, the best of `found` among the starts: what falls far behind it is left.
     fn race(
         &self,
         base: &Fitted,
@@ -414,25 +440,36 @@ impl Logs<'_> {
         let (whole, least) = self.settings.beginning;
         let beginnings = self.beginnings(whole, least);
         let samples: usize = beginnings.iter().map(|run| run.log.len() * run.free.len()).sum();
-        let mut arms = Vec::new();
-        for (number, start) in starts.iter().enumerate() {
-            let mut problem = self.problem_of(&start.model, &beginnings)?;
-            problem.initial.clone_from(&base.fit.initial);
-            problem.rates.clone_from(&base.fit.rates);
+        let arm = |key: String, candidate: Option<&Candidate>, model: &Model, from: &PredictionFit| {
+            let mut problem = self.problem_of(model, &beginnings)?;
+            problem.initial.clone_from(&from.initial);
+            problem.rates.clone_from(&from.rates);
             problem.plan.clone_from(&base.fit.plan);
-            let price = 0.5 * self.added_unknowns(&start.model) * (samples as f64).max(2.0).ln();
-            arms.push(Arm {
-                candidate: Some(start.candidate.clone()),
-                model: start.model.clone(),
-                key: format!("{key} > {} {number}", start.candidate),
+            let price = 0.5 * self.added_unknowns(model) * (samples as f64).max(2.0).ln();
+            let (candidate, model) = (candidate.cloned(), model.clone());
+            Ok::<Arm, PositionFitError>(Arm {
+                candidate,
+                model,
+                key,
                 problem,
                 price,
                 state: None,
                 before: f64::INFINITY,
-            });
+            })
+        };
+        let mut arms = Vec::new();
+        for (number, start) in starts.iter().enumerate() {
+            let key = format!("{key} > {} {number}", start.candidate);
+            arms.push(arm(key, Some(&start.candidate), &start.model, &base.fit)?);
         }
-        let arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
-        let fitted = arms.par_iter().filter(|arm| arm.cost().is_finite()).map(|arm| {
+        let known = format!("{key} > best");
+        if let Some(best) = found.first().filter(|_| !starts.is_empty()) {
+            arms.push(arm(known.clone(), best.candidate.as_ref(), &best.model, &best.fit)?);
+        }
+        let mut arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
+        let known = arms.iter().position(|arm| arm.key == known).map(|place| arms.remove(place));
+        let most = known.map_or(f64::INFINITY, |known| known.cost() + self.settings.rough * samples as f64);
+        let fitted = arms.par_iter().filter(|arm| arm.cost().is_finite() && arm.cost() <= most).map(|arm| {
             let problem = self.problem(&arm.model)?;
             let search = Search::new(&problem, arm.state.clone());
             Ok(search.and_then(|search| self.fitted(arm.candidate.as_ref(), &arm.model, &search, false)).ok())

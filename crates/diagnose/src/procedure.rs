@@ -8,10 +8,9 @@ use dynid_identify::position::PositionFitError;
 use dynid_identify::prediction::{JointInnovations, State};
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
-use dynid_logs::noise::noise_of_log;
 use dynid_user_model::Model;
 
-use crate::missing::{Fitted, Logs};
+use crate::missing::{Fitted, Logs, noise_at};
 use crate::refit::{EffectParameter, Judge, Refit, is_null, is_own};
 use crate::settings::Settings;
 use crate::verdict::{self, Judged, Step};
@@ -102,8 +101,8 @@ pub fn diagnose(
     let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
-        let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
-        let is_part = |best: &Fitted| explained(&before.0, best, &work.fit) >= settings.part;
+        let is_all = found.first().is_some_and(|best| work.leaves_nothing(&before.0, best));
+        let is_part = |best: &Fitted| best.explains(&before.0, &work.fit) >= settings.part;
         let may_be_one_of_two = found.first().is_some_and(is_part);
         // Unless more was asked for, a second counts only where both explain all, which noise of the torque keeps them from.
         let may_be_all = options.depth.is_some() || shown == ErrorSignal::Position;
@@ -229,23 +228,13 @@ fn step(
             let of_torque = fitted.first().filter(|_| judge.shown == ErrorSignal::Torque);
             let of_torque =
                 of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
-            let much = explained(base, best, &work.fit).max(of_torque) >= settings.much;
+            let much = best.explains(base, &work.fit).max(of_torque) >= settings.much;
             let joint = helped(base, best);
             let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.less);
             if much && formula().is_none() { Verdict::MissingEffect } else { Verdict::Unexplained }
         }
     };
     Ok((paying, Step { verdict, base: before.clone(), screening, fitted, failed }))
-}
-
-/// How much of what the log likelihood falls short of at the noise of the logs an effect makes up for.
-fn explained(before: &Fitted, after: &Fitted, runs: &[Run]) -> f64 {
-    let short = |joint: &JointInnovations| {
-        let noise = noise_at(runs.iter(), joint.joint);
-        joint.samples * (joint.deviation / noise).ln().max(0.0)
-    };
-    let attainable: f64 = before.fit.joints.iter().map(short).sum();
-    (after.fit.log_likelihood - before.fit.log_likelihood) / attainable.max(f64::MIN_POSITIVE)
 }
 
 /// The joint whose logs become likelier most.
@@ -285,10 +274,4 @@ fn one_step(fitted: &Fitted, runs: &[&Run]) -> Option<f64> {
     let held_out = fitted.held_out.as_ref().map(|held_out| &held_out.joints).filter(|joints| !joints.is_empty());
     let joints = held_out.unwrap_or(&fitted.fit.joints).iter();
     joints.map(|joint| joint.deviation / noise_at(runs.iter().copied(), joint.joint)).max_by(f64::total_cmp)
-}
-
-/// The noise of a joint's logs [rad or m].
-fn noise_at<'a>(runs: impl Iterator<Item = &'a Run>, joint: usize) -> f64 {
-    let free = runs.filter(|run| run.free.contains(&joint));
-    free.map(|run| noise_of_log(&run.log.q[joint])).fold(f64::MIN_POSITIVE, f64::max)
 }

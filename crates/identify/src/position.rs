@@ -411,7 +411,7 @@ pub fn resume(
             watch(&progress, &State { stage, iterations, anchor: anchor.clone(), search: search.clone() })
         };
         let state = search.take().unwrap_or_else(|| sqp::State::start(&anchor, &region));
-        let outcome = sqp::resume(&at, &mut region, state, &limits, &mut reported);
+        let outcome = sqp::resume(&at, &mut region, state, None, &limits, &mut reported);
         iterations += outcome.iterations;
         x = outcome.x;
         if outcome.ended == Ended::Interrupted {

@@ -29,11 +29,12 @@ use crate::position::{FitRun, PositionFitError, Unknown, half_spaces};
 use dynid_dynamics::system::SystemError;
 use dynid_logs::experiment::Run;
 use dynid_model::Link;
-use dynid_optimise::region::Region;
 use dynid_optimise::sqp::{self, Ended, Limits, Objective, SearchControl};
+use dynid_optimise::{quadratic::Quadratic, region::Region};
 use dynid_user_model::Model;
 
 use evaluate::Evaluator;
+pub use evaluate::ROUGHLY;
 pub use expansion::{Change, Promise, Reduced, Tangent};
 pub use held_out::{HeldOut, held_out};
 pub use plan::Plan;
@@ -170,6 +171,9 @@ pub struct State {
     pub cost: Option<f64>,
     /// Whether no step promises more.
     pub is_done: bool,
+    /// The cost around it, with this plan; computed anew where it is not known.
+    #[serde(skip)]
+    known: Option<Quadratic>,
 }
 
 /// A fit that can be advanced a few iterations at a time.
@@ -198,13 +202,21 @@ impl<'a> Search<'a> {
             Some(state) if evaluator.is_planned(&state.plan) => state,
             // Of a part of these runs.
             Some(state) => {
-                State { plan: evaluator.plan(&state.search.x, &Plan::default(), evaluate::ROUGHLY), ..state }
+                let plan = evaluator.plan(&state.search.x, &problem.plan, evaluate::ROUGHLY);
+                State { plan, known: None, ..state }
             }
             None => {
                 let x = evaluator.start()?;
                 let plan = evaluator.plan(&x, &problem.plan, evaluate::ROUGHLY);
                 let region = problem.region(&evaluator);
-                State { plan, iterations: 0, search: sqp::State::start(&x, &region), cost: None, is_done: false }
+                State {
+                    plan,
+                    iterations: 0,
+                    search: sqp::State::start(&x, &region),
+                    cost: None,
+                    is_done: false,
+                    known: None,
+                }
             }
         };
         Ok(Self { problem, evaluator, state })
@@ -238,9 +250,11 @@ impl<'a> Search<'a> {
                 cost = Some(iteration.cost);
                 watch(iteration.cost)
             };
-            let outcome = sqp::resume(&at, &mut region, state.search.clone(), &limits, &mut watched);
+            let known = state.known.take();
+            let outcome = sqp::resume(&at, &mut region, state.search.clone(), known, &limits, &mut watched);
             state.search = search;
-            state.cost = outcome.quadratic.map(|quadratic| quadratic.cost).or(cost);
+            state.cost = outcome.quadratic.as_ref().map(|quadratic| quadratic.cost).or(cost);
+            state.known = outcome.quadratic;
             match outcome.ended {
                 Ended::Interrupted => return,
                 Ended::IterationLimit if state.search.iterations < line => {}
@@ -275,6 +289,7 @@ impl<'a> Search<'a> {
             if let Some(cost) = cost.filter(|cost| state.cost.is_some_and(|before| *cost < before)) {
                 state.search.x = x;
                 state.cost = Some(cost);
+                state.known = None;
             }
         }
     }
@@ -289,6 +304,7 @@ impl<'a> Search<'a> {
     fn refine(&mut self, plan: Plan) {
         let Self { problem, evaluator, state } = self;
         state.is_done = false;
+        state.known = None;
         state.cost = evaluator.at(&plan).cost(&state.search.x);
         state.iterations += state.search.iterations;
         state.plan = plan;

@@ -165,20 +165,21 @@ pub fn minimise(
     watch: &mut dyn FnMut(&Iteration) -> SearchControl,
 ) -> Outcome {
     let state = State::start(start, region);
-    resume(objective, region, state, limits, &mut |iteration, _| watch(iteration))
+    resume(objective, region, state, None, limits, &mut |iteration, _| watch(iteration))
 }
 
-/// As [`minimise`], from any state that `watch` was shown.
+/// As [`minimise`], from any state that `watch` was shown; `known` is the cost around it, if that is known.
 pub fn resume(
     objective: &impl Objective,
     region: &mut Region,
     state: State,
+    known: Option<Quadratic>,
     limits: &Limits,
     watch: &mut dyn FnMut(&Iteration, &State) -> SearchControl,
 ) -> Outcome {
     let State { mut x, mut damping, mut growth, mut idle, mut iterations, half_spaces } = state;
     region.half_spaces = half_spaces;
-    let Some(mut quadratic) = objective.quadratic(&x) else {
+    let Some(mut quadratic) = known.or_else(|| objective.quadratic(&x)) else {
         return Outcome { x, quadratic: None, ended: Ended::Stuck, iterations: 0 };
     };
     let ended = loop {
@@ -447,14 +448,14 @@ mod tests {
             let mut region = region();
             let mut kept = None;
             let state = State::start(&start, &region);
-            let first = resume(&objective, &mut region, state, &LIMITS, &mut |reported, state| {
+            let first = resume(&objective, &mut region, state, None, &LIMITS, &mut |reported, state| {
                 kept = Some(state.clone());
                 if reported.number == stop { SearchControl::Stop } else { SearchControl::Continue }
             });
             assert_eq!(first.ended, Ended::Interrupted);
             let mut region = self::region();
             let state = kept.expect("an iteration was reported");
-            let end = resume(&objective, &mut region, state, &LIMITS, &mut |_, _| SearchControl::Continue);
+            let end = resume(&objective, &mut region, state, None, &LIMITS, &mut |_, _| SearchControl::Continue);
             assert_eq!(end, whole, "stopped after iteration {stop}");
             assert_eq!(region, whole_region, "stopped after iteration {stop}");
         }

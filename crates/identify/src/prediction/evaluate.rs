@@ -150,7 +150,7 @@ impl<'a> Evaluator<'a> {
 
     /// Whether a plan is of these runs.
     pub(super) fn is_planned(&self, plan: &Plan) -> bool {
-        plan.fits(self.ready.iter().map(|ready| ready.run.time.len().saturating_sub(1)))
+        plan.fits(self.intervals())
     }
 
     /// Bounds of what stands behind the parameters.
@@ -195,15 +195,24 @@ impl<'a> Evaluator<'a> {
         if given.iter().all(Option::is_some) {
             return Ok(with(LEAST_POLE));
         }
-        let trials = POLES.into_iter().map(with);
-        let best = trials
-            .filter_map(|x| Some((self.at(&self.plan(&x, &Plan::default(), ROUGHLY)).cost(&x)?, x)))
-            .min_by(|one, other| one.0.total_cmp(&other.0));
+        // Down from where noise shakes a model least, as long as that is likelier.
+        let mut best: Option<(f64, Vec<f64>)> = None;
+        for pole in POLES {
+            let x = with(pole);
+            let cost = self.at(&self.plan(&x, &Plan::default(), ROUGHLY)).cost(&x);
+            match (cost, &best) {
+                (None, _) => {}
+                (Some(cost), Some((least, _))) if cost > *least => break,
+                (Some(cost), _) => best = Some((cost, x)),
+            }
+        }
         best.map(|(_, x)| x).ok_or_else(|| self.why_not(&with(LEAST_POLE)))
     }
 
     /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood.
+    /// `least` may be of runs that begin with these.
     pub(super) fn plan(&self, x: &[f64], least: &Plan, loss: f64) -> Plan {
+        let least = &least.beginning(&self.intervals().collect::<Vec<_>>());
         let planned = |least: &Plan, tolerances: &[f64]| -> Option<(Plan, Vec<Vec<f64>>)> {
             let of_run = |(index, ready): (usize, &Ready<'_>)| ready.plan(x, least.of_run(index), tolerances).ok();
             let found: Option<Vec<Planned>> = self.ready.par_iter().enumerate().map(of_run).collect();
@@ -223,15 +232,25 @@ impl<'a> Evaluator<'a> {
             (sum.1 / sum.0.max(1.0) + floor).sqrt() * (2.0 * loss_each / sum.0.max(1.0)).sqrt()
         };
         let mut tolerances: Vec<f64> = self.squares(&rough).iter().zip(&self.floors).map(tolerance).collect();
-        for _ in 0..TIGHTER {
+        for round in 0..TIGHTER {
             let Some((next, rough)) = planned(&plan, &tolerances) else { break };
+            // Where motions part whatever the steps, shorter ones are of no use.
+            let is_of_no_use = round > 0 && next == plan;
             plan = next;
-            if self.predicted(x, &plan.halved()).is_some_and(|fine| self.lost(&rough, &fine) <= loss) {
+            let lost = self.predicted(x, &plan.halved()).map_or(f64::INFINITY, |fine| self.lost(&rough, &fine));
+            if lost <= loss || is_of_no_use {
                 break;
             }
-            tolerances.iter_mut().for_each(|tolerance| *tolerance *= 0.25);
+            // Errors add up as long as a predictor remembers.
+            let share = (loss / lost).sqrt().clamp(LEAST_SHARE, MOST_SHARE);
+            tolerances.iter_mut().for_each(|tolerance| *tolerance *= share);
         }
         plan
+    }
+
+    /// Number of intervals of each run.
+    fn intervals(&self) -> impl Iterator<Item = usize> {
+        self.ready.iter().map(|ready| ready.run.time.len().saturating_sub(1))
     }
 
     /// Predictions of all runs.
@@ -356,17 +375,19 @@ impl<'a> Evaluator<'a> {
 }
 
 /// What the integration may cost of the log likelihood at the start of a search.
-pub(super) const ROUGHLY: f64 = 10.0;
+pub const ROUGHLY: f64 = 10.0;
 /// With so small a pole a predictor takes every sample for the truth.
 const LEAST_POLE: f64 = 0.05;
 /// Poles that are tried at the start.
-const POLES: [f64; 5] = [LEAST_POLE, 0.4, 0.8, 0.95, 0.99];
+const POLES: [f64; 5] = [0.99, 0.95, 0.8, 0.4, LEAST_POLE];
 /// An error of this share of a joint's range is rounding of the simulation.
 const ROUNDING: f64 = 1e-6;
 /// Before it is known how large errors are, steps may err by this share of a joint's range.
 const UNPLANNED: f64 = 1e-4;
-/// So often what an interval may err by is cut to a quarter: errors add up as long as a predictor remembers.
+/// So often it is cut what an interval may err by, to these shares.
 const TIGHTER: usize = 5;
+const LEAST_SHARE: f64 = 0.02;
+const MOST_SHARE: f64 = 0.25;
 
 /// What is not said by a plan.
 const ONE_STEP: Options = Options { substeps: 1, position_limit: POSITION_LIMIT };

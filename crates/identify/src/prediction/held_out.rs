@@ -16,11 +16,11 @@ pub struct HeldOut {
 }
 
 /// Of `runs`, whose equations have the values of `fit`; only where they start is estimated anew. Joints that the fit does not know
-/// have no part.
+/// have no part. `integration` is what that may cost of the log likelihood.
 ///
 /// # Errors
 /// A run that cannot be simulated.
-pub fn held_out(runs: Vec<FitRun>, fit: &PredictionFit) -> Result<HeldOut, PositionFitError> {
+pub fn held_out(runs: Vec<FitRun>, fit: &PredictionFit, integration: f64) -> Result<HeldOut, PositionFitError> {
     let problem = PredictionProblem {
         runs,
         unknowns: Vec::new(),
@@ -33,7 +33,7 @@ pub fn held_out(runs: Vec<FitRun>, fit: &PredictionFit) -> Result<HeldOut, Posit
         plan: super::Plan::default(),
     };
     let mut search = Search::new(&problem, None)?;
-    let settings = Settings { iterations: 10, ..Settings::default() };
+    let settings = Settings { iterations: 10, integration, ..Settings::default() };
     search.advance(&settings, settings.iterations, &mut |_| SearchControl::Continue);
     let found = search.result()?;
     let mut log_likelihood = 0.0;

@@ -45,6 +45,13 @@ impl Plan {
         if intervals == 0 { 1.0 } else { self.0.iter().flatten().map(cost).sum::<f64>() / intervals as f64 }
     }
 
+    /// Of the beginnings of its runs; the whole plan where they are no such.
+    #[must_use]
+    pub(super) fn beginning(&self, intervals: &[usize]) -> Self {
+        let cut = self.0.iter().zip(intervals).map(|(run, intervals)| run.get(..*intervals).map(<[Scheme]>::to_vec));
+        cut.collect::<Option<Vec<_>>>().filter(|cut| cut.len() == intervals.len()).map_or_else(|| self.clone(), Self)
+    }
+
     /// Whether it is of runs with so many intervals each.
     pub(super) fn fits(&self, intervals: impl Iterator<Item = usize>) -> bool {
         self.0.iter().map(Vec::len).eq(intervals)

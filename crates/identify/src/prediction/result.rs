@@ -83,7 +83,8 @@ pub(super) fn conclude(
     state: &State,
 ) -> Result<PredictionFit, PositionFitError> {
     let x = &state.search.x;
-    let Some(quadratic) = evaluator.at(&state.plan).quadratic(x) else { return Err(evaluator.why_not(x)) };
+    let quadratic = state.known.clone().or_else(|| evaluator.at(&state.plan).quadratic(x));
+    let Some(quadratic) = quadratic else { return Err(evaluator.why_not(x)) };
     let errors = evaluator.errors(x, &state.plan).ok_or_else(|| evaluator.why_not(x))?;
     let mut joints = Vec::with_capacity(evaluator.joints.len());
     let mut log_likelihood = 0.0;

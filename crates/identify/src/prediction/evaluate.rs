@@ -386,7 +386,7 @@ const ROUNDING: f64 = 1e-6;
 const UNPLANNED: f64 = 1e-4;
 /// So often it is cut what an interval may err by, to these shares.
 const TIGHTER: usize = 5;
-const LEAST_SHARE: f64 = 0.02;
+const LEAST_SHARE: f64 = 0.1;
 const MOST_SHARE: f64 = 0.25;
 
 /// What is not said by a plan.

@@ -195,11 +195,15 @@ impl<'a> Evaluator<'a> {
         if given.iter().all(Option::is_some) {
             return Ok(with(LEAST_POLE));
         }
-        // Down from where noise shakes a model least, as long as that is likelier.
+        // Down from where noise shakes a model least, as long as that is likelier. Steps that do for one pole tell which is likelier.
         let mut best: Option<(f64, Vec<f64>)> = None;
+        let mut plan = Plan::default();
         for pole in POLES {
             let x = with(pole);
-            let cost = self.at(&self.plan(&x, &Plan::default(), ROUGHLY)).cost(&x);
+            let cost = self.at(&plan).cost(&x).filter(|_| best.is_some()).or_else(|| {
+                plan = self.plan(&x, &Plan::default(), ROUGHLY);
+                self.at(&plan).cost(&x)
+            });
             match (cost, &best) {
                 (None, _) => {}
                 (Some(cost), Some((least, _))) if cost > *least => break,

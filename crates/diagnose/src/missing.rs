@@ -160,15 +160,20 @@ impl Logs<'_> {
     }
 
     /// Follows a fit to its end with fine integration steps.
-    fn finish(&self, fitted: &Fitted, key: &str) -> Result<Fitted, PositionFitError> {
-        let model = &fitted.model;
+    fn finish(
+        &self,
+        candidate: Option<&Candidate>,
+        model: &Model,
+        state: Option<&State>,
+        key: &str,
+    ) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        let key = match &fitted.candidate {
+        let key = match candidate {
             Some(candidate) => format!("{key} > {candidate}, final"),
             None => format!("{key} final"),
         };
-        let search = self.followed(&problem, &key, Some(&fitted.state))?;
-        self.fitted(fitted.candidate.as_ref(), model, &search, true)
+        let search = self.followed(&problem, &key, state)?;
+        self.fitted(candidate, model, &search, true)
     }
 
     /// A search that has come to its end: the one that is kept under this key, or one from `state` or from the beginning. One that was
@@ -375,7 +380,9 @@ impl Logs<'_> {
             let finished: Vec<Fitted> = near
                 .par_iter()
                 .map(|k| {
-                    self.finish(&found[*k], key).unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() })
+                    let Fitted { candidate, model, state, .. } = &found[*k];
+                    let finished = self.finish(candidate.as_ref(), model, Some(state), key);
+                    finished.unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() })
                 })
                 .collect();
             near.into_iter().zip(finished).for_each(|(k, finished)| found[k] = finished);
@@ -467,9 +474,16 @@ impl Logs<'_> {
             arms.push(arm(known.clone(), best.candidate.as_ref(), &best.model, &best.fit)?);
         }
         let mut arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
-        let known = arms.iter().position(|arm| arm.key == known).map(|place| arms.remove(place));
-        let most = known.map_or(f64::INFINITY, |known| known.cost() + self.settings.rough * samples as f64);
-        let fitted = arms.par_iter().filter(|arm| arm.cost().is_finite() && arm.cost() <= most).map(|arm| {
+        let known = arms.iter().position(|arm| arm.key == known).map(|place| arms.remove(place).cost());
+        let best = known.unwrap_or(f64::INFINITY);
+        arms.retain(|arm| arm.cost().is_finite() && arm.cost() <= best + self.settings.rough * samples as f64);
+        let fitted = arms.par_iter().enumerate().map(|(place, arm)| {
+            // The best is followed to its end in any case.
+            let is_best = place == 0 && arm.cost() < best;
+            let finish = || self.finish(arm.candidate.as_ref(), &arm.model, arm.state.as_ref(), key).ok();
+            if let Some(finished) = is_best.then(finish).flatten() {
+                return Ok(Some(finished));
+            }
             let problem = self.problem(&arm.model)?;
             let search = Search::new(&problem, arm.state.clone());
             Ok(search.and_then(|search| self.fitted(arm.candidate.as_ref(), &arm.model, &search, false)).ok())

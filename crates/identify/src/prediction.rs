@@ -171,9 +171,22 @@ pub struct State {
     pub cost: Option<f64>,
     /// Whether no step promises more.
     pub is_done: bool,
+    /// What the plan was last made for.
+    planned: Option<PlannedFor>,
     /// The cost around it, with this plan; computed anew where it is not known.
     #[serde(skip)]
     known: Option<Quadratic>,
+}
+
+/// What a plan was made for: nothing needs planning anew where it still holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct PlannedFor {
+    /// What integration was allowed to cost.
+    loss: f64,
+    /// Where the search was.
+    x: Vec<f64>,
+    /// What it had reached.
+    cost: f64,
 }
 
 /// A fit that can be advanced a few iterations at a time.
@@ -203,7 +216,7 @@ impl<'a> Search<'a> {
             // Of a part of these runs.
             Some(state) => {
                 let plan = evaluator.plan(&state.search.x, &problem.plan, evaluate::ROUGHLY);
-                State { plan, known: None, ..state }
+                State { plan, planned: None, known: None, ..state }
             }
             None => {
                 let x = evaluator.start()?;
@@ -215,6 +228,7 @@ impl<'a> Search<'a> {
                     search: sqp::State::start(&x, &region),
                     cost: None,
                     is_done: false,
+                    planned: None,
                     known: None,
                 }
             }
@@ -261,22 +275,39 @@ impl<'a> Search<'a> {
                 Ended::IterationLimit => {
                     self.slacken();
                     // The nearer it comes to the logs, the more rough steps cost.
-                    let finer = self.evaluator.plan(&self.state.search.x, &plan, evaluate::ROUGHLY);
-                    if finer != plan {
-                        self.refine(finer);
+                    if self.has_come_nearer() {
+                        self.plan_anew(1.0, evaluate::ROUGHLY);
                     }
                 }
                 Ended::Converged | Ended::Stuck => {
-                    // What has stiffened on the way, or come nearer to the logs, needs shorter steps.
-                    let ahead = evaluator.with_poles_nearer(&state.search.x, AHEAD);
-                    let finer = evaluator.plan(&ahead, &plan, settings.integration);
-                    state.is_done = finer == plan;
-                    if !state.is_done {
-                        self.refine(finer);
-                    }
+                    // What has stiffened on the way needs shorter steps.
+                    let loss = settings.integration;
+                    let is_planned = |planned: &PlannedFor| planned.loss <= loss && planned.x == state.search.x;
+                    let is_done = state.planned.as_ref().is_some_and(is_planned) || !self.plan_anew(AHEAD, loss);
+                    self.state.is_done = is_done;
                 }
             }
         }
+    }
+
+    /// Whether errors have halved since the steps were planned, so that those of the integration weigh twice as much.
+    fn has_come_nearer(&self) -> bool {
+        let State { planned, cost, .. } = &self.state;
+        let planned = planned.as_ref().map_or(f64::INFINITY, |planned| planned.cost);
+        planned - cost.unwrap_or(f64::INFINITY) > 0.5 * std::f64::consts::LN_2 * self.evaluator.samples()
+    }
+
+    /// Plans integration steps that cost no more than `loss`, the model being trusted more by `share`; whether they are others.
+    fn plan_anew(&mut self, share: f64, loss: f64) -> bool {
+        let ahead = self.evaluator.with_poles_nearer(&self.state.search.x, share);
+        let finer = self.evaluator.plan(&ahead, &self.state.plan, loss);
+        let is_other = finer != self.state.plan;
+        if is_other {
+            self.refine(finer);
+        }
+        let State { search, cost, .. } = &self.state;
+        self.state.planned = Some(PlannedFor { loss, x: search.x.clone(), cost: cost.unwrap_or(f64::INFINITY) });
+        is_other
     }
 
     /// Trusts the model more at once, where that is likelier: a valley in which the rates fall and all else follows is long.
@@ -296,9 +327,9 @@ impl<'a> Search<'a> {
 
     /// Takes up a search that came to its end with rougher steps, or in a part of the logs.
     pub fn reopen(&mut self, settings: &Settings) {
-        let ahead = self.evaluator.with_poles_nearer(&self.state.search.x, AHEAD);
-        let plan = self.evaluator.plan(&ahead, &self.state.plan, settings.integration);
-        self.refine(plan);
+        if !self.plan_anew(AHEAD, settings.integration) {
+            self.refine(self.state.plan.clone());
+        }
     }
 
     fn refine(&mut self, plan: Plan) {

@@ -252,6 +252,12 @@ impl<'a> Evaluator<'a> {
         plan
     }
 
+    /// Number of errors of all joints and runs that count.
+    pub(super) fn samples(&self) -> f64 {
+        let of_run = |ready: &Ready<'_>| (ready.run.time.len() - ready.run.first_sample()) * ready.joints.len();
+        self.ready.iter().map(of_run).sum::<usize>() as f64
+    }
+
     /// Number of intervals of each run.
     fn intervals(&self) -> impl Iterator<Item = usize> {
         self.ready.iter().map(|ready| ready.run.time.len().saturating_sub(1))

@@ -229,27 +229,31 @@ impl<'a> Evaluator<'a> {
         let begun = own
             .map(|rough| (least.clone(), rough))
             .or_else(|| planned(least, &self.floors.iter().map(unit).collect::<Vec<_>>()));
-        let Some((mut plan, rough)) = begun else { return least.clone() };
+        let Some((begun, rough)) = begun else { return least.clone() };
         // Were every interval to err by so much, and each forgotten at once, that would be the loss.
         let loss_each = loss / self.joints.len().max(1) as f64;
         let tolerance = |(sum, floor): (&(f64, f64), &f64)| {
             (sum.1 / sum.0.max(1.0) + floor).sqrt() * (2.0 * loss_each / sum.0.max(1.0)).sqrt()
         };
         let mut tolerances: Vec<f64> = self.squares(&rough).iter().zip(&self.floors).map(tolerance).collect();
-        for round in 0..TIGHTER {
-            let Some((next, rough)) = planned(&plan, &tolerances) else { break };
-            // Where motions part whatever the steps, shorter ones are of no use.
-            let is_of_no_use = round > 0 && next == plan;
+        let mut best = (f64::INFINITY, begun.clone());
+        let mut plan = begun;
+        while let Some((next, rough)) = planned(&plan, &tolerances) {
             plan = next;
             let lost = self.predicted(x, &plan.halved()).map_or(f64::INFINITY, |fine| self.lost(&rough, &fine));
-            if lost <= loss || is_of_no_use {
+            // Where motions part whatever the steps, shorter ones bring nothing.
+            let is_of_use = lost < best.0;
+            if is_of_use {
+                best = (lost, plan.clone());
+            }
+            if lost <= loss || !is_of_use {
                 break;
             }
             // Errors add up as long as a predictor remembers.
             let share = (loss / lost).sqrt().clamp(LEAST_SHARE, MOST_SHARE);
             tolerances.iter_mut().for_each(|tolerance| *tolerance *= share);
         }
-        plan
+        best.1
     }
 
     /// Number of errors of all joints and runs that count.
@@ -394,8 +398,7 @@ const POLES: [f64; 5] = [0.99, 0.95, 0.8, 0.4, LEAST_POLE];
 const ROUNDING: f64 = 1e-6;
 /// Before it is known how large errors are, steps may err by this share of a joint's range.
 const UNPLANNED: f64 = 1e-4;
-/// So often it is cut what an interval may err by, to these shares.
-const TIGHTER: usize = 5;
+/// To these shares it is cut what an interval may err by.
 const LEAST_SHARE: f64 = 0.1;
 const MOST_SHARE: f64 = 0.25;
 

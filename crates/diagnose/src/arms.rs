@@ -78,7 +78,7 @@ pub fn race(
         arms.truncate((arms.len() / 2).max(settings.last));
         // What falls so slowly that it would not come to the best within as many rounds is no rival.
         let best = arms.first().map_or(f64::INFINITY, Arm::cost);
-        let may_come = |arm: &Arm| arm.cost() - best <= settings.rounds * (arm.before - arm.cost());
+        let may_come = |arm: &Arm| arm.cost() - best <= settings.rounds * (arm.before - arm.cost()).max(0.0);
         arms.retain(|arm| round == 0 || arm.is_done() || may_come(arm));
         steps *= 2;
     }

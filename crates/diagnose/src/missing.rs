@@ -79,6 +79,33 @@ impl Fitted {
         (self.fit.log_likelihood - before.fit.log_likelihood) / attainable.max(f64::MIN_POSITIVE)
     }
 
+    /// Log likelihood of each tenth of each run, those held out coming last.
+    fn by_tenths(&self) -> Vec<f64> {
+        let of_tenth = |joints: &[JointInnovations], tenth: usize| -> f64 {
+            let of_joint = |own: &JointInnovations| {
+                let fitted = self.fit.joints.iter().find(|fitted| fitted.joint == own.joint)?;
+                let (samples, squares) = own.tenths[tenth];
+                Some(-0.5 * (2.0 * samples * fitted.deviation.ln() + squares / fitted.deviation.powi(2)))
+            };
+            joints.iter().filter_map(of_joint).sum()
+        };
+        let of_runs = |joints: &[JointInnovations]| -> Vec<f64> {
+            (0..joints.first().map_or(0, |own| own.tenths.len())).map(|tenth| of_tenth(joints, tenth)).collect()
+        };
+        let held_out = self.held_out.as_ref().map(|held_out| of_runs(&held_out.joints));
+        of_runs(&self.fit.joints).into_iter().chain(held_out.into_iter().flatten()).collect()
+    }
+
+    /// Whether what `other` falls short by may be chance: it is not much for how it differs from part to part of the logs (Vuong 1989),
+    /// or less than `least`.
+    pub fn is_like(&self, other: &Self, least: f64, settings: &Settings) -> bool {
+        let parts: Vec<f64> = self.by_tenths().iter().zip(other.by_tenths()).map(|(own, other)| own - other).collect();
+        let n = parts.len().max(2) as f64;
+        let mean = parts.iter().sum::<f64>() / n;
+        let variance = parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() * n / (n - 1.0);
+        (self.score() - other.score()).abs() <= (settings.apart * variance.sqrt()).max(least)
+    }
+
     /// As the model that more is added to.
     pub fn as_base(&self) -> Self {
         Self { candidate: None, ..self.clone() }

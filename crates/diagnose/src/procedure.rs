@@ -199,9 +199,9 @@ fn step(
     let (mut paying, others): (Vec<Fitted>, Vec<Fitted>) =
         found.into_iter().partition(|fitted| fitted.score() - base.score() > least);
     // Of those that differ by what may be chance the plainest comes first.
-    let best = paying.first().map_or(0.0, Fitted::score);
-    let alike = paying.iter().take_while(|fitted| best - fitted.score() < least).count();
-    let plainest = (0..alike).min_by(|a, b| paying[*a].unknowns.total_cmp(&paying[*b].unknowns).then(a.cmp(b)));
+    let is_like_best = |k: &usize| paying[0].is_like(&paying[*k], least, settings);
+    let alike = (0..paying.len()).filter(is_like_best);
+    let plainest = alike.min_by(|a, b| paying[*a].unknowns.total_cmp(&paying[*b].unknowns).then(a.cmp(b)));
     if let Some(plainest) = plainest {
         paying[..=plainest].rotate_right(1);
     }
@@ -215,8 +215,10 @@ fn step(
     let failed = failed.collect();
     let mut fitted = Vec::new();
     for own in paying.iter().take(settings.shown) {
-        let gain = own.score() - base.score();
-        fitted.push(Judged { refit: refit(judge, own, base.unknowns)?, gain, delta_bic: bic(own) });
+        let others = paying.iter().filter(|other| other.candidate != own.candidate);
+        let alike = others.filter(|other| own.is_like(other, least, settings));
+        let alike = alike.filter_map(|other| other.candidate.clone()).collect();
+        fitted.push(Judged { refit: refit(judge, own, base.unknowns)?, alike, delta_bic: bic(own) });
     }
     let is_near_noise = || before.worst_ratio().is_some_and(|ratio| ratio < settings.near);
     let verdict = match paying.first() {

@@ -9,6 +9,8 @@ pub(super) struct Settings {
     pub(super) search: prediction::Settings,
     /// An effect is chance if its log likelihood rises by less than the logarithm of the places asked over this.
     pub(super) chance: f64,
+    /// Models are told apart by a difference of so many of its standard errors: one in a hundred is larger by chance.
+    pub(super) apart: f64,
     /// Innovations are white up to this multiple of what Box and Pierce's sum is expected to be.
     pub(super) white: f64,
     /// A model is trusted altogether that is corrected by less than this share of an innovation at every sample.
@@ -53,6 +55,7 @@ impl Default for Settings {
         Self {
             search: prediction::Settings::default(),
             chance: 0.01,
+            apart: 2.33,
             white: 3.0,
             trusted: 0.05,
             straight: 0.3,

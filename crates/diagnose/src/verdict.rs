@@ -19,8 +19,6 @@ const AT_THE_FLOOR: f64 = 1.05;
 const NEAR: f64 = 1.5;
 /// As many places where the model fails are reported.
 const PLACES: usize = 12;
-/// Held-out log-likelihoods that differ by less are the same.
-const SAME: f64 = 8.0;
 
 /// One effect's search.
 pub(super) struct Step {
@@ -44,8 +42,8 @@ impl Step {
 #[derive(Debug, Clone)]
 pub(super) struct Judged {
     pub(super) refit: Refit,
-    /// By how much the log likelihood of all runs rises, less the price of its unknowns.
-    pub(super) gain: f64,
+    /// Those that the logs do not tell it from.
+    pub(super) alike: Vec<Candidate>,
     pub(super) delta_bic: f64,
 }
 
@@ -82,13 +80,9 @@ pub(super) fn share(before: &Refit, after: &Refit) -> Option<(usize, f64, f64)> 
 }
 
 /// Effects that fit as well as `best`.
-fn confounded(best: &Judged, all: &[Judged]) -> Vec<Candidate> {
-    let others = all.iter().filter(|other| other.refit.candidate != best.refit.candidate);
-    let alike = others.filter(|other| (other.gain - best.gain).abs() < SAME);
-    let mut candidates: Vec<Candidate> = alike.filter_map(|other| other.refit.candidate.clone()).collect();
-    let mut same: Vec<Candidate> = best.refit.candidate.iter().flat_map(|own| equivalents(own, &best.refit)).collect();
-    same.append(&mut candidates);
-    same
+fn confounded(best: &Judged) -> Vec<Candidate> {
+    let own = best.refit.candidate.iter().flat_map(|own| equivalents(own, &best.refit));
+    own.chain(best.alike.iter().cloned()).collect()
 }
 
 /// The same effect as `own`, told from its other end or by another joint that moves the link which it joins.
@@ -226,7 +220,7 @@ fn ranked(step: &Step, judged: &Judged, depth: usize) -> Option<Ranked> {
         torque_percent_before: before.torque_percent_validate,
         torque_percent_after: after.torque_percent_validate,
         delta_bic: judged.delta_bic,
-        confounded_with: confounded(judged, &step.fitted),
+        confounded_with: confounded(judged),
         parameters: after.parameters.clone(),
         evidence,
         experiment: None,

@@ -60,6 +60,17 @@ pub struct JointInnovations {
     pub whiteness: f64,
     /// What share of an innovation corrects the position: 0 where the model is trusted altogether.
     pub correction: f64,
+    /// Of each tenth of each run: how many, and the sum of their squares; zeros where the joint is not free.
+    #[serde(skip)]
+    pub tenths: Vec<(f64, f64)>,
+}
+
+/// How many errors there are in each tenth of a run, and the sum of their squares.
+fn tenths(errors: Option<&[f64]>) -> Vec<(f64, f64)> {
+    const PARTS: usize = 10;
+    let errors = errors.unwrap_or_default();
+    let part = |k: usize| &errors[k * errors.len() / PARTS..(k + 1) * errors.len() / PARTS];
+    (0..PARTS).map(|k| (part(k).len() as f64, part(k).iter().map(|error| error * error).sum())).collect()
 }
 
 /// Box and Pierce's sum `n sum rho(k)^2` over the first lags of several series, over its expectation: 1 for white ones.
@@ -89,19 +100,19 @@ pub(super) fn conclude(
     let mut joints = Vec::with_capacity(evaluator.joints.len());
     let mut log_likelihood = 0.0;
     for (index, joint) in evaluator.joints.iter().enumerate() {
-        let mut series: Vec<&[f64]> = Vec::new();
-        for (run, errors) in errors.iter().enumerate() {
-            series.extend(
-                evaluator.joints_of(run).zip(errors).filter(|(own, _)| own == joint).map(|(_, e)| e.as_slice()),
-            );
-        }
+        let of_run = |(run, errors): (usize, &'_ Vec<Vec<f64>>)| {
+            evaluator.joints_of(run).position(|own| own == *joint).map(|slot| errors[slot].clone())
+        };
+        let by_run: Vec<Option<Vec<f64>>> = errors.iter().enumerate().map(of_run).collect();
+        let series: Vec<&[f64]> = by_run.iter().flatten().map(Vec::as_slice).collect();
         let samples = series.iter().map(|errors| errors.len()).sum::<usize>() as f64;
         let squares = series.iter().flat_map(|errors| errors.iter()).map(|error| error * error).sum::<f64>();
         let variance = evaluator.variance(index, squares, samples);
         log_likelihood -= 0.5 * samples * (variance.ln() + squares / samples / variance);
         let whiteness = whiteness(&series);
         let (deviation, correction) = (variance.sqrt(), evaluator.correction(x, index));
-        joints.push(JointInnovations { joint: *joint, samples, deviation, whiteness, correction });
+        let tenths = by_run.iter().flat_map(|errors| tenths(errors.as_deref())).collect();
+        joints.push(JointInnovations { joint: *joint, samples, deviation, whiteness, correction, tenths });
     }
     let variances = variances(&quadratic.hessian);
     let estimate = |(k, unknown): (usize, &Unknown)| {

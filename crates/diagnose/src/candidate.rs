@@ -277,6 +277,17 @@ pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe>
         .collect()
 }
 
+/// Lowers what `before` has no value for to what it must not be below.
+pub(super) fn make_alike(model: &mut Model, before: &Model) {
+    for (larger, smaller) in dynid_identify::orders(model) {
+        if let (Some(large), Some(small), None) =
+            (model.parameter(&larger), model.parameter(&smaller), before.parameter(&larger))
+        {
+            let _ = model.set(&larger, Parameter { value: small.value, lower: large.lower.min(small.value), ..large });
+        }
+    }
+}
+
 /// Raises what an effect wants not to be below another value.
 pub(super) fn keep_orders(model: &mut Model) {
     for (larger, smaller) in dynid_identify::orders(model) {

@@ -15,7 +15,7 @@ use dynid_user_model::Model;
 use rayon::prelude::*;
 
 use crate::arms::{Arm, race};
-use crate::candidate::{Candidate, Sizes, candidates, probes};
+use crate::candidate::{Candidate, Sizes, candidates, make_alike, probes};
 use crate::refit::count;
 use crate::score_test::{RATES, ScoreTest, Start, promising};
 use crate::settings::Settings;
@@ -429,8 +429,10 @@ impl Logs<'_> {
                 model.add_effect(effect, *joint, *from).ok()?;
                 model.with_values_of(there)
             } else {
+                // As it was: what is new does nothing, and of two values of which one bounds the other there is but one.
                 let mut model = there.clone();
-                model.add_effect(effect, *joint, *from).ok()?;
+                model.add_effect_at_null(effect, *joint, *from).ok()?;
+                make_alike(&mut model, there);
                 model
             };
             Some(Start { candidate, model, promise: 0.0, probe: 0, step: Vec::new(), is_tried: true })

@@ -11,7 +11,7 @@ use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
 use dynid_logs::noise::noise_of_log;
 use dynid_model::Parameter;
-use dynid_user_model::Model;
+use dynid_user_model::{EffectInstance, Model};
 use rayon::prelude::*;
 
 use crate::arms::{Arm, race};
@@ -159,23 +159,28 @@ impl Logs<'_> {
 
     fn problem_of(&self, model: &Model, runs: &[Run]) -> Result<PredictionProblem, PositionFitError> {
         let mut problem = PredictionProblem::of_model(model, &|name| self.expected(name), runs)?;
-        let is_size = |name: &str| {
-            model.effects.iter().any(|own| {
-                let parameters = own.effect.parameters.iter().enumerate();
-                parameters.filter(|(_, own)| own.null.is_some()).any(|(index, _)| own.parameter_name(index) == name)
-            })
-        };
         if let Some(rates) = &self.rates {
             problem.rates.clone_from(rates);
             problem.keeps_rates = true;
         }
         for unknown in &mut problem.unknowns {
-            if self.given.parameter(&unknown.name).is_none() && is_size(&unknown.name) {
-                if unknown.lower < 0.0 {
-                    unknown.lower = f64::NEG_INFINITY;
-                }
-                unknown.upper = f64::INFINITY;
-            }
+            let of_effect = |own: &EffectInstance| {
+                let own = own
+                    .effect
+                    .parameters
+                    .iter()
+                    .enumerate()
+                    .find(|(index, _)| own.parameter_name(*index) == unknown.name);
+                own.map(|(_, own)| own)
+            };
+            let own =
+                model.effects.iter().find_map(of_effect).filter(|_| self.given.parameter(&unknown.name).is_none());
+            let Some(own) = own else { continue };
+            // A size that may be negative may be anything.
+            let is_size = own.null.is_some();
+            let lower = if is_size && own.lower < 0.0 { f64::NEG_INFINITY } else { own.lower };
+            let upper = if is_size { f64::INFINITY } else { own.upper };
+            (unknown.lower, unknown.upper) = (lower.min(unknown.lower), upper.max(unknown.upper));
         }
         Ok(problem)
     }

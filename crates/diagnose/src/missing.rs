@@ -69,14 +69,19 @@ impl Fitted {
         self.correction() < settings.trusted && whiteness(self.fit.joints.iter()) < settings.white
     }
 
-    /// How much of what the log likelihood of `before` falls short of at the noise of its logs this makes up for.
-    pub fn explains(&self, before: &Self, runs: &[Run]) -> f64 {
+    /// By how much the log likelihood falls short of what it were if nothing but the noise of these logs were left.
+    fn falls_short(&self, runs: &[Run]) -> f64 {
         let short = |joint: &JointInnovations| {
             let noise = noise_at(runs.iter(), joint.joint);
             joint.samples * (joint.deviation / noise).ln().max(0.0)
         };
-        let attainable: f64 = before.fit.joints.iter().map(short).sum();
-        (self.fit.log_likelihood - before.fit.log_likelihood) / attainable.max(f64::MIN_POSITIVE)
+        self.fit.joints.iter().map(short).sum()
+    }
+
+    /// How much of what the log likelihood of `before` falls short of this makes up for.
+    pub fn explains(&self, before: &Self, runs: &[Run]) -> f64 {
+        let attainable = before.falls_short(runs).max(f64::MIN_POSITIVE);
+        (self.fit.log_likelihood - before.fit.log_likelihood) / attainable
     }
 
     /// Log likelihood of each tenth of each run, those held out coming last.
@@ -350,9 +355,10 @@ impl Logs<'_> {
         Some(starts.into_iter().filter(|start| start.promise > 0.0).collect())
     }
 
-    /// Whether a fit that adds something to `base` leaves nothing to others that add more.
-    pub fn leaves_nothing(&self, base: &Fitted, fitted: &Fitted) -> bool {
-        let is_at_noise = || fitted.explains(base, &self.fit) >= 1.0 - self.settings.trusted;
+    /// Whether a fit leaves nothing that another would be looked for: its innovations are white and no larger than the noise.
+    fn leaves_nothing(&self, fitted: &Fitted) -> bool {
+        let samples: f64 = fitted.fit.joints.iter().map(|joint| joint.samples).sum();
+        let is_at_noise = || fitted.falls_short(&self.fit) <= 0.5 * self.settings.trusted * samples;
         whiteness(fitted.fit.joints.iter()) < self.settings.white
             && (fitted.correction() < self.settings.trusted || is_at_noise())
     }
@@ -375,7 +381,7 @@ impl Logs<'_> {
                 asked_at.push(best.candidate.clone());
                 // What leaves nothing has no rivals but with fewer unknowns.
                 let is_smaller =
-                    |model: &Model| !self.leaves_nothing(base, &best) || self.added_unknowns(model) < best.unknowns;
+                    |model: &Model| !self.leaves_nothing(&best) || self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {
                     let mut model = base.model.clone();
                     let Candidate { effect, joint, from } = candidate;
@@ -392,7 +398,7 @@ impl Logs<'_> {
             }
             // What promises less is not asked where the last batch brought nothing better.
             let is_settled = batch > 0 && found.first().map(|best| best.candidate.clone()) == best_before;
-            if found.first().is_some_and(|best| self.leaves_nothing(base, best)) || ordered.is_empty() || is_settled {
+            if found.first().is_some_and(|best| self.leaves_nothing(best)) || ordered.is_empty() || is_settled {
                 break;
             }
         }

@@ -101,7 +101,7 @@ pub fn diagnose(
     let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
-        let is_all = found.first().is_some_and(|best| work.leaves_nothing(&before.0, best));
+        let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
         let is_part = |best: &Fitted| best.explains(&before.0, &work.fit) >= settings.part;
         let may_be_one_of_two = found.first().is_some_and(is_part);
         // Unless more was asked for, a second counts only where both explain all, which noise of the torque keeps them from.

@@ -71,7 +71,7 @@ impl Default for Settings {
             batches: 2,
             later_arms: 8,
             last: 3,
-            linearisations: (4, 640),
+            linearisations: (8, 640),
             rounds: 5.0,
             rough: 0.1,
             shown: 5,

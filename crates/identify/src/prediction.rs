@@ -214,8 +214,9 @@ impl<'a> Search<'a> {
         let state = match state.filter(|state| state.search.x.len() == evaluator.n()) {
             Some(state) if evaluator.is_planned(&state.plan) => state,
             // Of a part of these runs.
-            Some(state) => {
-                let plan = evaluator.plan(&state.search.x, &problem.plan, evaluate::ROUGHLY);
+            Some(mut state) => {
+                state.search.x = evaluator.followed(state.search.x);
+                let plan = evaluator.plan(&state.search.x, &evaluator.continued(&state.plan), evaluate::ROUGHLY);
                 State { plan, planned: None, known: None, ..state }
             }
             None => {

@@ -195,11 +195,28 @@ impl<'a> Evaluator<'a> {
         if given.iter().all(Option::is_some) {
             return Ok(with(LEAST_POLE));
         }
-        // Down from where noise shakes a model least, as long as that is likelier. Steps that do for one pole tell which is likelier.
+        let start = with(LEAST_POLE);
+        self.likeliest(POLES.into_iter().map(with)).ok_or_else(|| self.why_not(&start))
+    }
+
+    /// With rates at which a model is followed that runs away from what it was not fitted to.
+    pub(super) fn followed(&self, x: Vec<f64>) -> Vec<f64> {
+        if self.problem.keeps_rates {
+            return x;
+        }
+        let at_most = |pole: f64| {
+            let mut x = x.clone();
+            x[self.first_rate..].iter_mut().for_each(|own| *own = own.min(pole));
+            x
+        };
+        self.likeliest(std::iter::once(1.0).chain(POLES).map(at_most)).unwrap_or(x)
+    }
+
+    /// Down from where noise shakes a model least, as long as that is likelier. Steps that do for one pole tell which is likelier.
+    fn likeliest(&self, trials: impl Iterator<Item = Vec<f64>>) -> Option<Vec<f64>> {
         let mut best: Option<(f64, Vec<f64>)> = None;
         let mut plan = Plan::default();
-        for pole in POLES {
-            let x = with(pole);
+        for x in trials {
             let cost = self.at(&plan).cost(&x).filter(|_| best.is_some()).or_else(|| {
                 plan = self.plan(&x, &Plan::default(), ROUGHLY);
                 self.at(&plan).cost(&x)
@@ -210,7 +227,12 @@ impl<'a> Evaluator<'a> {
                 (Some(cost), _) => best = Some((cost, x)),
             }
         }
-        best.map(|(_, x)| x).ok_or_else(|| self.why_not(&with(LEAST_POLE)))
+        best.map(|(_, x)| x)
+    }
+
+    /// A plan of runs that are the beginnings of these, made one of these.
+    pub(super) fn continued(&self, plan: &Plan) -> Plan {
+        plan.continued(&self.intervals().collect::<Vec<_>>())
     }
 
     /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood.

@@ -52,6 +52,13 @@ impl Plan {
         cut.collect::<Option<Vec<_>>>().filter(|cut| cut.len() == intervals.len()).map_or_else(|| self.clone(), Self)
     }
 
+    /// Of longer runs that begin with its runs: what comes later is taken to be like what is known.
+    #[must_use]
+    pub(super) fn continued(&self, intervals: &[usize]) -> Self {
+        let longer = |(run, intervals): (&Vec<Scheme>, &usize)| run.iter().copied().cycle().take(*intervals).collect();
+        Self(self.0.iter().zip(intervals).map(longer).collect())
+    }
+
     /// Whether it is of runs with so many intervals each.
     pub(super) fn fits(&self, intervals: impl Iterator<Item = usize>) -> bool {
         self.0.iter().map(Vec::len).eq(intervals)
@@ -90,5 +97,8 @@ mod tests {
         assert_eq!(serde_json::from_str::<Plan>(&text).unwrap(), plan);
         assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["444457494a4",""]"#);
         assert!(serde_json::from_str::<Plan>(r#"["0x"]"#).is_err());
+        assert_eq!(plan.beginning(&[2, 0]), Plan::new(vec![Scheme::LADDER[..2].to_vec(), vec![]]));
+        assert_eq!(plan.beginning(&[2, 1]), plan, "the second run is shorter");
+        assert_eq!(plan.beginning(&[2, 0]).continued(&[3, 0]).0[0], [0, 1, 0].map(|place| Scheme::LADDER[place]));
     }
 }

@@ -335,12 +335,23 @@ impl<'a> Search<'a> {
 
     fn refine(&mut self, plan: Plan) {
         let Self { problem, evaluator, state } = self;
-        state.is_done = false;
-        state.known = None;
-        state.cost = evaluator.at(&plan).cost(&state.search.x);
-        state.iterations += state.search.iterations;
-        state.plan = plan;
-        state.search = sqp::State::start(&state.search.x, &problem.region(evaluator));
+        let mut x = state.search.x.clone();
+        let mut cost = evaluator.at(&plan).cost(&x);
+        // With rough steps a model may stay with its logs that runs away from them with fine ones: it is followed closer then.
+        let lost = cost.unwrap_or(f64::INFINITY) - state.cost.unwrap_or(f64::INFINITY);
+        if lost > evaluate::ROUGHLY {
+            x = evaluator.followed(x);
+            cost = evaluator.at(&plan).cost(&x);
+        }
+        *state = State {
+            iterations: state.iterations + state.search.iterations,
+            search: sqp::State::start(&x, &problem.region(evaluator)),
+            plan,
+            cost,
+            is_done: false,
+            planned: None,
+            known: None,
+        };
     }
 
     /// Linearisations so far.

@@ -7,9 +7,10 @@
 //! 3. Its innovations are white and its rates 0: nothing is missing.
 //! 4. `score_test`: every effect at every place, along the model's own linearised predictions, at three rates; what holds the motion that
 //!    moves it is simulated; from the fitted and from the believed values.
-//! 5. `arms`: one queue of starts, halved again and again; then starts from the best one's values; as long as that changes the best.
+//! 5. `arms`: one queue of starts, halved again and again, the best so far among them; then starts from its values; as long as that
+//!    changes the best.
 //! 6. What is compared is the log likelihood of the fitted and the held-out runs, less the price of the unknowns.
-//! 7. Effects that this does not tell apart are named together.
+//! 7. Effects that this does not tell apart, for how it differs along the logs, are named together; the plainest comes first.
 //! 8. The best is the missing effect if its innovations are white, or if it makes up for nearly all of what the logs' own
 //!    noise leaves to explain and no formula leaves far less; else it is the nearest.
 //! 9. Where it makes up for a good part it is added, and all goes on from 3; what is found so counts where it explains all in the end.

@@ -277,13 +277,19 @@ pub fn probes(model: &Model, candidate: &Candidate, sizes: &Sizes) -> Vec<Probe>
         .collect()
 }
 
-/// Lowers what `before` has no value for to what it must not be below.
-pub(super) fn make_alike(model: &mut Model, before: &Model) {
+/// Gives both values of an order the same where a candidate that takes another law's place in `before` knows only the smaller one: of
+/// LuGre's stiction and Coulomb friction there is but one in Dahl's law.
+pub(super) fn make_alike(model: &mut Model, before: &Model, candidate: &Candidate) {
+    let Some(law) = candidate.law() else { return };
+    let is_known = |name: &str| {
+        let symbol = name.rsplit('.').next().unwrap_or(name);
+        before.hands_over(law, symbol, candidate.joint, candidate.from)
+    };
     for (larger, smaller) in dynid_identify::orders(model) {
-        if let (Some(large), Some(small), None) =
-            (model.parameter(&larger), model.parameter(&smaller), before.parameter(&larger))
-        {
-            let _ = model.set(&larger, Parameter { value: small.value, lower: large.lower.min(small.value), ..large });
+        let is_new = super::refit::is_own(candidate, model, &larger) && is_known(&smaller) && !is_known(&larger);
+        if let (true, Some(large), Some(small)) = (is_new, model.parameter(&larger), model.parameter(&smaller)) {
+            let (value, lower, upper) = (small.value, large.lower.min(small.value), large.upper.max(small.value));
+            let _ = model.set(&larger, Parameter { value, lower, upper, ..large });
         }
     }
 }

@@ -380,8 +380,8 @@ impl Logs<'_> {
                 let key = format!("{key}.{batch} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
                 // What leaves nothing has no rivals but with fewer unknowns.
-                let is_smaller =
-                    |model: &Model| !self.leaves_nothing(&best) || self.added_unknowns(model) < best.unknowns;
+                let is_open = !self.leaves_nothing(&best);
+                let is_smaller = |model: &Model| is_open || self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {
                     let mut model = base.model.clone();
                     let Candidate { effect, joint, from } = candidate;
@@ -433,22 +433,32 @@ impl Logs<'_> {
         let (base, there) = (&base.model, &best.model);
         let Some(own) = &best.candidate else { return Vec::new() };
         let all = candidates(base, &self.fit.iter().collect::<Vec<_>>());
-        let start = |candidate: Candidate| {
+        let starts = |candidate: Candidate| -> Vec<Start> {
             let Candidate { effect, joint, from } = &candidate;
-            let model = if own.contains(&candidate) {
+            let mut models = Vec::new();
+            if own.contains(&candidate) {
                 let mut model = base.clone();
-                model.add_effect(effect, *joint, *from).ok()?;
-                model.with_values_of(there)
+                if model.add_effect(effect, *joint, *from).is_ok() {
+                    models.push(model.with_values_of(there));
+                }
             } else {
-                // As it was: what is new does nothing, and of two values of which one bounds the other there is but one.
-                let mut model = there.clone();
-                model.add_effect_at_null(effect, *joint, *from).ok()?;
-                make_alike(&mut model, there);
-                model
+                // As guessed beside what it keeps, and as it was: what is new does nothing.
+                let (mut guessed, mut alike) = (there.clone(), there.clone());
+                if guessed.add_effect(effect, *joint, *from).is_ok() {
+                    models.push(guessed);
+                }
+                if alike.add_effect_at_null(effect, *joint, *from).is_ok() {
+                    make_alike(&mut alike, there, &candidate);
+                    models.push(alike);
+                }
+            }
+            let start = |(probe, model)| {
+                let candidate = candidate.clone();
+                Start { candidate, model, promise: 0.0, probe, step: Vec::new(), is_tried: true }
             };
-            Some(Start { candidate, model, promise: 0.0, probe: 0, step: Vec::new(), is_tried: true })
+            models.into_iter().enumerate().map(start).collect()
         };
-        all.into_iter().filter(|other| own.contains(other) || other.contains(own)).filter_map(start).collect()
+        all.into_iter().filter(|other| own.contains(other) || other.contains(own)).flat_map(starts).collect()
     }
 
     /// The beginnings of the runs, so many seconds of all and at least so many of each.
@@ -520,7 +530,7 @@ impl Logs<'_> {
         let fitted = arms.par_iter().enumerate().map(|(place, arm)| {
             // The best is followed to its end in any case.
             let is_best = place == 0 && arm.cost() < best;
-            let finish = || self.finish(arm.candidate.as_ref(), &arm.model, arm.state.as_ref(), key).ok();
+            let finish = || self.finish(arm.candidate.as_ref(), &arm.model, arm.state.as_ref(), &arm.key).ok();
             if let Some(finished) = is_best.then(finish).flatten() {
                 return Ok(Some(finished));
             }

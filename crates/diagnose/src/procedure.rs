@@ -230,7 +230,7 @@ fn step(
             let of_torque = fitted.first().filter(|_| judge.shown == ErrorSignal::Torque);
             let of_torque =
                 of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
-            let much = best.explains(base, &work.fit) >= settings.much || of_torque >= settings.part;
+            let much = best.explains(base, &work.fit).max(of_torque) >= settings.much;
             let joint = helped(base, best);
             let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.less);
             if much && formula().is_none() { Verdict::MissingEffect } else { Verdict::Unexplained }

@@ -9,7 +9,7 @@ pub(super) struct Settings {
     pub(super) search: prediction::Settings,
     /// An effect is chance if its log likelihood rises by less than the logarithm of the places asked over this.
     pub(super) chance: f64,
-    /// Models are told apart by a difference of so many of its standard errors: one in a hundred is larger by chance.
+    /// Models are told apart by a difference of so many of its standard errors: one in a hundred is larger, this way, by chance.
     pub(super) apart: f64,
     /// Innovations are white up to this multiple of what Box and Pierce's sum is expected to be.
     pub(super) white: f64,

@@ -217,7 +217,8 @@ impl<'a> Search<'a> {
             Some(mut state) => {
                 state.search.x = evaluator.followed(state.search.x);
                 let plan = evaluator.plan(&state.search.x, &evaluator.continued(&state.plan), evaluate::ROUGHLY);
-                State { plan, planned: None, known: None, ..state }
+                let cost = evaluator.at(&plan).cost(&state.search.x);
+                State { plan, cost, planned: None, known: None, ..state }
             }
             None => {
                 let x = evaluator.start()?;
@@ -291,7 +292,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Whether errors have halved since the steps were planned, so that those of the integration weigh twice as much.
+    /// Whether squared errors have halved since the steps were planned, so that those of the integration weigh twice as much.
     fn has_come_nearer(&self) -> bool {
         let State { planned, cost, .. } = &self.state;
         let planned = planned.as_ref().map_or(f64::INFINITY, |planned| planned.cost);
@@ -303,11 +304,13 @@ impl<'a> Search<'a> {
         let ahead = self.evaluator.with_poles_nearer(&self.state.search.x, share);
         let finer = self.evaluator.plan(&ahead, &self.state.plan, loss);
         let is_other = finer != self.state.plan;
+        let x = self.state.search.x.clone();
         if is_other {
             self.refine(finer);
         }
         let State { search, cost, .. } = &self.state;
-        self.state.planned = Some(PlannedFor { loss, x: search.x.clone(), cost: cost.unwrap_or(f64::INFINITY) });
+        let planned = PlannedFor { loss, x, cost: cost.unwrap_or(f64::INFINITY) };
+        self.state.planned = Some(planned).filter(|planned| planned.x == search.x);
         is_other
     }
 

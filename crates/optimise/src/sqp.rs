@@ -93,7 +93,7 @@ pub struct Iteration {
 }
 
 /// All that a search carries from one iteration to the next: continued from here it takes the same steps to the last
-/// bit, for cost and derivatives at `x` are computed anew from `x` alone.
+/// bit, for cost and derivatives at `x` follow from `x` alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// The best point so far.

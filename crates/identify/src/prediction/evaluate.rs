@@ -212,19 +212,19 @@ impl<'a> Evaluator<'a> {
         self.likeliest(std::iter::once(1.0).chain(POLES).map(at_most)).unwrap_or(x)
     }
 
-    /// Down from where noise shakes a model least, as long as that is likelier. Steps that do for one pole tell which is likelier.
+    /// The likeliest; steps that do for one tell which is.
     fn likeliest(&self, trials: impl Iterator<Item = Vec<f64>>) -> Option<Vec<f64>> {
         let mut best: Option<(f64, Vec<f64>)> = None;
-        let mut plan = Plan::default();
+        let mut plan = None;
         for x in trials {
-            let cost = self.at(&plan).cost(&x).filter(|_| best.is_some()).or_else(|| {
-                plan = self.plan(&x, &Plan::default(), ROUGHLY);
-                self.at(&plan).cost(&x)
+            let cost = plan.as_ref().and_then(|plan| self.at(plan).cost(&x)).or_else(|| {
+                let own = self.plan(&x, &Plan::default(), ROUGHLY);
+                let cost = self.at(&own).cost(&x);
+                plan = cost.map(|_| own).or(plan.take());
+                cost
             });
-            match (cost, &best) {
-                (None, _) => {}
-                (Some(cost), Some((least, _))) if cost > *least => break,
-                (Some(cost), _) => best = Some((cost, x)),
+            if let Some(cost) = cost.filter(|cost| best.as_ref().is_none_or(|(least, _)| cost < least)) {
+                best = Some((cost, x));
             }
         }
         best.map(|(_, x)| x)
@@ -235,7 +235,8 @@ impl<'a> Evaluator<'a> {
         plan.continued(&self.intervals().collect::<Vec<_>>())
     }
 
-    /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood.
+    /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood; where none do, those
+    /// that cost least.
     /// `least` may be of runs that begin with these.
     pub(super) fn plan(&self, x: &[f64], least: &Plan, loss: f64) -> Plan {
         let least = &least.beginning(&self.intervals().collect::<Vec<_>>());
@@ -258,17 +259,18 @@ impl<'a> Evaluator<'a> {
             (sum.1 / sum.0.max(1.0) + floor).sqrt() * (2.0 * loss_each / sum.0.max(1.0)).sqrt()
         };
         let mut tolerances: Vec<f64> = self.squares(&rough).iter().zip(&self.floors).map(tolerance).collect();
-        let mut best = (f64::INFINITY, begun.clone());
-        let mut plan = begun;
+        let (mut plan, mut best) = (begun.clone(), (f64::INFINITY, begun));
+        let mut n_unchanged = 0;
         while let Some((next, rough)) = planned(&plan, &tolerances) {
+            n_unchanged = if next == plan { n_unchanged + 1 } else { 0 };
             plan = next;
-            let lost = self.predicted(x, &plan.halved()).map_or(f64::INFINITY, |fine| self.lost(&rough, &fine));
+            let lost = self.predicted(x, &plan.halved()).map_or(f64::MAX, |fine| self.lost(&rough, &fine));
             // Where motions part whatever the steps, shorter ones bring nothing.
-            let is_of_use = lost < best.0;
-            if is_of_use {
+            let is_of_no_use = lost > best.0 || n_unchanged > 1;
+            if lost < best.0 {
                 best = (lost, plan.clone());
             }
-            if lost <= loss || !is_of_use {
+            if lost <= loss || is_of_no_use {
                 break;
             }
             // Errors add up as long as a predictor remembers.

@@ -101,14 +101,19 @@ impl Fitted {
         of_runs(&self.fit.joints).into_iter().chain(held_out.into_iter().flatten()).collect()
     }
 
-    /// Whether what `other` falls short by may be chance: it is not much for how it differs from part to part of the logs (Vuong 1989),
-    /// or less than `least`.
+    /// Whether what `other` falls short by may be chance: it is less than `least` or, of laws of which neither contains the other, not much
+    /// for how it differs from part to part of the logs (Vuong 1989).
     pub fn is_like(&self, other: &Self, least: f64, settings: &Settings) -> bool {
+        let short = (self.score() - other.score()).abs();
+        let pair = self.candidate.as_ref().zip(other.candidate.as_ref());
+        if pair.is_some_and(|(own, other)| own.contains(other) || other.contains(own)) {
+            return short <= least;
+        }
         let parts: Vec<f64> = self.by_tenths().iter().zip(other.by_tenths()).map(|(own, other)| own - other).collect();
         let n = parts.len().max(2) as f64;
         let mean = parts.iter().sum::<f64>() / n;
         let variance = parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() * n / (n - 1.0);
-        (self.score() - other.score()).abs() <= (settings.apart * variance.sqrt()).max(least)
+        short <= (settings.apart * variance.sqrt()).max(least)
     }
 
     /// As the model that more is added to.

@@ -101,13 +101,20 @@ impl Fitted {
         of_runs(&self.fit.joints).into_iter().chain(held_out.into_iter().flatten()).collect()
     }
 
-    /// Whether what `other` falls short by may be chance: it is less than `least` or, of laws of which neither contains the other, not much
-    /// for how it differs from part to part of the logs (Vuong 1989).
+    /// Whether what `other` falls short by may be chance: it is less than `least` or, of laws of which neither contains the other and that
+    /// are not told apart the same way by the runs that were fitted to and those held out, not much for how it differs from part to part
+    /// of the logs (Vuong 1989).
     pub fn is_like(&self, other: &Self, least: f64, settings: &Settings) -> bool {
         let short = (self.score() - other.score()).abs();
         let pair = self.candidate.as_ref().zip(other.candidate.as_ref());
         if pair.is_some_and(|(own, other)| own.contains(other) || other.contains(own)) {
             return short <= least;
+        }
+        let on_fitted = |fitted: &Self| fitted.fit.log_likelihood - fitted.price();
+        let on_fitted = on_fitted(self) - on_fitted(other);
+        let held_out = self.score() - other.score() - on_fitted;
+        if on_fitted * held_out > 0.0 && short > least {
+            return false;
         }
         let parts: Vec<f64> = self.by_tenths().iter().zip(other.by_tenths()).map(|(own, other)| own - other).collect();
         let n = parts.len().max(2) as f64;

@@ -371,8 +371,8 @@ impl Logs<'_> {
     fn leaves_nothing(&self, fitted: &Fitted) -> bool {
         let samples: f64 = fitted.fit.joints.iter().map(|joint| joint.samples).sum();
         let is_at_noise = || fitted.falls_short(&self.fit) <= 0.5 * self.settings.trusted * samples;
-        whiteness(fitted.fit.joints.iter()) < self.settings.white
-            && (fitted.correction() < self.settings.trusted || is_at_noise())
+        let is_white = || whiteness(fitted.fit.joints.iter()) < self.settings.white;
+        fitted.is_whole(&self.settings) || (is_white() && is_at_noise())
     }
 
     /// Fits the most promising starts; all that were followed to their end, best first.

@@ -1,6 +1,6 @@
 //! Whether a simulation stays near its log.
 
-use dynid_dynamics::simulate::{self};
+use dynid_dynamics::simulate;
 use dynid_logs::{experiment::Run, noise::noise_of_log};
 use dynid_signal::statistics::rms;
 use dynid_user_model::Model;

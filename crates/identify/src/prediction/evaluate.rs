@@ -236,8 +236,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood; where none do, those
-    /// that cost least.
-    /// `least` may be of runs that begin with these.
+    /// that cost least. `least` may be of runs that begin with these.
     pub(super) fn plan(&self, x: &[f64], least: &Plan, loss: f64) -> Plan {
         let least = &least.beginning(&self.intervals().collect::<Vec<_>>());
         let planned = |least: &Plan, tolerances: &[f64]| -> Option<(Plan, Vec<Vec<f64>>)> {

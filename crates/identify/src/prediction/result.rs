@@ -100,18 +100,17 @@ pub(super) fn conclude(
     let mut joints = Vec::with_capacity(evaluator.joints.len());
     let mut log_likelihood = 0.0;
     for (index, joint) in evaluator.joints.iter().enumerate() {
-        let of_run = |(run, errors): (usize, &'_ Vec<Vec<f64>>)| {
-            evaluator.joints_of(run).position(|own| own == *joint).map(|slot| errors[slot].clone())
-        };
-        let by_run: Vec<Option<Vec<f64>>> = errors.iter().enumerate().map(of_run).collect();
-        let series: Vec<&[f64]> = by_run.iter().flatten().map(Vec::as_slice).collect();
+        let slots = (0..errors.len()).map(|run| evaluator.joints_of(run).position(|own| own == *joint));
+        let by_run: Vec<Option<&[f64]>> =
+            errors.iter().zip(slots).map(|(errors, slot)| slot.map(|slot| errors[slot].as_slice())).collect();
+        let series: Vec<&[f64]> = by_run.iter().copied().flatten().collect();
         let samples = series.iter().map(|errors| errors.len()).sum::<usize>() as f64;
         let squares = series.iter().flat_map(|errors| errors.iter()).map(|error| error * error).sum::<f64>();
         let variance = evaluator.variance(index, squares, samples);
         log_likelihood -= 0.5 * samples * (variance.ln() + squares / samples / variance);
         let whiteness = whiteness(&series);
         let (deviation, correction) = (variance.sqrt(), evaluator.correction(x, index));
-        let tenths = by_run.iter().flat_map(|errors| tenths(errors.as_deref())).collect();
+        let tenths = by_run.iter().flat_map(|errors| tenths(*errors)).collect();
         joints.push(JointInnovations { joint: *joint, samples, deviation, whiteness, correction, tenths });
     }
     let variances = variances(&quadratic.hessian);

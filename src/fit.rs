@@ -10,8 +10,9 @@ use dynid_identify::identify::{self, ErrorSignal, FitResult, FitTask, Progress, 
 use dynid_identify::position::Options;
 use dynid_identify::sequence::Weighting;
 use dynid_identify::starts::Starts;
-use dynid_identify::{FitError, SearchControl};
-use dynid_logs::experiment::{Experiment, Role, Run};
+use dynid_identify::{SearchControl, prediction};
+use dynid_logs::experiment::{Experiment, Run};
+use dynid_logs::part::looked_at;
 use dynid_user_model::Model;
 
 use crate::{Error, check_device};
@@ -19,8 +20,8 @@ use crate::{Error, check_device};
 /// What to fit, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitSettings {
-    /// Which error is made small; `None` for the one that suits model and logs ([`identify::default_error`]): then a fit of
-    /// the position error that comes to no minimum is followed by one of the torque error.
+    /// Which error is made small; `None` for that of one-step predictions or, along a method, from several starts or with a weight of
+    /// the first half, that of positions.
     pub error: Option<ErrorSignal>,
     /// Only runs in which exactly these joints are free; `None` for all runs.
     pub free: Option<Vec<usize>>,
@@ -107,8 +108,8 @@ pub enum FitSettingsError {
     MethodOfTorque,
     /// What belongs to the position error, where the torque error is made small.
     #[error(
-        "several starts, a transient to leave out, a weight of the first half and resuming belong to the position error, and \
-         the torque error is fitted here; leave them out, or ask for the position error"
+        "several starts and a weight of the first half belong to the position error, a transient to leave out and resuming to \
+         that of predictions, too, and another is fitted here; leave them out, or ask for the position error"
     )]
     PositionOnly,
     /// Weights of a method without one.
@@ -122,14 +123,11 @@ pub enum FitSettingsError {
     FirstHalfNotPositive,
 }
 
-/// A position fit's cost per sample where it leaves nothing but noise, with a margin of a tenth of the error.
-const COST_OF_NOISE: f64 = 0.5 * 1.1 * 1.1;
-
-/// Fits `model` to the runs of `experiment` whose role is `fit`, by least squares on the position or the torque error (see
-/// [`ErrorSignal`]).
+/// Fits `model` to the runs of `experiment` whose role is `fit`: by the likelihood of its one-step predictions, or by least squares
+/// on the position or the torque error (see [`ErrorSignal`]).
 ///
-/// An effect that stands where it vanishes starts from a first estimate by the logs; where that leads nowhere, or to one of
-/// many minima, the next best estimates are tried. `progress` hears of every iteration and may stop the fit: that of the position
+/// An effect that stands where it vanishes starts from a first estimate by the logs; predictions are tried from the next best ones,
+/// too. `progress` hears of every iteration and may stop the fit: that of the position
 /// error after an iteration, that of the torque error, which takes seconds, at its end.
 ///
 /// # Errors
@@ -156,7 +154,7 @@ pub fn fit(
     let experiment = overridden(experiment, settings);
     check_device(model, &experiment)?;
     let runs = experiment.runs_with_free(settings.free.as_deref())?;
-    let task = task(model, &runs, settings)?;
+    let task = task(&runs, settings)?;
     let kept = settings
         .checkpoint
         .as_ref()
@@ -167,48 +165,35 @@ pub fn fit(
     for label in &first.labels {
         stopped |= progress(FitProgress::FirstEstimate(label)).is_break();
     }
-    let mut searches = Searches { experiment: &experiment, runs: &runs, progress, stopped };
-    let mut found = searches.first(&first.model, &task, state, kept.as_ref())?;
-    let cost_per_sample = |found: &Result<FitResult, FitError>| cost(found) / samples(&runs) as f64;
-    // A new effect's first estimate may lead nowhere, or to one of many minima; the next best may not.
-    for other in first.others {
-        let least = cost_per_sample(&found);
-        let is_done = is_minimum(&found) && (!first.is_narrow || least <= COST_OF_NOISE);
-        if is_done || is_stopped(&found) {
-            break;
+    let seen = match task.error {
+        ErrorSignal::Prediction => looked_at(runs.iter().copied(), prediction::Settings::default().samples),
+        _ => Vec::new(),
+    };
+    let runs = if seen.is_empty() { runs } else { seen.iter().collect() };
+    let mut unsaved = None;
+    let mut watch = |reported: &Progress, state: Option<&State>| {
+        stopped |= progress(FitProgress::Iteration(reported)).is_break();
+        if let (Some(kept), Some(state)) = (&kept, state)
+            && let Err(error) = checkpoint::write(&kept.checkpoint.path, &kept.identity, state)
+        {
+            unsaved = Some(error);
+            return SearchControl::Stop;
         }
-        let next = searches.further(&other, &task, least);
-        if (searches.stopped && is_stopped(&next)) || cost(&next) < cost(&found) {
-            found = next;
-        }
+        if stopped { SearchControl::Stop } else { SearchControl::Continue }
+    };
+    let found = identify::identify_as(&first.model, &first.others, &experiment, &runs, &task, state, &mut watch);
+    if let Some(error) = unsaved {
+        return Err(error.into());
     }
     let mut found = found?;
-    if searches.stopped && task.error == ErrorSignal::Torque {
+    if stopped && task.error == ErrorSignal::Torque {
         return Err(Error::Stopped);
-    }
-    let may_fall_back = settings.error.is_none() && task.method.is_none() && task.error != ErrorSignal::Torque;
-    if !found.status.may_update_model() && may_fall_back {
-        let by_torque = FitTask { error: ErrorSignal::Torque, ..task };
-        // Where even that comes to nothing, the first fit says why.
-        if let Ok(other) = searches.further(&first.model, &by_torque, f64::INFINITY)
-            && other.status.may_update_model()
-        {
-            found = fallen_back(&found, other);
-        }
     }
     if let Some(record) = &mut found.model.fit {
         // The parent is what the user handed in, not the estimate that the search began with.
         record.parent_digest = model.digest();
     }
     Ok(found)
-}
-
-/// Whether a search that after so many iterations without an observer has come to `cost` per sample stays far above the cost that
-/// another `reached`: one that can reach that is not so far from it after so many.
-fn stays_far_above(free_iterations: usize, cost: f64, reached: f64) -> bool {
-    const TRIES: usize = 15;
-    const FAR: f64 = 30.0;
-    free_iterations >= TRIES && cost > FAR * reached
 }
 
 /// The experiment with what the settings say otherwise of its runs.
@@ -224,18 +209,23 @@ fn overridden<'a>(experiment: &'a Experiment, settings: &FitSettings) -> Cow<'a,
 }
 
 /// What is asked for, as the searches take it.
-fn task(model: &Model, runs: &[&Run], settings: &FitSettings) -> Result<FitTask, FitSettingsError> {
-    if settings.method.is_some() && matches!(settings.error, Some(ErrorSignal::Torque | ErrorSignal::Both)) {
+fn task(runs: &[&Run], settings: &FitSettings) -> Result<FitTask, FitSettingsError> {
+    let is_of_position = settings.error == Some(ErrorSignal::Position) || settings.error.is_none();
+    if settings.method.is_some() && !is_of_position {
         return Err(FitSettingsError::MethodOfTorque);
     }
-    let error = match (&settings.method, settings.error) {
-        (Some(_), _) => ErrorSignal::Position,
-        (None, Some(error)) => error,
-        (None, None) => identify::default_error(model, runs),
-    };
+    let is_weighed = settings.first_half.is_some() || runs.iter().any(|run| run.settings.first_half != 1.0);
+    let asks_for_position = settings.method.is_some() || settings.starts > 1 || is_weighed;
+    let default = if asks_for_position { ErrorSignal::Position } else { ErrorSignal::Prediction };
+    let error = settings.error.unwrap_or(default);
     let resumes = settings.checkpoint.as_ref().is_some_and(|checkpoint| checkpoint.begin == Begin::Resume);
-    let is_of_position = settings.starts > 1 || settings.from_s.is_some() || settings.first_half.is_some() || resumes;
-    if error == ErrorSignal::Torque && is_of_position {
+    let simulates = settings.starts > 1 || settings.first_half.is_some();
+    let is_wrong = match error {
+        ErrorSignal::Torque => simulates || settings.from_s.is_some() || resumes,
+        ErrorSignal::Prediction => simulates,
+        ErrorSignal::Position | ErrorSignal::Both => false,
+    };
+    if is_wrong {
         return Err(FitSettingsError::PositionOnly);
     }
     if settings.weighting == Weighting::OfMethod && settings.method.is_none() {
@@ -278,93 +268,4 @@ impl Kept<'_> {
             Begin::New | Begin::Overwrite => Ok(State::default()),
         }
     }
-}
-
-/// One search after another, of the same runs and with the same listener.
-struct Searches<'a> {
-    experiment: &'a Experiment,
-    runs: &'a [&'a Run],
-    progress: &'a mut dyn FnMut(FitProgress<'_>) -> ControlFlow<()>,
-    /// Whether the listener asked to stop.
-    stopped: bool,
-}
-
-impl Searches<'_> {
-    /// The search that is kept, and goes on from `state`.
-    fn first(
-        &mut self,
-        start: &Model,
-        task: &FitTask,
-        state: State,
-        kept: Option<&Kept<'_>>,
-    ) -> Result<Result<FitResult, FitError>, Error> {
-        let mut unsaved = None;
-        let found = identify::identify_as(start, self.experiment, self.runs, task, state, &mut |reported, state| {
-            self.hear(reported);
-            if let (Some(kept), Some(state)) = (kept, state)
-                && let Err(error) = checkpoint::write(&kept.checkpoint.path, &kept.identity, state)
-            {
-                unsaved = Some(error);
-                return SearchControl::Stop;
-            }
-            if self.stopped { SearchControl::Stop } else { SearchControl::Continue }
-        });
-        match unsaved {
-            Some(error) => Err(error.into()),
-            None => Ok(found),
-        }
-    }
-
-    /// A further search, which is not kept. One that stays far above the cost per sample `least` that another came to is left.
-    fn further(&mut self, start: &Model, task: &FitTask, least: f64) -> Result<FitResult, FitError> {
-        let mut free = 0;
-        self.begin(task);
-        identify::identify_as(start, self.experiment, self.runs, task, State::default(), &mut |reported, _| {
-            self.hear(reported);
-            // What further starts or configurations come to is not comparable, and stopping there would lose the first's end.
-            let is_first = reported.start == 0 && reported.configuration.is_none();
-            free += usize::from(is_first && reported.observer == 0.0);
-            let is_hopeless = is_first && stays_far_above(free, reported.cost, least);
-            if self.stopped || is_hopeless { SearchControl::Stop } else { SearchControl::Continue }
-        })
-    }
-
-    fn begin(&mut self, task: &FitTask) {
-        self.stopped |= (self.progress)(FitProgress::Search(task.error)).is_break();
-    }
-
-    fn hear(&mut self, reported: &Progress) {
-        self.stopped |= (self.progress)(FitProgress::Iteration(reported)).is_break();
-    }
-}
-
-fn is_stopped(found: &Result<FitResult, FitError>) -> bool {
-    found.as_ref().is_err_and(|error| error.interrupted_after().is_some())
-}
-
-fn is_minimum(found: &Result<FitResult, FitError>) -> bool {
-    found.as_ref().is_ok_and(|found| found.status.may_update_model())
-}
-
-fn cost(found: &Result<FitResult, FitError>) -> f64 {
-    match found {
-        Ok(found) if found.status.may_update_model() => found.cost_after,
-        _ => f64::INFINITY,
-    }
-}
-
-/// Samples that a position fit counts, each joint's by itself.
-fn samples(runs: &[&Run]) -> usize {
-    let fitted = runs.iter().filter(|run| run.role == Role::Fit);
-    fitted.map(|run| run.log.len().saturating_sub(run.n_cut()) * run.free.len()).sum()
-}
-
-/// The fit of the torque error in place of one of the position error that came to no minimum.
-fn fallen_back(position: &FitResult, mut torque: FitResult) -> FitResult {
-    torque.notes.push(format!(
-        "the fit of the position error came to no minimum ({}): the model's simulation does not follow the \
-         logs. The torque error was fitted instead; `dynid diagnose` may tell what the model lacks",
-        position.status.as_str()
-    ));
-    torque
 }

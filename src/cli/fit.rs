@@ -35,12 +35,12 @@ Examples:
 Fitted is whatever the model does not fix and the runs depend on, within its bounds; links stay bodies that can be.
 
 Which error is made small:
+  prediction measured position minus the one predicted from the samples before (the likelihood of the logs)
   position   measured position minus the one simulated from the commanded torque
   torque     commanded torque minus the one that the measured, filtered motion needs
   both       torque first, then position from there
-Without --error it is position where the model has a rest position (a spring) at every free joint of every run, both
-where the simulation of the model as it stands stays near the logs, and torque otherwise: where a run is in closed loop, or
-the experiment filters or masks the torque error. The result says which it was.
+Without --error it is that of predictions, in open and in closed loop, whether a simulation follows the logs or not; with
+--method, --starts or a weight of the first half it is position. The result says which it was.
 
 A log is taken to begin at rest. One that does not, e.g. a part of a longer one, says moving = true in the experiment,
 beside its file; then its initial speeds are estimated with its initial positions.")]
@@ -115,6 +115,7 @@ pub(super) enum Kind {
     Torque,
     Position,
     Both,
+    Prediction,
 }
 
 impl From<Kind> for ErrorSignal {
@@ -123,6 +124,7 @@ impl From<Kind> for ErrorSignal {
             Kind::Torque => Self::Torque,
             Kind::Position => Self::Position,
             Kind::Both => Self::Both,
+            Kind::Prediction => Self::Prediction,
         }
     }
 }
@@ -241,8 +243,8 @@ fn as_options(error: dynid::Error) -> anyhow::Error {
             "a method is fitted to the position error; leave --error out, or use --free with --error torque"
         }
         FitSettingsError::PositionOnly => {
-            "--starts, --from-s, --first-half and --resume belong to the position error, and the torque error is \
-             fitted here; leave them out, or say --error position"
+            "--starts and --first-half belong to the position error, --from-s and --resume to that of predictions, too, and \
+             another is fitted here; leave them out, or say --error position"
         }
         FitSettingsError::WeightsWithoutMethod => {
             "--weights method weighs the steps of a method; say which with --method, or leave it out"

@@ -91,7 +91,7 @@ impl<'a> Balance<'a> {
     /// Whether the joint's samples can be judged.
     fn is_judged(&self, slot: usize) -> bool {
         let joint = self.run.free[slot];
-        self.errors[slot].n_used() >= crate::excitation::LEAST_SAMPLES && moves(self.run, joint)
+        self.errors[slot].n_used() >= dynid_logs::part::LEAST_SAMPLES && moves(self.run, joint)
     }
 
     /// Combinations of unknowns that the torque of `joint` depends on, in this motion's configuration.

@@ -2,14 +2,11 @@
 
 use std::collections::BTreeSet;
 
-use dynid_logs::{experiment::Run, noise::noise_of_log};
+use dynid_logs::{experiment::Run, noise::noise_of_log, part::LEAST_SAMPLES};
 use dynid_signal::power_spectrum;
 use dynid_user_model::Model;
 
 use crate::{Unanswered, balance::Balance};
-
-/// Samples in which a pattern is told from noise.
-pub const LEAST_SAMPLES: usize = 64;
 
 /// A joint moves if its positions span so many times their noise.
 pub const MOVES: f64 = 10.0;

@@ -96,7 +96,7 @@ pub fn check(model: &Model, runs: &[&Run]) -> Result<Checked, CheckError> {
             match balance {
                 Ok(balance) => balances.push(balance),
                 // What is too short altogether has been said.
-                Err(_) if run.log.len() < excitation::LEAST_SAMPLES => {}
+                Err(_) if run.log.len() < dynid_logs::part::LEAST_SAMPLES => {}
                 Err(reason) => unanswered.push(Unanswered::NoTorqueBalance { reason }),
             }
         }

@@ -6,10 +6,10 @@ use std::collections::BTreeSet;
 use super::{Note, refit::Refit, runs};
 use crate::{DiagnoseError, error::WhySoMany};
 use dynid_check::{
-    excitation::{LEAST_SAMPLES, MOVES, moves, parameters_at},
+    excitation::{MOVES, moves, parameters_at},
     identifiability::joint_of,
 };
-use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError};
+use dynid_logs::{experiment::Role, experiment::Run, motion::Motion, motion::MotionError, part::LEAST_SAMPLES};
 use dynid_user_model::Model;
 
 /// What should be known of `runs` before the fit.

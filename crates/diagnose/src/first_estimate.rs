@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use dynid_logs::experiment::{Role, Run};
+use dynid_logs::part::looked_at;
 use dynid_user_model::{EffectInstance, Model};
 
 use crate::Candidate;
@@ -14,11 +15,8 @@ use crate::settings::Settings;
 pub struct FirstEstimates {
     /// The model with the most promising estimates.
     pub model: Model,
-    /// Other starts, should a fit from there come to no minimum; only where a single effect is new.
+    /// Other starts that may lead further; only where a single effect is new.
     pub others: Vec<Model>,
-    /// Whether the other starts should be tried even where the first leads to a minimum that leaves more than noise, for there
-    /// are many near by.
-    pub is_narrow: bool,
     /// The effects that got an estimate.
     pub labels: Vec<String>,
 }
@@ -28,12 +26,12 @@ pub struct FirstEstimates {
 ///
 /// The estimate is the step that the score test promises most of; where it promises nothing the effect stays.
 pub fn with_first_estimates(model: &Model, runs: &[&Run]) -> FirstEstimates {
-    let mut found = FirstEstimates { model: model.clone(), others: Vec::new(), is_narrow: false, labels: Vec::new() };
+    let mut found = FirstEstimates { model: model.clone(), others: Vec::new(), labels: Vec::new() };
     let new: Vec<EffectInstance> = model.effects.iter().filter(|own| vanishes(own)).cloned().collect();
     let is_single = new.len() == 1;
     let settings = Settings::default();
     let to_fit = runs.iter().filter(|run| run.role == Role::Fit);
-    let fit = super::runs::looked_at(&to_fit.map(|run| (*run).clone()).collect::<Vec<_>>(), settings.samples);
+    let fit = looked_at(to_fit.copied(), settings.search.samples);
     for instance in new {
         let candidate = Candidate { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
         let mut without = found.model.clone();
@@ -55,7 +53,6 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run]) -> FirstEstimates {
             starts.iter().map(|start| with_values(&found.model, &instance, &start.stepped())).collect();
         let Some(first) = estimates.first().cloned() else { continue };
         if is_single {
-            found.is_narrow = starts.iter().any(|start| start.is_tried);
             let mut seen = BTreeMap::from([(first.digest(), ())]);
             let is_new = |other: &Model| seen.insert(other.digest(), ()).is_none();
             found.others = estimates.into_iter().filter(is_new).take(OTHERS).collect();

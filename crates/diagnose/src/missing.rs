@@ -466,7 +466,7 @@ impl Logs<'_> {
             }
             let start = |(probe, model)| {
                 let candidate = candidate.clone();
-                Start { candidate, model, promise: 0.0, probe, step: Vec::new(), is_tried: true }
+                Start { candidate, model, promise: 0.0, probe, step: Vec::new() }
             };
             models.into_iter().enumerate().map(start).collect()
         };

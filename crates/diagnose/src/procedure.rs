@@ -6,6 +6,7 @@ use dynid_identify::FitError;
 use dynid_identify::identify::{ErrorSignal, default_error};
 use dynid_identify::position::PositionFitError;
 use dynid_identify::prediction::{JointInnovations, State};
+use dynid_logs::part::looked_at;
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
 use dynid_user_model::Model;
@@ -48,8 +49,9 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let settings = Settings::default();
     let outside = Outside { tell, stop };
+    let held = options.error.filter(|error| *error != ErrorSignal::Prediction);
     // What is shown beside the likelihood.
-    let shown = match options.error.unwrap_or_else(|| default_error(model, runs)) {
+    let shown = match held.unwrap_or_else(|| default_error(model, runs)) {
         ErrorSignal::Torque => ErrorSignal::Torque,
         _ => ErrorSignal::Position,
     };
@@ -59,10 +61,10 @@ pub fn diagnose(
     }
     notes.extend(excitation::check(model, runs)?);
     let mut judged = runs::split(runs);
-    let seen = runs::looked_at(&judged, settings.samples);
+    let seen = looked_at(&judged, settings.search.samples);
     let recall = |key: &str| finished.get(key).cloned();
     let keep = |key: &str, state: &State| tell(&Event::Searched(key, state));
-    let rates = options.error.map(|error| held_rates(model, runs, error)).transpose()?;
+    let rates = held.map(|error| held_rates(model, runs, error)).transpose()?;
     tell(&Event::FittingModel);
     let (fit, held_out) = runs::by_role(&seen);
     let mut work = Logs { given: model, fit, held_out, settings, rates, recall: &recall, keep: &keep, stop };
@@ -70,7 +72,7 @@ pub fn diagnose(
     outside.asked_to_stop()?;
     if !base.is_whole(&settings) && judged.iter().all(runs::stands) {
         let lines: Vec<Run> = judged.iter().map(runs::with_line).collect();
-        let (fit, held_out) = runs::by_role(&runs::looked_at(&lines, settings.samples));
+        let (fit, held_out) = runs::by_role(&looked_at(&lines, settings.search.samples));
         let straight = Logs { fit, held_out, ..work.clone() };
         let refitted = straight.base(&base.model, "base, straight").map_err(FitError::from)?;
         outside.asked_to_stop()?;
@@ -224,13 +226,14 @@ fn step(
     let verdict = match paying.first() {
         None if is_near_noise() || base.is_white(settings) => Verdict::NothingMissing,
         None => Verdict::Unexplained,
-        Some(best) if best.is_white(settings) => Verdict::MissingEffect,
+        Some(best) if best.is_white(settings) && best.is_whole(settings) => Verdict::MissingEffect,
         Some(best) => {
-            // Of a torque that is measured at a high rate, noise hides how much is explained where it matters.
+            // White errors of a model that is not trusted may be noise of the torque, or what a law of no library leaves. Of a torque
+            // that is measured at a high rate, noise hides how much is explained where it matters.
             let of_torque = fitted.first().filter(|_| judge.shown == ErrorSignal::Torque);
             let of_torque =
                 of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
-            let much = best.explains(base, &work.fit).max(of_torque) >= settings.much;
+            let much = best.is_white(settings) || best.explains(base, &work.fit).max(of_torque) >= settings.much;
             let joint = helped(base, best);
             let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.less);
             if much && formula().is_none() { Verdict::MissingEffect } else { Verdict::Unexplained }

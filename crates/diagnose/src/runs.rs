@@ -1,10 +1,8 @@
 //! What of the logs is fitted to, what is held out, and which samples are looked at.
 
-use dynid_check::excitation::LEAST_SAMPLES;
 use dynid_dynamics::simulate::Intersample;
 use dynid_logs::experiment::{Role, Run};
-use dynid_logs::part::{may_keep_one_of, part, thinned, unmasked};
-use rayon::prelude::*;
+use dynid_logs::part::part;
 
 /// Where no run is held out, the last of so many equal parts of every run is.
 pub(super) const PARTS: usize = 3;
@@ -24,14 +22,6 @@ pub(super) fn split(runs: &[&Run]) -> Vec<Run> {
 /// Whether no run is held out.
 pub(super) fn is_cut(runs: &[&Run]) -> bool {
     runs.iter().all(|run| run.role == Role::Fit)
-}
-
-/// The stretches that a mask lets count, thinned where there are more samples than `enough` and fewer tell the same.
-pub(super) fn looked_at(runs: &[Run], enough: usize) -> Vec<Run> {
-    let whole: Vec<Run> = runs.iter().flat_map(|run| unmasked(run, LEAST_SAMPLES)).collect();
-    let samples: usize = whole.iter().map(|run| run.log.len() * run.free.len()).sum();
-    let most = samples.div_ceil(enough);
-    whole.par_iter().map(|run| thinned(run, may_keep_one_of(run, most))).collect()
 }
 
 /// Those to fit to, and those held out.

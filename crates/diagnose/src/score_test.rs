@@ -30,8 +30,6 @@ pub struct Start {
     pub probe: usize,
     /// The step that is promised from there, by parameter.
     pub step: Vec<(String, f64)>,
-    /// Whether the effect does something there before it takes the step.
-    pub is_tried: bool,
 }
 
 impl Start {
@@ -133,7 +131,6 @@ impl<'a> ScoreTest<'a> {
                     promise,
                     probe: *k,
                     step: probe.steps.iter().map(|step| step.name.clone()).zip(step).collect(),
-                    is_tried: *is_simulated || probe.steps.is_empty(),
                 })
             };
             places.iter().zip(asked).zip(promises).filter_map(start).collect()

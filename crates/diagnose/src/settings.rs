@@ -27,8 +27,6 @@ pub(super) struct Settings {
     pub(super) near: f64,
     /// So many effects are looked for one after the other, unless it is said how many.
     pub(super) depth: usize,
-    /// Samples, over all joints, of which more are thinned where fewer tell the same.
-    pub(super) samples: usize,
     /// So long a part of the runs decides what is fitted to all of them (s), and of each run at least so much.
     pub(super) beginning: (f64, f64),
     /// As many candidates, the most promising, are asked at other rates and from other values too.
@@ -64,7 +62,6 @@ impl Default for Settings {
             part: 0.5,
             near: 1.5,
             depth: 2,
-            samples: 60_000,
             beginning: (30.0, 5.0),
             further: 32,
             arms: 16,

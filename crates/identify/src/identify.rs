@@ -1,6 +1,7 @@
 //! The one way from a model and runs to a fitted model, whichever error is made small.
 
 mod by_position;
+mod by_prediction;
 mod by_torque;
 
 use std::collections::BTreeMap;
@@ -18,6 +19,7 @@ use crate::{
     FitStatus, position::Options, position::PositionProblem, sequence, sequence::Weighting, starts::Starts, stays_near,
 };
 use by_position::{by_position, cost_at};
+use by_prediction::by_prediction;
 use by_torque::by_torque;
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_optimise::sqp::SearchControl;
@@ -32,6 +34,9 @@ pub enum ErrorSignal {
     Position,
     /// Torque first, then position from there.
     Both,
+    /// Measured position minus what is predicted from the samples before: the likelihood of the logs
+    /// ([`crate::prediction`]).
+    Prediction,
 }
 
 impl fmt::Display for ErrorSignal {
@@ -40,6 +45,7 @@ impl fmt::Display for ErrorSignal {
             Self::Torque => "torque",
             Self::Position => "position",
             Self::Both => "both",
+            Self::Prediction => "prediction",
         })
     }
 }
@@ -57,8 +63,9 @@ pub struct FitResult {
     pub iterations: usize,
     /// Whether the simulations at the end need all the integration steps they may take, or more; false of a torque fit.
     pub needs_every_step: bool,
-    /// Half the sum of squared errors in units of their standard deviation, at the start; `None` where it was not asked
-    /// for.
+    /// Half the sum of squared errors in units of their standard deviation, at the start; of predictions, by how much the
+    /// logarithm of the likelihood falls short of what noise alone would leave ([`by_prediction`]). `None` where it was
+    /// not asked for.
     pub cost_before: Option<f64>,
     /// The same at the end.
     pub cost_after: f64,
@@ -145,7 +152,7 @@ impl FitTask {
 pub struct Progress {
     /// From 1.
     pub iteration: usize,
-    /// What it makes small: of the position error per sample and joint, of the torque error in all.
+    /// What it makes small: of the position error per sample and joint, of torque error and predictions in all.
     pub cost: f64,
     /// Length of the last step in standard deviations; `None` where it is not known.
     pub step: Option<f64>,
@@ -157,7 +164,7 @@ pub struct Progress {
     pub start: usize,
 }
 
-/// All that a position fit carries from one iteration to the next: continued from here it ends at the same bits.
+/// All that a fit of positions or predictions carries from one iteration to the next: continued from here it ends at the same bits.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct State {
     /// The starts that are done.
@@ -166,6 +173,8 @@ pub struct State {
     pub best: Option<Best>,
     /// Where the start under way is.
     pub sequence: sequence::State,
+    /// Where a fit of predictions is, from each of the starts that were tried.
+    pub predictions: Vec<crate::prediction::State>,
 }
 
 /// A start that is done.
@@ -227,16 +236,18 @@ pub fn identify(
         progress(reported);
         SearchControl::Continue
     };
-    identify_as(model, experiment, runs, &FitTask::plain(error, *options), State::default(), &mut watch)
+    identify_as(model, &[], experiment, runs, &FitTask::plain(error, *options), State::default(), &mut watch)
 }
 
-/// Fits `model` to those of `runs` that are for it. `watch` sees every iteration and, in a position fit, a state from
-/// which the same fit goes on bit-identically when it is handed in as `from`.
+/// Fits `model` to those of `runs` that are for it. `watch` sees every iteration and, in a fit of positions or predictions, a state
+/// from which the same fit goes on bit-identically when it is handed in as `from`. Predictions are tried from `others`, too: `model`
+/// with other values.
 ///
 /// # Errors
 /// As [`identify`]; the device has no such method; interrupted by `watch`.
 pub fn identify_as(
     model: &Model,
+    others: &[Model],
     experiment: &Experiment,
     runs: &[&Run],
     how: &FitTask,
@@ -258,6 +269,11 @@ pub fn identify_as(
     let mut found = match how.error {
         ErrorSignal::Torque => by_torque(model, runs, options.iterations, &mut unreported)?,
         ErrorSignal::Position => by_position(model, from, watch)?,
+        ErrorSignal::Prediction => {
+            let others = others.iter().map(|other| only(other, &how.only));
+            let starts: Vec<Model> = [Ok(model.clone())].into_iter().chain(others).collect::<Result<_, _>>()?;
+            by_prediction(&starts, runs, options.iterations, from, &mut |told, state| watch(told, Some(state)))?
+        }
         ErrorSignal::Both => {
             // What the second fit refuses is better refused before the first.
             PositionProblem::of_model(model, by_position::fitted(runs))?;

@@ -28,6 +28,7 @@ pub(crate) use evaluate::start_of;
 pub use evaluate::{first_state, noise_of};
 pub use motion::{RunMotion, motions};
 pub use physical_links::made_physical;
+pub(crate) use result::undetermined;
 pub use result::{Direction, Estimate, PositionFit, RunError};
 
 use dynid_dynamics::{

@@ -150,11 +150,13 @@ pub struct Settings {
     pub tolerance: f64,
     /// What the integration may cost of the log likelihood in the end.
     pub integration: f64,
+    /// Samples, over all joints, of which more are thinned where fewer tell the same ([`dynid_logs::part::looked_at`]).
+    pub samples: usize,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations: 60, tolerance: 0.05, integration: 0.5 }
+        Self { iterations: 60, tolerance: 0.05, integration: 0.5, samples: 60_000 }
     }
 }
 
@@ -242,6 +244,12 @@ impl<'a> Search<'a> {
     pub fn nuisance(&self) -> (BTreeMap<usize, f64>, Vec<Vec<f64>>) {
         let x = &self.state.search.x;
         (self.evaluator.rates(x), self.evaluator.initial(x))
+    }
+
+    /// Negative log likelihood, prior included, where a search that is new begins; `None` of one that cannot be predicted there.
+    pub fn beginning(&self) -> Option<f64> {
+        let x = self.evaluator.start().ok()?;
+        self.evaluator.at(&self.state.plan).cost(&x)
     }
 
     /// Where it is.

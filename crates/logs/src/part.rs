@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use dynid_dynamics::simulate::Intersample;
+use rayon::prelude::*;
 
 use crate::experiment::{Role, Run};
 use crate::log::Log;
@@ -37,6 +38,18 @@ pub fn unmasked(run: &Run, least: usize) -> Vec<Run> {
         start = end;
     }
     parts
+}
+
+/// Samples in which a pattern is told from noise.
+pub const LEAST_SAMPLES: usize = 64;
+
+/// The stretches that a mask lets count, thinned where there are more samples than `enough` and fewer tell the same.
+#[must_use]
+pub fn looked_at<'a>(runs: impl IntoIterator<Item = &'a Run>, enough: usize) -> Vec<Run> {
+    let whole: Vec<Run> = runs.into_iter().flat_map(|run| unmasked(run, LEAST_SAMPLES)).collect();
+    let samples: usize = whole.iter().map(|run| run.log.len() * run.free.len()).sum();
+    let most = samples.div_ceil(enough);
+    whole.par_iter().map(|run| thinned(run, may_keep_one_of(run, most))).collect()
 }
 
 /// Of how many samples one may be kept so that predictions say the same: third differences of the positions that are kept are still

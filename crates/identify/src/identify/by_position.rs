@@ -1,6 +1,7 @@
 //! Fits of the position error, of all runs at once or along a method's sequence, reported like every other.
 
 use dynid_model::Device;
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::{
@@ -201,7 +202,8 @@ pub(super) fn fitted<'a>(runs: &[&'a Run]) -> impl Iterator<Item = &'a Run> {
 
 fn result(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitResult {
     let model = fit.applied_to(before);
-    let correlations = correlations(&fit);
+    let names: Vec<&str> = fit.parameters.iter().map(|own| own.name.as_str()).collect();
+    let correlations = correlations(&names, &fit.covariance);
     let PositionFit { status, parameters, undetermined, iterations, needs_every_step, runs, .. } = fit;
     let parameters = parameters
         .into_iter()
@@ -234,16 +236,15 @@ fn result(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitResu
 }
 
 /// The strongest correlations between parameters, from their covariance.
-fn correlations(fit: &PositionFit) -> Vec<Correlation> {
+pub(super) fn correlations(names: &[&str], covariance: &DMatrix<f64>) -> Vec<Correlation> {
     /// Weaker ones are not worth telling, and no more than so many are.
     const WEAKEST: f64 = 0.5;
     const AT_MOST: usize = 20;
-    let n = fit.parameters.len();
     let mut pairs = Vec::new();
-    for row in 0..n {
-        for column in row + 1..n {
-            let size = (fit.covariance[(row, row)] * fit.covariance[(column, column)]).sqrt();
-            let value = fit.covariance[(row, column)] / size;
+    for row in 0..names.len() {
+        for column in row + 1..names.len() {
+            let size = (covariance[(row, row)] * covariance[(column, column)]).sqrt();
+            let value = covariance[(row, column)] / size;
             if value.abs() >= WEAKEST {
                 pairs.push((row, column, value));
             }
@@ -251,7 +252,7 @@ fn correlations(fit: &PositionFit) -> Vec<Correlation> {
     }
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()).then((a.0, a.1).cmp(&(b.0, b.1))));
     pairs.truncate(AT_MOST);
-    let name = |index: usize| fit.parameters[index].name.clone();
+    let name = |index: usize| names[index].to_owned();
     pairs.into_iter().map(|(row, column, value)| Correlation { one: name(row), other: name(column), value }).collect()
 }
 

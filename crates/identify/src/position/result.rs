@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    FitRun, PositionProblem,
+    FitRun, PositionProblem, Unknown,
     evaluate::{At, Evaluator, noise_of},
 };
 use crate::FitStatus;
@@ -181,7 +181,7 @@ pub(super) fn conclude(
     for k in 0..n {
         determined[(k, k)] -= spread[k].powi(-2);
     }
-    let undetermined = undetermined(problem, &determined, &spread);
+    let undetermined = undetermined(&problem.unknowns, &determined, &spread);
 
     let parameters: Vec<Estimate> = problem
         .unknowns
@@ -305,7 +305,11 @@ fn eliminate_initial(hessian: &DMatrix<f64>, n: usize) -> DMatrix<f64> {
 }
 
 /// Eigenvectors of the information, in units of the ranges, along which the data leave most of the range open.
-fn undetermined(problem: &PositionProblem, information: &DMatrix<f64>, spread: &DVector<f64>) -> Vec<Direction> {
+pub(crate) fn undetermined(
+    unknowns: &[Unknown],
+    information: &DMatrix<f64>,
+    spread: &DVector<f64>,
+) -> Vec<Direction> {
     /// Components below this share of a direction are not reported.
     const SMALL: f64 = 0.1;
     let n = spread.len();
@@ -325,7 +329,7 @@ fn undetermined(problem: &PositionProblem, information: &DMatrix<f64>, spread: &
                 .iter()
                 .enumerate()
                 .filter(|(_, component)| component.abs() >= SMALL)
-                .map(|(k, component)| (problem.unknowns[k].name.clone(), *component))
+                .map(|(k, component)| (unknowns[k].name.clone(), *component))
                 .collect();
             parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()).then_with(|| a.0.cmp(&b.0)));
             if parts.first().is_some_and(|(_, component)| *component < 0.0) {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{PredictionProblem, State, evaluate::Evaluator, plan::Plan};
 use crate::FitStatus;
-use crate::position::{Estimate, PositionFitError, Unknown};
+use crate::position::{Direction, Estimate, PositionFitError, Unknown, undetermined};
 use dynid_optimise::sqp::Objective;
 use dynid_signal::statistics::autocorrelation;
 
@@ -16,6 +16,11 @@ use dynid_signal::statistics::autocorrelation;
 pub struct PredictionFit {
     /// The parameters.
     pub parameters: Vec<Estimate>,
+    /// Their covariance, data and prior together.
+    #[serde(with = "dynid_optimise::matrix")]
+    pub covariance: DMatrix<f64>,
+    /// Combinations of them that the data do not determine.
+    pub undetermined: Vec<Direction>,
     /// Estimated initial positions (and speeds) of every run.
     pub initial: Vec<Vec<f64>>,
     /// Rate of each joint [1/s]: 0 where the model is trusted altogether.
@@ -113,13 +118,25 @@ pub(super) fn conclude(
         let tenths = by_run.iter().flat_map(|errors| tenths(*errors)).collect();
         joints.push(JointInnovations { joint: *joint, samples, deviation, whiteness, correction, tenths });
     }
-    let variances = variances(&quadratic.hessian);
+    let n = problem.unknowns.len();
+    let all = covariance(&quadratic.hessian);
+    let covariance = all.view((0, 0), (n, n)).into_owned();
+    let spread = DVector::from_column_slice(&problem.spreads);
+    let data = covariance.clone().cholesky().map(|factor| {
+        let mut data = factor.inverse();
+        (0..n).for_each(|k| data[(k, k)] -= spread[k].powi(-2));
+        data
+    });
+    let undetermined = data.map_or_else(Vec::new, |data| undetermined(&problem.unknowns, &data, &spread));
     let estimate = |(k, unknown): (usize, &Unknown)| {
-        Estimate::new(&unknown.name, x[k], variances[k], problem.spreads[k], (unknown.lower, unknown.upper))
+        let bounds = (unknown.lower, unknown.upper);
+        Estimate::new(&unknown.name, x[k], covariance[(k, k)], problem.spreads[k], bounds)
     };
     let parameters = problem.unknowns.iter().enumerate().map(estimate).collect();
     Ok(PredictionFit {
         parameters,
+        covariance,
+        undetermined,
         initial: evaluator.initial(x),
         rates: evaluator.rates(x),
         log_likelihood,
@@ -130,14 +147,14 @@ pub(super) fn conclude(
     })
 }
 
-/// Variance of each unknown, all others being free.
-fn variances(hessian: &DMatrix<f64>) -> Vec<f64> {
+/// Covariance of the unknowns; infinite where there is none.
+fn covariance(hessian: &DMatrix<f64>) -> DMatrix<f64> {
     let all = hessian.nrows();
     let scale = DVector::from_fn(all, |k, _| hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip());
     let mut scaled = DMatrix::from_fn(all, all, |row, column| hessian[(row, column)] * scale[row] * scale[column]);
     // A rate that no sample depends on any more.
     (0..all).for_each(|k| scaled[(k, k)] += 1e-12);
-    let inverse = scaled.cholesky().map(|factor| factor.inverse());
-    let variance = |k: usize| inverse.as_ref().map_or(f64::INFINITY, |inverse| inverse[(k, k)] * scale[k] * scale[k]);
-    (0..all).map(variance).collect()
+    let Some(factor) = scaled.cholesky() else { return DMatrix::from_element(all, all, f64::INFINITY) };
+    let inverse = factor.inverse();
+    DMatrix::from_fn(all, all, |row, column| inverse[(row, column)] * scale[row] * scale[column])
 }

@@ -34,7 +34,7 @@ fn fitted(folder: &Path, how: &FitTask, every: usize) -> (String, usize, usize) 
     let mut stops = 0;
     loop {
         let mut seen = 0;
-        let found = identify_as(&model, &experiment, &runs, how, state, &mut |_, state| {
+        let found = identify_as(&model, &[], &experiment, &runs, how, state, &mut |_, state| {
             seen += 1;
             checkpoint::write(&path, &identity, state.expect("a position fit has a state")).unwrap();
             if seen == every { SearchControl::Stop } else { SearchControl::Continue }

@@ -6,9 +6,9 @@ use dynid_identify::FitError;
 use dynid_identify::identify::{ErrorSignal, default_error};
 use dynid_identify::position::PositionFitError;
 use dynid_identify::prediction::{JointInnovations, State};
-use dynid_logs::part::looked_at;
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
+use dynid_logs::part::looked_at;
 use dynid_user_model::Model;
 
 use crate::missing::{Fitted, Logs, noise_at};

@@ -305,11 +305,7 @@ fn eliminate_initial(hessian: &DMatrix<f64>, n: usize) -> DMatrix<f64> {
 }
 
 /// Eigenvectors of the information, in units of the ranges, along which the data leave most of the range open.
-pub(crate) fn undetermined(
-    unknowns: &[Unknown],
-    information: &DMatrix<f64>,
-    spread: &DVector<f64>,
-) -> Vec<Direction> {
+pub(crate) fn undetermined(unknowns: &[Unknown], information: &DMatrix<f64>, spread: &DVector<f64>) -> Vec<Direction> {
     /// Components below this share of a direction are not reported.
     const SMALL: f64 = 0.1;
     let n = spread.len();

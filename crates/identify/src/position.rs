@@ -598,14 +598,20 @@ fn check_run(run: &FitRun, unknowns: usize) -> Result<(), PositionFitError> {
             return Err(PositionFitError::Length { run: run.name.clone(), what, found, expected });
         }
     }
-    let samples = run.time.iter().filter(|t| **t >= run.from_s).count();
-    if samples * n_free < unknowns.max(8) {
-        let first = run.time.first().copied().unwrap_or(0.0);
-        let span_s = run.time.last().map_or(0.0, |last| last - first);
-        let cut_s = (run.from_s - first).max(0.0);
-        return Err(PositionFitError::TooShort { run: run.name.clone(), span_s, cut_s, samples, unknowns });
+    check_samples(std::slice::from_ref(run), unknowns)
+}
+
+/// Whether as many samples count in `runs` as there are unknowns.
+pub(crate) fn check_samples(runs: &[FitRun], unknowns: usize) -> Result<(), PositionFitError> {
+    let counted = |run: &FitRun| run.time.len() - run.first_sample();
+    let Some(run) = runs.first() else { return Ok(()) };
+    if runs.iter().map(|run| counted(run) * run.system.n_free()).sum::<usize>() >= unknowns.max(8) {
+        return Ok(());
     }
-    Ok(())
+    let first = run.time.first().copied().unwrap_or(0.0);
+    let span_s = run.time.last().map_or(0.0, |last| last - first);
+    let cut_s = (run.from_s - first).max(0.0);
+    Err(PositionFitError::TooShort { run: run.name.clone(), span_s, cut_s, samples: counted(run), unknowns })
 }
 
 fn value_of(problem: &PositionProblem, name: &str) -> Option<f64> {

@@ -249,7 +249,7 @@ impl<'a> Search<'a> {
     /// Negative log likelihood, prior included, where a search that is new begins; `None` of one that cannot be predicted there.
     pub fn beginning(&self) -> Option<f64> {
         let x = self.evaluator.start().ok()?;
-        self.evaluator.at(&self.state.plan).cost(&x)
+        self.evaluator.at(&self.evaluator.plan(&x, &self.problem.plan, evaluate::ROUGHLY)).cost(&x)
     }
 
     /// Where it is.

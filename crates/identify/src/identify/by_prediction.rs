@@ -3,7 +3,7 @@
 use super::by_position::{correlations, fitted};
 use super::{ErrorSignal, FitResult, FittedParameter, Progress, State};
 use crate::FitError;
-use crate::position::{PositionFitError, noise_of};
+use crate::position::{PositionFitError, check_samples, noise_of};
 use crate::prediction::{self, PredictionFit, PredictionProblem, Search, Settings};
 use dynid_logs::experiment::Run;
 use dynid_optimise::sqp::SearchControl;
@@ -32,6 +32,9 @@ pub(super) fn by_prediction(
         .iter()
         .map(|start| PredictionProblem::of_model(start, &|name| start.prior(name), fitted(runs)))
         .collect::<Result<_, _>>()?;
+    for problem in &problems {
+        check_samples(&problem.runs, problem.unknowns.len())?;
+    }
     let mut state = from;
     let mut failure = None;
     let mut searches: Vec<(usize, Search<'_>)> = Vec::new();

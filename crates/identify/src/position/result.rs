@@ -309,6 +309,9 @@ pub(crate) fn undetermined(unknowns: &[Unknown], information: &DMatrix<f64>, spr
     /// Components below this share of a direction are not reported.
     const SMALL: f64 = 0.1;
     let n = spread.len();
+    if n == 0 {
+        return Vec::new();
+    }
     let scaled = DMatrix::from_fn(n, n, |row, column| information[(row, column)] * spread[row] * spread[column]);
     let eigen = SymmetricEigen::new(scaled);
     let mut directions: Vec<Direction> = eigen

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use dynid_judge::compare::{self as judge, Comparison, Finding, locate::locate};
+use dynid_judge::predictions::{Predictions, predictions};
 use dynid_logs::experiment::Experiment;
 use dynid_user_model::Model;
 
@@ -21,6 +22,8 @@ pub struct CompareSettings {
 pub struct Compared {
     /// Position and torque error of every joint of every run, in the order of the experiment.
     pub errors: Comparison,
+    /// How likely the logs are under its one-step predictions.
+    pub predictions: Predictions,
     /// What the errors follow and where they lie, the most telling first.
     pub findings: Vec<Finding>,
 }
@@ -53,5 +56,6 @@ pub fn compare(
     let compared = each(&runs, progress, |run| Ok(judge::compare(model, &[*run])?.runs))?;
     let errors = Comparison::of(compared.into_iter().flatten().collect(), &runs);
     let findings = locate(model, &runs, &errors);
-    Ok(Compared { errors, findings })
+    let predictions = predictions(model, &runs)?;
+    Ok(Compared { errors, predictions, findings })
 }

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use dynid_judge::{compare, ladder, ladder::Ladder};
+use dynid_judge::{ladder, ladder::Judged, ladder::Ladder};
 use dynid_logs::experiment::Experiment;
 use dynid_user_model::Model;
 
@@ -42,6 +42,6 @@ pub fn ladder(
 ) -> Result<Ladder, Error> {
     models.iter().try_for_each(|(_, model)| check_device(model, experiment))?;
     let runs = experiment.runs_with_free(settings.free.as_deref())?;
-    let comparisons = each(models, progress, |(_, model)| Ok(compare::compare(model, &runs)?))?;
-    Ok(ladder::of_comparisons(models, &runs, comparisons)?)
+    let judged = each(models, progress, |(_, model)| Ok(Judged::of(model, &runs)?))?;
+    Ok(ladder::of_judged(models, &runs, judged)?)
 }

@@ -31,6 +31,19 @@ fn the_error_falls_to_the_noise_when_the_hidden_effect_is_added() {
         assert!(joint["rmse_validate"].as_f64().unwrap() < 1.5 * joint["noise_floor"].as_f64().unwrap(), "{joint}");
         assert!(joint["torque_percent_validate"].as_f64().unwrap() < 5.0, "{joint}");
     }
+    // The errors of one-step predictions are the noise where nothing is missing, and the model needs no correction.
+    let predicted = |rung: usize| rungs[rung]["predictions"]["validate"]["joints"].as_array().unwrap().clone();
+    for own in predicted(3) {
+        let (times, correction) = (own["times_noise"].as_f64().unwrap(), own["correction"].as_f64().unwrap());
+        assert!((0.9..1.1).contains(&times) && correction < 0.05, "{own}");
+    }
+    assert!(predicted(1).iter().any(|own| own["correction"].as_f64().unwrap() > 0.5), "{:?}", predicted(1));
+    // The criterion by hand: both joints have as many samples, and a variance is their errors' and a little rounding.
+    let n = json["independent_samples"].as_f64().unwrap();
+    let fit = rungs[3]["predictions"]["fit"]["joints"].as_array().unwrap();
+    let of_joint = |own: &Value| n / 2.0 * (2.0 * own["deviation"].as_f64().unwrap().ln() + 1.0);
+    let bic = fit.iter().map(of_joint).sum::<f64>() + 7.0 * n.ln();
+    assert!((bic - rungs[3]["bic"].as_f64().unwrap()).abs() < 0.5, "{bic} {}", rungs[3]["bic"]);
     assert!(json["bic_formula"].as_str().unwrap().starts_with("BIC = "));
 
     let picture = fs::read_to_string(folder.path().join("ladder.svg")).unwrap();

@@ -9,6 +9,7 @@ use dynid::{CompareSettings, Compared, Comparison, Experiment, Finding, Model, R
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
 use dynid_judge::compare::JointComparison;
+use dynid_judge::predictions::Predictions;
 use dynid_report::{self as report, Accuracy, Budget, Figures, Models, Provenance, Section, Verdict};
 use dynid_report::{ShownErrors, panels, plot, run_panels};
 use dynid_sentences as sentences;
@@ -30,6 +31,8 @@ Two errors are reported where they can be computed. Position: measured minus sim
 is the log's own, so an RMS error near it leaves nothing to explain, and `white` says that the rest has no pattern.
 Torque: commanded minus what the measured, filtered motion needs, as a share of the torque. Where model and logs differ is
 said below the table: shares of the squared error beside what chance would give, and only what differs from chance.
+One sample ahead: what a simulation leaves that is corrected at every sample, as far as makes the logs likeliest; a model that
+lacks nothing needs no correction and leaves the noise.
 Judge a fitted model by the runs whose role is `validate`: it has not seen them.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
@@ -85,11 +88,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let runs: Vec<&Run> = experiment.runs_with_free(arguments.free.as_deref())?;
     let settings = CompareSettings { free: arguments.free.clone() };
-    let Compared { errors: comparison, findings: found } = progress::counted("runs compared", &|| false, |progress| {
-        dynid::compare(&model, &experiment, &settings, progress)
-    })?;
+    let Compared { errors: comparison, predictions, findings: found } =
+        progress::counted("runs compared", &|| false, |progress| {
+            dynid::compare(&model, &experiment, &settings, progress)
+        })?;
     let mut text = table(&comparison, arguments.error);
     text.push_str(&summary(&comparison));
+    for sentence in sentences::compare::predictions(&predictions) {
+        let _ = writeln!(text, "{sentence}");
+    }
     text.push_str(&meanings(&comparison));
     text.push_str(&located(&found));
     if let Some(picture) = &arguments.picture {
@@ -98,10 +105,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let _ = writeln!(text, "drawn: {}", picture.display());
     }
     if let Some(report) = &arguments.report {
-        write_new(report, &page(arguments, &experiment, &model, &runs, &comparison), overwrite)?;
+        write_new(report, &page(arguments, &experiment, &model, &runs, &comparison, &predictions), overwrite)?;
         let _ = writeln!(text, "written: {}", report.display());
     }
-    let json = sentences::compare::json(&comparison, &found)?;
+    let json = sentences::compare::json(&comparison, &predictions, &found)?;
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
@@ -235,12 +242,14 @@ fn page(
     model: &Model,
     runs: &[&Run],
     comparison: &Comparison,
+    predictions: &Predictions,
 ) -> String {
     let name = arguments.model.as_ref().map_or_else(
         || format!("the default model of {}", model.device.id),
         |path| path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned()),
     );
-    let verdict = Verdict { sentences: summarised(comparison) };
+    let mut verdict = Verdict { sentences: summarised(comparison) };
+    verdict.sentences.extend(sentences::compare::predictions(predictions));
     let accuracy =
         Accuracy { title: "How far off".to_owned(), comparison, with_torque: arguments.error != Shown::Position };
     let figures: Vec<Figures> = runs

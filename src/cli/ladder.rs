@@ -145,8 +145,8 @@ pub fn as_text(ladder: &Ladder) -> String {
         table.cells(cells);
         text.push_str(&table.text());
     }
-    if let (Some(error), Some(samples)) = (ladder.bic_error, ladder.independent_samples) {
-        let _ = writeln!(text, "{FORMULA}; of the {error} error, {samples:.0} independent samples");
+    if let Some(samples) = ladder.independent_samples {
+        let _ = writeln!(text, "{FORMULA}; {samples:.0} samples");
     }
     let n_children = ladder.rungs.iter().filter(|rung| rung.lineage.is_some_and(Lineage::is_child)).count();
     if n_children > 0 && n_children + 1 == ladder.rungs.len() {

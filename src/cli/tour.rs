@@ -94,7 +94,7 @@ fn walk(
     put(FITTED, &fitted.model.to_toml())?;
     let fitted_model = Model::load(partial.join(FITTED))?;
 
-    let Compared { errors: comparison, findings } = progress::counted("runs compared", stop, |progress| {
+    let Compared { errors: comparison, findings, .. } = progress::counted("runs compared", stop, |progress| {
         dynid::compare(&fitted_model, &experiment, &CompareSettings::default(), progress)
     })?;
 

@@ -104,18 +104,9 @@ pub fn diagnose(
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
         let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
-        let is_part = |best: &Fitted| best.explains(&before.0, &work.fit) >= settings.part;
-        let may_be_one_of_two = found.first().is_some_and(is_part);
-        // Unless more was asked for, a second counts only where both explain all, which noise of the torque keeps them from.
-        let may_be_all = options.depth.is_some() || shown == ErrorSignal::Position;
-        let is_found = step.verdict == Verdict::MissingEffect;
-        let goes_on = (is_found || may_be_one_of_two) && !is_all && may_be_all;
         let next = found.into_iter().next().zip(step.best().cloned());
         steps.push(step);
         let Some((mut fitted, mut refit)) = next else { break };
-        if !is_found && !goes_on && !is_all {
-            break;
-        }
         // A later effect may make an earlier one needless.
         for index in (0..steps.len() - 1).rev() {
             let others = steps.iter().enumerate().filter(|(own, _)| *own != index);
@@ -136,7 +127,7 @@ pub fn diagnose(
             }
         }
         is_whole = fitted.is_whole(&settings) && fitted.is_white(&settings);
-        if !goes_on || is_whole {
+        if is_all || is_whole {
             break;
         }
         before = (fitted.as_base(), refit);

@@ -21,8 +21,6 @@ pub(super) struct Settings {
     /// leaves.
     pub(super) much: f64,
     pub(super) less: f64,
-    /// An effect that explains this share may be one of two.
-    pub(super) part: f64,
     /// Errors below this multiple of the noise are near it: what no effect of the library explains there is no news.
     pub(super) near: f64,
     /// So many effects are looked for one after the other, unless it is said how many.
@@ -59,7 +57,6 @@ impl Default for Settings {
             straight: 0.3,
             much: 0.9,
             less: 0.5,
-            part: 0.5,
             near: 1.5,
             depth: 2,
             beginning: (30.0, 5.0),

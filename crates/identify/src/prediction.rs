@@ -95,12 +95,17 @@ impl PredictionProblem {
             unknowns.push(unknown);
         }
         let inequalities = crate::orders(model);
+        Self { unknowns, spreads, known, inequalities, ..Self::of_values(runs) }
+    }
+
+    /// Only where each run starts, and the rates, are unknown.
+    pub fn of_values(runs: Vec<FitRun>) -> Self {
         Self {
             runs,
-            unknowns,
-            spreads,
-            known,
-            inequalities,
+            unknowns: Vec::new(),
+            spreads: Vec::new(),
+            known: BTreeMap::new(),
+            inequalities: Vec::new(),
             initial: Vec::new(),
             rates: BTreeMap::new(),
             keeps_rates: false,

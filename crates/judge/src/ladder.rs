@@ -1,20 +1,16 @@
 //! The models of a lineage on the same runs: does each effect that was added pay for its parameters?
 //!
 //! Errors are reported per joint, on the runs to fit to and on those held out. Parsimony is the Bayesian information criterion
-//! of the runs to fit to (Schwarz 1978) for Gaussian errors of unknown size,
-//! `BIC = sum_j n_j ln(e_j^2) + k ln(sum_j n_j)`,
-//! with the mean squared error `e_j^2` of joint j, its number of *independent* samples `n_j` (errors have memory: see
-//! [`effective_samples`]) and the number `k` of free parameters. Models are compared with the `n_j` of the one that leaves
-//! least, for the errors of the others have the memory of what those lack. Only differences mean something; below -10 is
-//! strong.
+//! (Schwarz 1978) of the one-step predictions of the runs to fit to, whose errors are as good as independent,
+//! `BIC = -2 log L + k ln n`,
+//! with the number `k` of free parameters and that of samples, `n`. Only differences mean something; below -10 is strong.
 
 use serde::Serialize;
 
 use crate::CompareError;
-use crate::{compare::Comparison, compare::compare};
+use crate::{compare::Comparison, compare::compare, predictions::Predictions, predictions::predictions};
 use dynid_identify::position::FitRun;
 use dynid_logs::{experiment::Role, experiment::Run};
-use dynid_signal::statistics::effective_samples;
 use dynid_user_model::{Added, EffectError, EffectInstance, Model};
 
 /// Models of one device, one after the other, on the same runs.
@@ -24,9 +20,9 @@ pub struct Ladder {
     pub rungs: Vec<Rung>,
     /// Root mean square of the logs' own noise over the held-out runs (those to fit to without any) [rad or m].
     pub noise_floor: Option<f64>,
-    /// Which error the BIC is of: `position` where every model has one that means something on every run to fit to.
+    /// Which error the BIC is of: `prediction`, that of one-step predictions of the runs to fit to; `None` where no model has one.
     pub bic_error: Option<&'static str>,
-    /// Independent samples of all joints together, in the BIC.
+    /// Samples of all joints together, in the BIC.
     pub independent_samples: Option<f64>,
     /// What should be known besides.
     #[serde(rename = "typed_notes")]
@@ -92,6 +88,8 @@ pub struct Rung {
     pub torque_percent_validate: Option<f64>,
     /// The same, per joint.
     pub joints: Vec<RungJoint>,
+    /// What one-step predictions leave.
+    pub predictions: Predictions,
     /// Parameters that are not fixed and occur in the equations of a run.
     pub free_parameters: usize,
     /// Parsimony: smaller is better.
@@ -218,22 +216,33 @@ pub fn place_name(effect: &EffectInstance) -> String {
 /// # Errors
 /// A model that makes no equations for a run.
 pub fn ladder(models: &[(String, Model)], runs: &[&Run]) -> Result<Ladder, CompareError> {
-    let comparisons =
-        models.iter().map(|(_, model)| compare(model, runs)).collect::<Result<Vec<Comparison>, CompareError>>()?;
-    of_comparisons(models, runs, comparisons)
+    let judged = models.iter().map(|(_, model)| Judged::of(model, runs)).collect::<Result<_, CompareError>>()?;
+    of_judged(models, runs, judged)
 }
 
-/// As [`ladder`], of models that were compared with `runs` already.
+/// A model on the runs of a ladder.
+pub struct Judged {
+    comparison: Comparison,
+    predictions: Predictions,
+}
+
+impl Judged {
+    /// `model` on `runs`.
+    ///
+    /// # Errors
+    /// A model that makes no equations for a run.
+    pub fn of(model: &Model, runs: &[&Run]) -> Result<Self, CompareError> {
+        Ok(Self { comparison: compare(model, runs)?, predictions: predictions(model, runs)? })
+    }
+}
+
+/// As [`ladder`], of models that were judged on `runs` already.
 ///
 /// # Errors
 /// As [`ladder`].
-pub fn of_comparisons(
-    models: &[(String, Model)],
-    runs: &[&Run],
-    comparisons: Vec<Comparison>,
-) -> Result<Ladder, CompareError> {
+pub fn of_judged(models: &[(String, Model)], runs: &[&Run], judged: Vec<Judged>) -> Result<Ladder, CompareError> {
     let mut rungs: Vec<Rung> = Vec::new();
-    for (index, ((name, model), comparison)) in models.iter().zip(comparisons).enumerate() {
+    for (index, ((name, model), Judged { comparison, predictions })) in models.iter().zip(judged).enumerate() {
         let before = index.checked_sub(1).map(|before| &models[before].1);
         rungs.push(Rung {
             model: name.clone(),
@@ -244,6 +253,7 @@ pub fn of_comparisons(
             torque_percent_fit: comparison.torque_percent_fit,
             torque_percent_validate: comparison.torque_percent_validate,
             joints: joints(runs, &comparison),
+            predictions,
             free_parameters: free_parameters(model, runs)?,
             bic: None,
             delta_bic: None,
@@ -256,7 +266,7 @@ pub fn of_comparisons(
     let notes = notes(models, &rungs, runs);
     let mut ladder =
         Ladder { noise_floor: noise_floor(runs, &rungs), rungs, bic_error: None, independent_samples: None, notes };
-    judge(&mut ladder, runs);
+    judge(&mut ladder);
     Ok(ladder)
 }
 
@@ -377,77 +387,19 @@ fn notes(models: &[(String, Model)], rungs: &[Rung], runs: &[&Run]) -> Vec<Ladde
     notes
 }
 
-/// An error of every run to fit to, with the joint that it is of; samples that do not count left out.
-type Errors = Vec<(usize, Vec<f64>)>;
-
-fn errors(runs: &[&Run], comparison: &Comparison, of_position: bool) -> Option<Errors> {
-    let mut errors = Vec::new();
-    for (run, compared) in runs.iter().zip(&comparison.runs).filter(|(run, _)| run.role == Role::Fit) {
-        if of_position && compared.lost {
-            return None;
-        }
-        for (slot, &joint) in run.free.iter().enumerate() {
-            let residual: Vec<f64> = if of_position {
-                let simulated = compared.simulated.as_ref()?.get(slot)?;
-                run.log.q[joint].iter().zip(simulated).map(|(y, model)| y - model).collect()
-            } else {
-                let error = compared.torque.get(slot)?;
-                error.residual.iter().zip(&error.used).filter(|(_, used)| **used).map(|(value, _)| *value).collect()
-            };
-            errors.push((joint, residual));
-        }
+/// Fills the BIC in.
+fn judge(ladder: &mut Ladder) {
+    let of_fit = |rung: &Rung| rung.predictions.fit.clone();
+    let Some(samples) = ladder.rungs.iter().find_map(of_fit).map(|fit| fit.samples) else { return };
+    let mut before: Option<f64> = None;
+    for rung in &mut ladder.rungs {
+        let price = rung.free_parameters as f64 * samples.ln();
+        rung.bic = of_fit(rung).map(|fit| price - 2.0 * fit.log_likelihood);
+        rung.delta_bic = rung.bic.zip(before).map(|(own, before)| own - before);
+        before = rung.bic;
     }
-    (!errors.is_empty()).then_some(errors)
-}
-
-/// Fills the BIC in, of the position error where every rung has one.
-fn judge(ladder: &mut Ladder, runs: &[&Run]) {
-    let of_all = |of_position: bool| -> Option<Vec<Errors>> {
-        ladder.rungs.iter().map(|rung| errors(runs, &rung.comparison, of_position)).collect()
-    };
-    let (all, name) = match (of_all(true), of_all(false)) {
-        (Some(all), _) => (all, "position"),
-        (None, Some(all)) => (all, "torque"),
-        (None, None) => return,
-    };
-    let square = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
-    // Per joint of each rung: mean squared error and independent samples.
-    let judged: Vec<Vec<(usize, f64, f64)>> = all
-        .iter()
-        .map(|errors| {
-            let mut joints: Vec<usize> = errors.iter().map(|(joint, _)| *joint).collect();
-            joints.sort_unstable();
-            joints.dedup();
-            joints
-                .into_iter()
-                .map(|joint| {
-                    let own = || errors.iter().filter(move |(other, _)| *other == joint).map(|(_, values)| values);
-                    let samples: usize = own().map(Vec::len).sum();
-                    let independent: f64 = own().map(|values| effective_samples(values, values.len())).sum();
-                    (joint, own().map(|values| square(values)).sum::<f64>() / samples.max(1) as f64, independent)
-                })
-                .collect()
-        })
-        .collect();
-    // The rung that leaves least, in the geometric mean of its joints.
-    let left = |joints: &[(usize, f64, f64)]| joints.iter().map(|(_, square, _)| square.ln()).sum::<f64>();
-    let Some(least) = judged.iter().min_by(|a, b| left(a).total_cmp(&left(b))) else { return };
-    let total: f64 = least.iter().map(|(.., independent)| independent).sum();
-    let bics: Vec<f64> = judged
-        .iter()
-        .zip(&ladder.rungs)
-        .map(|(joints, rung)| {
-            let fit: f64 = joints.iter().zip(least).map(|((_, square, _), (.., n))| n * square.ln()).sum();
-            fit + rung.free_parameters as f64 * total.ln()
-        })
-        .collect();
-    for (index, rung) in ladder.rungs.iter_mut().enumerate() {
-        rung.bic = Some(bics[index]).filter(|bic| bic.is_finite());
-        rung.delta_bic =
-            index.checked_sub(1).map(|before| bics[index] - bics[before]).filter(|difference| difference.is_finite());
-    }
-    ladder.bic_error = Some(name);
-    ladder.independent_samples = Some(total);
+    ladder.bic_error = Some("prediction");
+    ladder.independent_samples = Some(samples);
 }
 
 #[cfg(test)]

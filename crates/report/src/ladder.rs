@@ -107,11 +107,8 @@ impl Section for LadderSection<'_> {
         html.push_str("</table></div>\n");
         let floor =
             ladder.noise_floor.map_or_else(String::new, |floor| format!(" The logs' own noise is {}.", number(floor)));
-        let bic = ladder.bic_error.map_or_else(String::new, |error| {
-            format!(
-                " {FORMULA}; of the {error} error, {:.0} independent samples; differences below \u{2212}10 are strong.",
-                ladder.independent_samples.unwrap_or(0.0)
-            )
+        let bic = ladder.independent_samples.map_or_else(String::new, |samples| {
+            format!(" {FORMULA}; {samples:.0} samples; differences below \u{2212}10 are strong.")
         });
         let _ = writeln!(
             html,

@@ -5,6 +5,7 @@ use dynid_judge::compare::{
     Comparison, CorrelationOutcome, Finding, InputCorrelation, JointComparison, Meaning, Remainder, RunComparison,
     RunNote, locate::Signal,
 };
+use dynid_judge::predictions::{Predicted, Predictions};
 use serde_json::Value;
 
 use crate::{all, each, finding};
@@ -65,6 +66,24 @@ pub fn meanings(joint: &JointComparison) -> Vec<String> {
     all(&joint.means, meaning)
 }
 
+/// What predictions from each sample to the next leave.
+pub fn predictions(predictions: &Predictions) -> Vec<String> {
+    let of_role = |predicted: &Option<Predicted>, runs: &str| {
+        let own = predicted.as_ref()?;
+        let (joint, times) = own.worst()?;
+        let correction = own.joints.iter().find(|own| own.joint == joint).map_or(0.0, |own| 100.0 * own.correction);
+        let trust = match correction {
+            share if share < 0.5 => "the model is trusted altogether".to_owned(),
+            share => format!("{share:.0} % of an error corrects the next prediction"),
+        };
+        Some(format!(
+            "One sample ahead, {runs}: at most {times:.2} times the noise of the logs (joint {joint}; {trust})."
+        ))
+    };
+    let roles = [(&predictions.fit, "runs to fit to"), (&predictions.validate, "held-out runs")];
+    roles.into_iter().filter_map(|(predicted, runs)| of_role(predicted, runs)).collect()
+}
+
 /// Whether an error goes along with a commanded torque.
 pub fn correlation(correlation: &InputCorrelation) -> String {
     let InputCorrelation { error, input, lag_s, value, bound, outcome } = correlation;
@@ -92,8 +111,10 @@ pub fn correlation(correlation: &InputCorrelation) -> String {
 ///
 /// # Errors
 /// None that these values can cause.
-pub fn json(comparison: &Comparison, found: &[Finding]) -> serde_json::Result<Value> {
+pub fn json(comparison: &Comparison, own: &Predictions, found: &[Finding]) -> serde_json::Result<Value> {
     let mut json = serde_json::to_value(comparison)?;
+    json["predictions"] = serde_json::to_value(own)?;
+    json["predictions"]["what"] = predictions(own).into();
     each(&mut json, "runs", &comparison.runs, |run, json| {
         json["notes"] = notes(run).into();
         each(json, "joints", &run.joints, |joint, json| {
@@ -119,6 +140,7 @@ pub fn findings_json(found: &[Finding]) -> serde_json::Result<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dynid_judge::predictions::PredictedJoint;
     use dynid_logs::motion::MotionError;
 
     fn input(value: f64, bound: f64, outcome: CorrelationOutcome) -> InputCorrelation {
@@ -244,7 +266,20 @@ mod tests {
             torque_percent_fit: None,
             torque_percent_validate: None,
         };
-        let json = json(&comparison, &[]).expect("plain values");
+        let joint = PredictedJoint {
+            joint: 4,
+            deviation: 2e-3,
+            noise_floor: 1e-3,
+            times_noise: Some(2.0),
+            correction: 0.25,
+            whiteness: 1.0,
+        };
+        let fit = Some(Predicted { log_likelihood: 1.0, samples: 10.0, joints: vec![joint] });
+        let json = json(&comparison, &Predictions { fit, validate: None }, &[]).expect("plain values");
+        let one_ahead = "One sample ahead, runs to fit to: at most 2.00 times the noise of the logs (joint 4; 25 % of an error \
+                         corrects the next prediction).";
+        assert_eq!(json["predictions"]["what"], serde_json::json!([one_ahead]));
+        assert_eq!(json["predictions"]["fit"]["joints"][0]["times_noise"], 2.0);
         let run = &json["runs"][0];
         assert_eq!(run["notes"], serde_json::json!([note(&RunNote::SimulationLost)]));
         assert_eq!(run["typed_notes"], serde_json::json!([{ "kind": "simulation_lost" }]));

@@ -6,8 +6,8 @@ use serde_json::Value;
 use crate::all;
 
 /// What the Bayesian information criterion of a ladder is, as it is reported with the numbers.
-pub const FORMULA: &str = "BIC = sum over joints n_j ln(e_j^2) + k ln(sum n_j); e_j: RMS error of joint j on the runs to fit to; \
-                           n_j: its independent samples; k: free parameters";
+pub const FORMULA: &str = "BIC = -2 log L + k ln n; L: likelihood of the runs to fit to under one-step predictions; n: their samples; \
+                           k: free parameters";
 
 /// One note.
 pub fn note(note: &LadderNote) -> String {

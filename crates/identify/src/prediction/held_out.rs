@@ -1,7 +1,5 @@
 //! The likelihood of runs that were not fitted.
 
-use std::collections::BTreeMap;
-
 use super::{PredictionFit, PredictionProblem, Search, Settings, result::JointInnovations};
 use crate::position::{FitRun, PositionFitError};
 use dynid_optimise::sqp::SearchControl;
@@ -21,17 +19,8 @@ pub struct HeldOut {
 /// # Errors
 /// A run that cannot be simulated.
 pub fn held_out(runs: Vec<FitRun>, fit: &PredictionFit, integration: f64) -> Result<HeldOut, PositionFitError> {
-    let problem = PredictionProblem {
-        runs,
-        unknowns: Vec::new(),
-        spreads: Vec::new(),
-        known: BTreeMap::new(),
-        inequalities: Vec::new(),
-        initial: Vec::new(),
-        rates: fit.rates.clone(),
-        keeps_rates: true,
-        plan: super::Plan::default(),
-    };
+    let rates = fit.rates.clone();
+    let problem = PredictionProblem { rates, keeps_rates: true, ..PredictionProblem::of_values(runs) };
     let mut search = Search::new(&problem, None)?;
     let settings = Settings { iterations: 10, integration, ..Settings::default() };
     search.advance(&settings, settings.iterations, &mut |_| SearchControl::Continue);

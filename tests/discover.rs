@@ -45,7 +45,7 @@ fn found(effect: &str) -> Option<Discovered> {
     let prior = format!("device = \"planar2r\"\n{}", viscous.replace("0.6\n", "0.55\n"));
     let prior = Model::parse(&prior, Path::new("believed.toml")).unwrap();
     let runs: Vec<&Run> = experiment.runs.iter().collect();
-    discover(&prior, &runs)
+    discover(&prior, &runs).unwrap()
 }
 
 #[test]

@@ -226,7 +226,7 @@ fn formula(discovered: &Discovered) -> String {
     }
     let _ = writeln!(
         text,
-        "  squared torque error explained: {:.0} % of the runs fitted to, {:.0} % of the held-out runs",
+        "  explained of what is above the noise, one step ahead: {:.0} % of the runs fitted to, {:.0} % of the held-out runs",
         100.0 * discovered.explained_fit,
         100.0 * discovered.explained_validate
     );

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use dynid_identify::SearchControl;
 use dynid_identify::position::{FitRun, PositionFitError};
 use dynid_identify::prediction::{
-    self, HeldOut, JointInnovations, Plan, PredictionFit, PredictionProblem, Search, State,
+    self, HeldOut, JointInnovations, Plan, PredictionFit, PredictionProblem, Search, State, Tangent,
 };
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use crate::arms::{Arm, race};
 use crate::candidate::{Candidate, Sizes, candidates, make_alike, probes};
 use crate::refit::count;
-use crate::score_test::{RATES, ScoreTest, Start, promising};
+use crate::score_test::{RATES, ScoreTest, Start, at_rates, promising};
 use crate::settings::Settings;
 use dynid_logs::part::part;
 
@@ -471,6 +471,28 @@ impl Logs<'_> {
             models.into_iter().enumerate().map(start).collect()
         };
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).flat_map(starts).collect()
+    }
+
+    /// The beginnings of the runs to fit to, of about so many samples over all joints.
+    pub fn beginnings_of(&self, samples: usize) -> Vec<Run> {
+        let a_second: f64 = self.fit.iter().map(|run| run.free.len() as f64 / run.log.sample_time()).sum();
+        self.fit.iter().map(|run| beginning(run, samples as f64 / a_second)).collect()
+    }
+
+    /// How the predictions of `base` answer to anything, in the runs that it `is_fitted` to or their beginnings, or in others, at this
+    /// multiple of its rates; and its unknown parameters, which come first among the unknowns.
+    pub fn tangent(&self, base: &Fitted, runs: &[Run], rate: f64, is_fitted: bool) -> Option<(Tangent, Vec<String>)> {
+        let mut problem = self.problem_of(&base.model, runs).ok()?;
+        problem.rates = at_rates(&base.fit.rates, rate);
+        problem.keeps_rates = false;
+        let plan = if is_fitted {
+            problem.initial.clone_from(&base.fit.initial);
+            base.fit.plan.clone()
+        } else {
+            Search::new(&problem, None).ok()?.state().plan.clone()
+        };
+        let names = problem.unknowns.iter().map(|unknown| unknown.name.clone()).collect();
+        Some((Tangent::new(&problem, &plan)?, names))
     }
 
     /// The beginnings of the runs, so many seconds of all and at least so many of each.

@@ -99,7 +99,7 @@ pub fn diagnose(
     let first = refit(&judge, &base, 0.0)?;
     notes.extend(excitation::left_open(model, runs, &first));
     let mut steps: Vec<Step> = Vec::new();
-    let mut before = (base, first.clone());
+    let mut before = (base.clone(), first.clone());
     let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
@@ -142,7 +142,9 @@ pub fn diagnose(
     let is_open = steps.first().is_some_and(|step| step.verdict == Verdict::Unexplained);
     let moved = if is_open { inconsistent_runs::moved(&work, &first.parsed()?)? } else { Vec::new() };
     outside.asked_to_stop()?;
-    verdict::conclude(&judge, runs, &first, steps, moved, notes)
+    let discovered = if is_open && moved.is_empty() { discover::best(&work, &base) } else { None };
+    outside.asked_to_stop()?;
+    verdict::conclude(&judge, runs, (&first, discovered), steps, moved, notes)
 }
 
 /// The rates at which a model is held to the logs where an error is asked for [1/s]: a free simulation, or the bandwidth of the torque
@@ -225,9 +227,9 @@ fn step(
             let of_torque =
                 of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
             let much = best.is_white(settings) || best.explains(base, &work.fit).max(of_torque) >= settings.much;
-            let joint = helped(base, best);
-            let formula = || discover::better_than(&base.model, &[&best.model], judge.runs, joint, settings.less);
-            if much && formula().is_none() { Verdict::MissingEffect } else { Verdict::Unexplained }
+            let promise = || discover::promise(work, base, helped(base, best)).unwrap_or(0.0);
+            let is_best = || best.score() - base.score() >= settings.much * promise();
+            if much && is_best() { Verdict::MissingEffect } else { Verdict::Unexplained }
         }
     };
     Ok((paying, Step { verdict, base: before.clone(), screening, fitted, failed }))

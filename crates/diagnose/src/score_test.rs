@@ -84,8 +84,7 @@ impl<'a> ScoreTest<'a> {
         expected: &'a (dyn Fn(&str) -> Option<f64> + Sync),
     ) -> Result<Self, SystemError> {
         let ready = runs.iter().map(|run| FitRun::of_run(model, run)).collect::<Result<Vec<_>, _>>()?;
-        let multiplied = |factor: f64| rates.iter().map(move |(joint, rate)| (*joint, rate.max(LEAST_RATE) * factor));
-        let rates = RATES.iter().take(n_rates).map(|factor| multiplied(*factor).collect()).collect();
+        let rates = RATES.iter().take(n_rates).map(|factor| at_rates(rates, *factor)).collect();
         let (initial, stiffer) = (initial.to_vec(), plan.stiffer());
         let mut test = Self { runs, initial, rates, without: Vec::new(), plan: plan.clone(), stiffer, expected };
         let without = |rates: &BTreeMap<usize, f64>| {
@@ -266,6 +265,11 @@ pub fn promising(starts: &[Start], most: usize) -> Vec<Candidate> {
         }
     }
     found
+}
+
+/// Rates at which something is asked, as this multiple of fitted ones.
+pub fn at_rates(fitted: &BTreeMap<usize, f64>, factor: f64) -> BTreeMap<usize, f64> {
+    fitted.iter().map(|(joint, rate)| (*joint, rate.max(LEAST_RATE) * factor)).collect()
 }
 
 /// A model that its logs trust altogether is asked at this rate [1/s] all the same.

@@ -17,10 +17,8 @@ pub(super) struct Settings {
     pub(super) trusted: f64,
     /// A command that runs straight must leave so much less of the squared errors.
     pub(super) straight: f64,
-    /// An effect that does not explain all is the missing one if it explains this share, and no formula leaves less than `less` of what it
-    /// leaves.
+    /// An effect that does not explain all is the missing one if it explains this share, of what a formula explains, too.
     pub(super) much: f64,
-    pub(super) less: f64,
     /// Errors below this multiple of the noise are near it: what no effect of the library explains there is no news.
     pub(super) near: f64,
     /// So many effects are looked for one after the other, unless it is said how many.
@@ -56,7 +54,6 @@ impl Default for Settings {
             trusted: 0.05,
             straight: 0.3,
             much: 0.9,
-            less: 0.5,
             near: 1.5,
             depth: 2,
             beginning: (30.0, 5.0),

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{
-    Candidate, Diagnosis, ErrorLeft, Evidence, Moved, Note, Place, Ranked, RejectedCandidate, Screened, Statement,
-    Verdict,
+    Candidate, Diagnosis, Discovered, ErrorLeft, Evidence, Moved, Note, Place, Ranked, RejectedCandidate, Screened,
+    Statement, Verdict,
     candidate::{is_symmetric, joined_link},
     refit::{JointResidual, Judge, Refit},
 };
@@ -102,14 +102,14 @@ fn equivalents(own: &Candidate, refit: &Refit) -> Vec<Candidate> {
     }
 }
 
-/// Puts the steps together. `moved` are the parameters that differ between runs which the model explains one by one.
+/// Puts the steps together. `discovered` is a formula for what the model leaves, `moved` are the parameters that differ between runs which the model explains one by one.
 ///
 /// # Errors
 /// A run that cannot be compared with the model.
 pub(super) fn conclude(
     judge: &Judge<'_>,
     runs: &[&Run],
-    first: &Refit,
+    (first, discovered): (&Refit, Option<Discovered>),
     steps: Vec<Step>,
     moved: Vec<Moved>,
     notes: Vec<Note>,
@@ -142,7 +142,6 @@ pub(super) fn conclude(
         statements.truncate(1);
         statements.push(Statement::ValuesMoved { most: most.clone() });
     }
-    let discovered = (verdict == Verdict::Unexplained).then(|| super::discover::discover(&base, judge.runs)).flatten();
     if verdict == Verdict::Unexplained {
         statements.push(discovered.as_ref().map_or(Statement::NoFormulaExplains, super::discover::statement));
     }

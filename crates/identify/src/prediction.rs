@@ -35,9 +35,10 @@ use dynid_user_model::Model;
 
 use evaluate::Evaluator;
 pub use evaluate::ROUGHLY;
-pub use expansion::{Change, Promise, Reduced, Tangent};
+pub use expansion::{Change, NearRun, Promise, Reduced, Tangent};
 pub use held_out::{HeldOut, held_out};
 pub use plan::Plan;
+pub use response::Signals;
 pub use result::{JointInnovations, PredictionFit};
 
 /// Logs, and what is unknown of the model that is to predict them.

@@ -9,8 +9,8 @@ pub(crate) fn found(joint: usize, acts_on: ActsOn, formula: &str, percent: f64) 
         ActsOn::Motion => "resists its motion",
     };
     format!(
-        "A formula does, of what {what} at joint {joint}: {formula}. It takes away {percent:.0} % of the squared torque error of \
-         the held-out runs."
+        "A formula does, of what {what} at joint {joint}: {formula}. It takes away {percent:.0} % of what is \
+         above the noise of one-step predictions of the held-out runs."
     )
 }
 

@@ -18,8 +18,8 @@ pub(super) fn effect_file(own: usize, terms: &[(Term, f64)], formula: &str) -> O
     let from = others.first().map_or(String::new(), |from| format!(", with joint {from} as `from`"));
     let mut text = format!(
         "# Found by `dynid diagnose` at joint {own}{from}: {formula}\ntitle = \"Discovered: {formula}\"\n{place}\nscope = \
-         \"{scope}\"\nseen_as = \"the torque residual follows {}\"\nnot_seen_as = \"an effect of the library, none of which \
-         explained it\"\nsource = \"Sparse regression of the torque residual; a formula that fits, not a law that is \
+         \"{scope}\"\nseen_as = \"the errors of one-step predictions follow {}\"\nnot_seen_as = \"an effect of the library, none of which \
+         explained it\"\nsource = \"Sparse regression of one-step prediction errors; a formula that fits, not a law that is \
          understood\"\n",
         terms.iter().map(|(term, _)| term.label(own)).collect::<Vec<String>>().join(", ")
     );

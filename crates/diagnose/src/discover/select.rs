@@ -1,8 +1,6 @@
 //! Which few of many columns explain a signal: by normal equations, from which the own parameters are taken out first.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
-
-use super::torque_error::regular;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Sums of products over some rows: own parameters, candidate columns and the signal itself. They add.
 #[derive(Debug, Clone)]
@@ -64,6 +62,18 @@ impl Normal {
     }
 }
 
+/// The information of the own parameters, with what is known of them beforehand.
+pub(super) fn regular(own: &DMatrix<f64>, prior: &[f64]) -> Option<Cholesky<f64, Dyn>> {
+    /// Smaller than this share of the largest is rounding.
+    const ROUNDING: f64 = 1e-13;
+    let mut information = own.clone();
+    let largest = information.diagonal().iter().copied().fold(0.0, f64::max);
+    for (index, prior) in prior.iter().enumerate() {
+        information[(index, index)] += prior.max(ROUNDING * largest).max(f64::MIN_POSITIVE);
+    }
+    Cholesky::new(information)
+}
+
 /// Normal equations of the candidates alone.
 #[derive(Debug, Clone)]
 pub(super) struct Reduced {
@@ -98,6 +108,8 @@ pub(super) struct Rules<'a> {
 const PER_FACTOR: f64 = 4.0;
 /// Less gain is chance.
 const LEAST: f64 = 6.0;
+/// A further term must explain this share of what all of them do: what is left besides may be what the linearisation leaves.
+const PART: f64 = 0.1;
 /// A candidate of which the own parameters leave less than this share of the squares is theirs.
 const OWN: f64 = 1e-4;
 
@@ -139,11 +151,16 @@ impl Reduced {
         Some((amounts.iter().zip(&sizes).map(|(amount, size)| amount / size).collect(), inverse, left))
     }
 
+    /// Squares that these candidates leave.
+    fn left(&self, chosen: &[usize]) -> Option<f64> {
+        if chosen.is_empty() { Some(self.squares) } else { self.solve(chosen).map(|(.., left)| left) }
+    }
+
     fn score(&self, chosen: &[usize], rules: &Rules<'_>) -> Option<f64> {
         if chosen.is_empty() {
             return Some(0.0);
         }
-        let (.., left) = self.solve(chosen)?;
+        let left = self.left(chosen)?;
         let cost: f64 = chosen
             .iter()
             .map(|&index| rules.independent.max(2.0).ln() + PER_FACTOR * (rules.complexity[index] - 1.0))
@@ -172,7 +189,11 @@ impl Reduced {
             }
             let Some(next) = next else { break };
             let next = self.exchanged(next, &usable, rules);
-            if next.score > best.score - LEAST {
+            let is_part = || {
+                let (before, after) = (self.left(&best.chosen)?, self.left(&next.chosen)?);
+                Some(before - after >= PART * (self.squares - after))
+            };
+            if next.score > best.score - LEAST || is_part() != Some(true) {
                 break;
             }
             best = next;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use dynid_model::device::JointKind;
 
-use dynid_logs::motion::Motion;
+use dynid_identify::prediction::Signals;
 
 /// Speed below which a sign is smoothed [rad/s or m/s].
 pub(super) const SMOOTH: f64 = 0.01;
@@ -177,26 +177,25 @@ impl Term {
         unit
     }
 
-    /// Its values on the grid of a motion.
-    pub(super) fn values(&self, motion: &Motion, free: &[usize], own: usize, delivered: &[Vec<f64>]) -> Vec<f64> {
+    /// Its values along a model's predictions, at joint `own`; `free` are the joints that move.
+    pub(super) fn values(&self, signals: &Signals, free: &[usize], own: usize) -> Vec<f64> {
         let slot = |joint: usize| free.iter().position(|other| *other == joint).unwrap_or_default();
-        let mut values = vec![1.0; motion.len()];
+        let mut values = vec![1.0; signals.time.len()];
         for &factor in &self.0 {
             let signal: &[f64] = match factor {
-                Load | LoadSize => &delivered[slot(own)],
-                Command(joint) | CommandSize(joint) => &motion.command[joint],
-                Time => &[],
-                Position(joint) | Sine(joint, _) | Cosine(joint, _) => &motion.q[slot(joint)],
-                Speed(joint) | SpeedSize(joint) | Sign(joint) => &motion.dq[slot(joint)],
+                Load | LoadSize => &signals.delivered[slot(own)],
+                Command(joint) | CommandSize(joint) => &signals.command[joint],
+                Time => &signals.time,
+                Position(joint) | Sine(joint, _) | Cosine(joint, _) => &signals.q[slot(joint)],
+                Speed(joint) | SpeedSize(joint) | Sign(joint) => &signals.dq[slot(joint)],
             };
-            for (k, value) in values.iter_mut().enumerate() {
+            for (value, signal) in values.iter_mut().zip(signal) {
                 *value *= match factor {
-                    Time => motion.elapsed_s(k),
-                    Load | Command(_) | Position(_) | Speed(_) => signal[k],
-                    LoadSize | CommandSize(_) | SpeedSize(_) => signal[k].abs(),
-                    Sine(_, order) => (f64::from(order) * signal[k]).sin(),
-                    Cosine(_, order) => (f64::from(order) * signal[k]).cos(),
-                    Sign(_) => (signal[k] / SMOOTH).tanh(),
+                    Load | Command(_) | Position(_) | Speed(_) | Time => *signal,
+                    LoadSize | CommandSize(_) | SpeedSize(_) => signal.abs(),
+                    Sine(_, order) => (f64::from(order) * signal).sin(),
+                    Cosine(_, order) => (f64::from(order) * signal).cos(),
+                    Sign(_) => (signal / SMOOTH).tanh(),
                 };
             }
         }

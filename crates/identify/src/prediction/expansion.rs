@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use dynid_dynamics::system::System;
 
-use super::{PredictionProblem, evaluate::Evaluator, plan::Plan, response::Predicted};
+use super::{PredictionProblem, evaluate::Evaluator, plan::Plan, response::Predicted, response::Signals};
 
 /// Predictions near the point where a problem starts, to first order: what its unknowns may make up for of any other predictions.
 pub struct Tangent {
@@ -21,7 +21,7 @@ pub struct Tangent {
 }
 
 /// One run of a tangent.
-struct NearRun {
+pub struct NearRun {
     predicted: Predicted,
     /// Of every free joint, one row an error, one column an unknown of this run.
     slopes: Vec<DMatrix<f64>>,
@@ -30,6 +30,39 @@ struct NearRun {
     /// Index among the joints of every free one, and among all unknowns of the run's own.
     joints: Vec<usize>,
     places: Vec<usize>,
+}
+
+impl NearRun {
+    /// The device's indices of its free joints.
+    pub fn free(&self) -> &'static [usize] {
+        self.predicted.free()
+    }
+
+    /// Errors of the predictions of each free joint [rad or m].
+    pub fn errors(&self) -> &[Vec<f64>] {
+        &self.errors
+    }
+
+    /// Their derivatives, of each free joint: one row an error, one column an unknown of this run; see [`NearRun::places`].
+    pub fn slopes(&self) -> &[DMatrix<f64>] {
+        &self.slopes
+    }
+
+    /// Where the unknowns of this run stand among those of all; the rates come last.
+    pub fn places(&self) -> &[usize] {
+        &self.places
+    }
+
+    /// What moves and drives the model.
+    pub fn signals(&self) -> Signals {
+        self.predicted.signals()
+    }
+
+    /// How the predictions change with a torque at a free joint, given where [`NearRun::signals`] are: one row an error, one column a
+    /// free joint; `None` where that is no number.
+    pub fn to_torque(&self, slot: usize, torque: &[f64]) -> Option<DMatrix<f64>> {
+        self.predicted.to_torque(slot, torque)
+    }
 }
 
 /// Errors of one joint.
@@ -102,6 +135,16 @@ impl Tangent {
         let mut own = Self { runs, sums: Vec::new(), floors, grams, prior_cost: evaluator.prior_cost(&x), prior };
         own.sums = own.sums_of(own.runs.iter().map(|run| run.errors.as_slice()));
         Some(own)
+    }
+
+    /// Run by run.
+    pub fn runs(&self) -> &[NearRun] {
+        &self.runs
+    }
+
+    /// What is known of each unknown but the rates before the logs: one over the variance. Parameters come first.
+    pub fn prior(&self) -> impl Iterator<Item = f64> {
+        self.prior.iter().take(self.prior.len() - self.sums.len()).map(|(information, _)| *information)
     }
 
     /// Cost once the unknowns have taken their step.

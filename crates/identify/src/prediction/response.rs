@@ -176,9 +176,7 @@ impl Predicted {
                 self.follow(changed, interval, (share_before, 1.0), &take, &mut own, &mut x, &mut room);
             }
             for slot in 0..n {
-                let slope = (at[1][slot] - at[0][slot]) / (POINTS[1] - POINTS[0]);
-                torques.push(at[0][slot] - POINTS[0] * slope);
-                torques.push(at[1][slot] + (1.0 - POINTS[1]) * slope);
+                torques.extend(to_ends(at[0][slot], at[1][slot]));
             }
         }
         let shown = (changed.has_sensors() || self.system.has_sensors()).then(|| {
@@ -264,6 +262,21 @@ impl Predicted {
         if forces.are_none() {
             return Some(None);
         }
+        self.answer(&forces).map(Some)
+    }
+
+    /// As [`Predicted::to`], for a torque at one free joint, given at the two points of each interval.
+    pub(super) fn to_torque(&self, slot: usize, torque: &[f64]) -> Option<DMatrix<f64>> {
+        let n = self.system.n_free();
+        let mut torques = vec![0.0; self.intervals() * 2 * n];
+        for (interval, at) in torque.chunks_exact(2).enumerate() {
+            let ends = to_ends(at[0], at[1]);
+            torques[(interval * n + slot) * 2..][..2].copy_from_slice(&ends);
+        }
+        self.answer(&Forces { torques, shown: None })
+    }
+
+    fn answer(&self, forces: &Forces) -> Option<DMatrix<f64>> {
         let Forces { torques, shown } = forces;
         let (n, n_states, count) = (self.system.n_free(), self.system.n_states(), self.columns.count());
         let (first, samples) = (self.run.first_sample(), self.run.time.len());
@@ -297,8 +310,66 @@ impl Predicted {
             correct_by(&self.system, &self.rates, span, |slot| -error[slot], &mut after);
             cause[..n_states].copy_from_slice(&after);
         }
-        answer.iter().all(|value| value.is_finite()).then_some(Some(answer))
+        answer.iter().all(|value| value.is_finite()).then_some(answer)
     }
+
+    /// The device's indices of the free joints.
+    pub(super) fn free(&self) -> &'static [usize] {
+        self.system.kernel().free
+    }
+
+    /// What moves and drives the model at the points.
+    pub(super) fn signals(&self) -> Signals {
+        let (n, n_states) = (self.system.n_free(), self.system.n_states());
+        let points = self.intervals() * POINTS.len();
+        let room = |width: usize| vec![Vec::with_capacity(points); width];
+        let (mut q, mut dq, mut delivered) = (room(n), room(n), room(n));
+        let (mut time, mut command) = (Vec::with_capacity(points), room(self.system.n_joints()));
+        let Room { mut scratch, command: mut now, mut dx } = Room::new(&self.system);
+        let start = self.run.time.first().copied().unwrap_or(0.0);
+        for (place, x) in self.states.chunks_exact(n_states).enumerate() {
+            let (interval, point) = (place / POINTS.len(), place % POINTS.len());
+            let t = self.time(interval, POINTS[point]);
+            self.run.input().command_at(&self.system, interval, (point, POINTS.len()), t, &mut now);
+            self.system.drive(&mut scratch, t, x, &now, &mut dx);
+            time.push(t - start);
+            command.iter_mut().zip(&now).for_each(|(all, now)| all.push(*now));
+            for slot in 0..n {
+                q[slot].push(x[slot]);
+                dq[slot].push(x[n + slot]);
+                delivered[slot].push(scratch.drive[slot]);
+            }
+        }
+        let size = |joint: &usize| {
+            let command = &command[*joint];
+            (command.iter().map(|value| value * value).sum::<f64>() / command.len().max(1) as f64).sqrt()
+        };
+        let typical: Vec<f64> = self.free().iter().map(size).collect();
+        let per_command = self.system.drive_slope(&typical).0;
+        Signals { time, q, dq, command, delivered, per_command }
+    }
+}
+
+/// What moves and drives a model along its predictions: values at two points of each interval between samples.
+pub struct Signals {
+    /// Since the log's first sample (s).
+    pub time: Vec<f64>,
+    /// Positions and speeds of the free joints.
+    pub q: Vec<Vec<f64>>,
+    /// rad/s or m/s
+    pub dq: Vec<Vec<f64>>,
+    /// Commands of all joints.
+    pub command: Vec<Vec<f64>>,
+    /// Torques that the drive path delivers at the free joints [N*m or N].
+    pub delivered: Vec<Vec<f64>>,
+    /// Torque at each free joint per unit of its command.
+    pub per_command: Vec<f64>,
+}
+
+/// At both ends of an interval, what runs straight through these values at its two points.
+fn to_ends(first: f64, second: f64) -> [f64; 2] {
+    let slope = (second - first) / (POINTS[1] - POINTS[0]);
+    [first - POINTS[0] * slope, second + (1.0 - POINTS[1]) * slope]
 }
 
 /// Room for one evaluation of the equations.

@@ -63,13 +63,13 @@ fn every_statement_is_said() {
         ),
         (
             formula(ActsOn::Motion),
-            "A formula does, of what resists its motion at joint 4: 0.0078 * dq4. It takes away 87 % of the squared torque error \
-             of the held-out runs.",
+            "A formula does, of what resists its motion at joint 4: 0.0078 * dq4. It takes away 87 % of what is above the \
+             noise of one-step predictions of the held-out runs.",
         ),
         (
             formula(ActsOn::Command),
-            "A formula does, of what adds to its command at joint 4: 0.0078 * dq4. It takes away 87 % of the squared torque \
-             error of the held-out runs.",
+            "A formula does, of what adds to its command at joint 4: 0.0078 * dq4. It takes away 87 % of what is above the \
+             noise of one-step predictions of the held-out runs.",
         ),
         (
             Statement::NoFormulaExplains,

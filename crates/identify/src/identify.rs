@@ -64,7 +64,7 @@ pub struct FitResult {
     /// Whether the simulations at the end need all the integration steps they may take, or more; false of a torque fit.
     pub needs_every_step: bool,
     /// Half the sum of squared errors in units of their standard deviation, at the start; of predictions, by how much the
-    /// logarithm of the likelihood falls short of what noise alone would leave ([`by_prediction()`]). `None` where it was
+    /// logarithm of the likelihood falls short of what noise alone would leave. `None` where it was
     /// not asked for.
     pub cost_before: Option<f64>,
     /// The same at the end.

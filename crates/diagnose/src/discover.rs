@@ -5,10 +5,10 @@
 //! with exchanges; what counts is what is chosen again from random halves of the data (stability selection, Meinshausen & Buehlmann
 //! 2010), and in the end the runs that were not used decide. Where they do not agree, nothing is written.
 //!
-//! At most three terms are chosen, must be chosen again from 80 % of random halves, and must take away 30 % of the squares of the
-//! held-out runs that they take of those fitted to, which is more than chance would. The drive's own torque alone is no candidate and is taken out of every candidate that has it as a factor: it
-//! would explain any error by undoing the drive. As a model that is held to its logs firmly shows other things than one that runs
-//! nearly free, terms are asked at a few rates, like effects.
+//! At most three terms are chosen, must be chosen again from 80 % of random halves, and must take away of the held-out runs 30 % of the
+//! squares that they take of those fitted to, which must be more than chance. The drive's own torque alone is no candidate and is taken
+//! out of every candidate that has it as a factor: it would explain any error by undoing the drive. As a model that is held to its
+//! logs firmly shows other things than one that runs nearly free, terms are asked at a few rates, like effects.
 
 mod along;
 mod file;
@@ -16,6 +16,7 @@ mod select;
 mod term;
 
 use std::collections::BTreeSet;
+use std::sync::OnceLock;
 
 use dynid_model::unit::Unit;
 use rayon::prelude::*;
@@ -117,9 +118,9 @@ pub fn discover(model: &Model, runs: &[&Run]) -> Result<Option<Discovered>, FitE
 
 /// A formula for what `base` leaves of its logs.
 pub(super) fn best(work: &Logs<'_>, base: &Fitted) -> Option<Discovered> {
-    let joints: Vec<usize> = base.fit.joints.iter().map(|own| own.joint).collect();
-    let mut found: Vec<Formula> =
-        joints.into_iter().filter_map(|joint| Search::new(work, base, joint)?.best(TERMS)).collect();
+    let views = Views::new(work, base);
+    let joints = base.fit.joints.iter().map(|own| own.joint);
+    let mut found: Vec<Formula> = joints.filter_map(|joint| Search::new(&views, joint)?.best(TERMS)).collect();
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut found = found.into_iter().map(|found| found.said);
     let mut best = found.next()?;
@@ -129,7 +130,7 @@ pub(super) fn best(work: &Logs<'_>, base: &Fitted) -> Option<Discovered> {
 
 /// By how much a formula of one term at `joint` would raise the log likelihood of all runs, less its price; `None` where there is none.
 pub(super) fn promise(work: &Logs<'_>, base: &Fitted, joint: usize) -> Option<f64> {
-    Some(Search::new(work, base, joint)?.best(1)?.score - base.score())
+    Some(Search::new(&Views::new(work, base), joint)?.best(1)?.score - base.score())
 }
 
 /// What a diagnosis says where a formula was found.
@@ -148,12 +149,41 @@ struct Formula {
     said: Discovered,
 }
 
+/// The logs along the predictions of a model: at each of the rates their beginnings, and, once a joint's search asks for it, all that
+/// was fitted to and all that was held out.
+struct Views<'a> {
+    work: &'a Logs<'a>,
+    base: &'a Fitted,
+    beginnings: Vec<Option<Along>>,
+    whole: Vec<OnceLock<Option<(Along, Along)>>>,
+}
+
+impl<'a> Views<'a> {
+    fn new(work: &'a Logs<'a>, base: &'a Fitted) -> Self {
+        let beginnings = work.beginnings_of(GLANCE);
+        let at = |rate: &f64| Along::fitted(work, base, &beginnings, *rate);
+        let whole = RATES.iter().map(|_| OnceLock::new()).collect();
+        Self { work, base, beginnings: RATES.par_iter().map(at).collect(), whole }
+    }
+
+    /// The runs fitted to and those held out, at one of the rates.
+    fn whole(&self, rate: usize) -> Option<&(Along, Along)> {
+        let Self { work, base, .. } = self;
+        let new = || {
+            let fit = Along::fitted(work, base, &work.fit, RATES[rate])?;
+            let held_out = fit.held_out(work, base, RATES[rate])?;
+            Some((fit, held_out))
+        };
+        self.whole[rate].get_or_init(new).as_ref()
+    }
+}
+
 /// The search at one joint, at the rates where one term says most.
 struct Search<'a> {
     joint: usize,
     base: &'a Fitted,
-    fit: Along,
-    held_out: Along,
+    fit: &'a Along,
+    held_out: &'a Along,
     terms: Vec<Term>,
     /// Part of the drive's own torque that was taken out of each term.
     shares: Vec<f64>,
@@ -163,26 +193,26 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(work: &Logs<'_>, base: &'a Fitted, joint: usize) -> Option<Self> {
+    fn new(views: &'a Views<'_>, joint: usize) -> Option<Self> {
+        let Views { work, base, .. } = views;
         let free: BTreeSet<usize> = work.fit.iter().flat_map(|run| run.free.iter().copied()).collect();
         let free: Vec<usize> = free.into_iter().collect();
         let kinds: Vec<_> = base.model.device.joints.iter().map(|joint| joint.kind).collect();
         let all = dictionary(joint, &free, &kinds);
-        let glance = work.beginnings_of(GLANCE);
-        let asked = RATES.par_iter().filter_map(|rate| {
-            let along = Along::fitted(work, base, &glance, *rate)?;
+        let asked = views.beginnings.par_iter().enumerate().filter_map(|(rate, along)| {
+            let along = along.as_ref()?;
             let shares = along.shares(joint, &all);
             let (kept, log_likelihood) = along.telling(joint, &all, &shares)?;
-            Some((log_likelihood, *rate, kept, shares))
+            Some((log_likelihood, rate, kept, shares))
         });
         let asked: Vec<_> = asked.collect();
-        let (_, rate, kept, shares) = asked.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)))?;
-        let fit = Along::fitted(work, base, &work.fit, rate)?;
+        let (_, rate, kept, shares) = asked.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))?;
+        let (fit, held_out) = views.whole(rate)?;
         Some(Self {
             joint,
             base,
-            held_out: fit.held_out(work, base, rate)?,
             fit,
+            held_out,
             terms: kept.iter().map(|index| all[*index].clone()).collect(),
             shares: kept.iter().map(|index| shares[*index]).collect(),
             asked: all.len(),
@@ -238,7 +268,7 @@ impl<'a> Search<'a> {
                 indices.iter().map(|&index| (self.terms[index].clone(), self.shares[index])).unzip();
             along.left(&along.answers(self.joint, &terms, &shares), &coefficients, (&without, &with))
         };
-        let (fitted, judged) = (said(&self.fit), said(&self.held_out));
+        let (fitted, judged) = (said(self.fit), said(self.held_out));
         // Squares in units of what is left of the runs fitted to.
         let unit = left / samples;
         let promised = reduced.squares - left;

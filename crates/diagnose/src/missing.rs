@@ -9,7 +9,7 @@ use dynid_identify::prediction::{
 };
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
-use dynid_logs::noise::noise_of_log;
+use dynid_logs::noise::noise_of_joint;
 use dynid_model::Parameter;
 use dynid_user_model::{EffectInstance, Model};
 use rayon::prelude::*;
@@ -129,10 +129,9 @@ impl Fitted {
     }
 }
 
-/// The noise of a joint's logs [rad or m].
+/// The noise of a joint's logs, which may be divided by [rad or m].
 pub fn noise_at<'a>(runs: impl Iterator<Item = &'a Run>, joint: usize) -> f64 {
-    let free = runs.filter(|run| run.free.contains(&joint));
-    free.map(|run| noise_of_log(&run.log.q[joint])).fold(f64::MIN_POSITIVE, f64::max)
+    noise_of_joint(runs, joint).max(f64::MIN_POSITIVE)
 }
 
 /// The worst joint's.

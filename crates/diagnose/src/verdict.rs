@@ -102,7 +102,8 @@ fn equivalents(own: &Candidate, refit: &Refit) -> Vec<Candidate> {
     }
 }
 
-/// Puts the steps together. `discovered` is a formula for what the model leaves, `moved` are the parameters that differ between runs which the model explains one by one.
+/// Puts the steps together. `discovered` is a formula for what the model leaves, `moved` are the parameters that differ between runs
+/// which the model explains one by one.
 ///
 /// # Errors
 /// A run that cannot be compared with the model.

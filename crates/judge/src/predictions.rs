@@ -6,7 +6,7 @@
 use dynid_identify::position::FitRun;
 use dynid_identify::prediction::{self, JointInnovations, PredictionProblem, Search, Settings};
 use dynid_logs::experiment::{Role, Run};
-use dynid_logs::noise::noise_of_log;
+use dynid_logs::noise::noise_of_joint;
 use dynid_logs::part::looked_at;
 use dynid_optimise::sqp::SearchControl;
 use dynid_user_model::Model;
@@ -60,8 +60,7 @@ impl Predicted {
 
     fn of(log_likelihood: f64, joints: &[JointInnovations], runs: &[Run]) -> Self {
         let one = |own: &JointInnovations| {
-            let free = runs.iter().filter(|run| run.free.contains(&own.joint));
-            let noise_floor = free.map(|run| noise_of_log(&run.log.q[own.joint])).fold(0.0, f64::max);
+            let noise_floor = noise_of_joint(runs, own.joint);
             PredictedJoint {
                 joint: own.joint,
                 deviation: own.deviation,

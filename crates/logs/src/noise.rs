@@ -1,5 +1,7 @@
 //! The noise of a measured position, seen through its fourth differences.
 
+use crate::experiment::Run;
+
 /// Standard deviation of the white noise on `samples` [their unit].
 ///
 /// Motion well below the sample rate leaves almost nothing in fourth differences, white noise `sqrt(70)` times its
@@ -30,6 +32,12 @@ pub fn noise_floor(samples: &[f64]) -> f64 {
 /// which a position at rest does not show.
 pub fn noise_of_log(measured: &[f64]) -> f64 {
     noise_floor(measured).max(last_digit(measured) / 12.0_f64.sqrt())
+}
+
+/// The noise of a joint's logged positions: the largest of the runs in which it is free [rad or m].
+pub fn noise_of_joint<'a>(runs: impl IntoIterator<Item = &'a Run>, joint: usize) -> f64 {
+    let free = runs.into_iter().filter(|run| run.free.contains(&joint));
+    free.map(|run| noise_of_log(&run.log.q[joint])).fold(0.0, f64::max)
 }
 
 /// The smallest step between samples that is not rounding of the decimal text: the last digit of the log. Zero for a

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::select::{Normal, regular};
+use super::select::{Normal, OWN, regular};
 use super::term::Term;
 use super::{KEPT, Left, PIECE_S, PIECES, TERMS};
 use crate::missing::{Fitted, Logs, noise_at};
@@ -23,6 +23,8 @@ pub(super) struct Along {
     weights: Vec<f64>,
     /// Noise of each joint's logs in these units, squared.
     noises: Vec<f64>,
+    /// Weighed errors of each run: one column a free joint.
+    errors: Vec<DMatrix<f64>>,
     /// The parameters among the unknowns, which come first.
     parameters: Vec<String>,
 }
@@ -43,7 +45,7 @@ impl Along {
                 own.weights[joint] = f64::sqrt(samples / squares);
             }
         }
-        own.weigh_noises(runs);
+        own.weigh(runs);
         Some(own)
     }
 
@@ -51,7 +53,7 @@ impl Along {
     pub(super) fn held_out(&self, work: &Logs<'_>, base: &Fitted, rate: f64) -> Option<Self> {
         let mut own = Self::new(work, (base, rate), &work.held_out, false)?;
         own.weights.clone_from(&self.weights);
-        own.weigh_noises(&work.held_out);
+        own.weigh(&work.held_out);
         Some(own)
     }
 
@@ -64,11 +66,18 @@ impl Along {
             sample_s: runs.iter().map(|run| run.log.sample_time()).collect(),
             weights: vec![0.0; n_joints],
             noises: vec![0.0; n_joints],
+            errors: Vec::new(),
             parameters,
         })
     }
 
-    fn weigh_noises(&mut self, runs: &[Run]) {
+    /// Errors and noises in units of the weights.
+    fn weigh(&mut self, runs: &[Run]) {
+        let of_run = |run: &NearRun| {
+            let (errors, free) = (run.errors(), run.free());
+            DMatrix::from_fn(errors[0].len(), free.len(), |row, slot| self.weights[free[slot]] * errors[slot][row])
+        };
+        self.errors = self.tangent.runs().iter().map(of_run).collect();
         for (joint, weight) in self.weights.iter().enumerate() {
             self.noises[joint] = (noise_at(runs.iter(), joint) * weight).powi(2);
         }
@@ -88,7 +97,7 @@ impl Along {
 
     /// How many errors there are.
     pub(super) fn samples(&self) -> f64 {
-        self.slots().map(|(run, slot, _)| run.errors()[slot].len() as f64).sum()
+        self.errors.iter().map(|errors| errors.len() as f64).sum()
     }
 
     /// What is known of the unknowns before the logs.
@@ -140,7 +149,7 @@ impl Along {
             let values = self.values(joint, term);
             let of_run = |(index, run): (usize, &NearRun)| {
                 let free = run.free();
-                let none = || DMatrix::zeros(run.errors().first().map_or(0, Vec::len), free.len());
+                let none = || DMatrix::zeros(self.errors[index].nrows(), free.len());
                 let Some(slot) = free.iter().position(|own| *own == joint) else { return none() };
                 // A torque that resists takes from the drive's, a part of the command adds to it.
                 let scale = if term.is_command() { self.signals[index].per_command[slot] } else { -1.0 };
@@ -155,17 +164,11 @@ impl Along {
         terms.par_iter().zip(shares).map(answer).collect()
     }
 
-    /// Errors of some rows of a run, weighed: one column a free joint.
-    fn errors(&self, run: &NearRun, rows: std::ops::Range<usize>) -> DMatrix<f64> {
-        let weight = |slot: usize| self.weights[run.free()[slot]];
-        DMatrix::from_fn(rows.len(), run.free().len(), |row, slot| weight(slot) * run.errors()[slot][rows.start + row])
-    }
-
     /// Sums of products over some rows of a run.
     fn normal(&self, index: usize, rows: std::ops::Range<usize>, answers: &[Answer]) -> Normal {
         let run = &self.tangent.runs()[index];
         let (n_own, n_terms) = (self.tangent.prior().count(), answers.len());
-        let errors = self.errors(run, rows.clone());
+        let errors = self.errors[index].rows(rows.start, rows.len());
         let mut sum = Normal::zero(n_own, n_terms);
         for (slot, joint) in run.free().iter().enumerate() {
             let own = run.slopes()[slot].rows(rows.start, rows.len()) * self.weights[*joint];
@@ -188,41 +191,27 @@ impl Along {
 
     /// Sums of products over pieces of the runs.
     pub(super) fn pieces(&self, answers: &[Answer]) -> Vec<Normal> {
-        let lengths: Vec<usize> =
-            self.tangent.runs().iter().map(|run| run.errors().first().map_or(0, Vec::len)).collect();
-        let spans = lengths.iter().zip(&self.sample_s).map(|(rows, step)| *rows as f64 * step);
+        let spans = self.errors.iter().zip(&self.sample_s).map(|(errors, step)| errors.nrows() as f64 * step);
         let piece_s = PIECE_S.min(spans.sum::<f64>() / PIECES);
         let mut pieces = Vec::new();
-        for (run, (rows, step)) in lengths.iter().zip(&self.sample_s).enumerate() {
-            let each = ((piece_s / step) as usize).max(1);
-            pieces.extend((0..*rows).step_by(each).map(|from| (run, from..(from + each).min(*rows))));
+        for (run, (errors, step)) in self.errors.iter().zip(&self.sample_s).enumerate() {
+            let (rows, each) = (errors.nrows(), ((piece_s / step) as usize).max(1));
+            pieces.extend((0..rows).step_by(each).map(|from| (run, from..(from + each).min(rows))));
         }
         pieces.par_iter().map(|(run, rows)| self.normal(*run, rows.clone(), answers)).collect()
     }
 
     /// The terms at `joint` that a pass of plain forward selection finds telling, and the log likelihood with the best of them.
     pub(super) fn telling(&self, joint: usize, terms: &[Term], shares: &[f64]) -> Option<(Vec<usize>, f64)> {
-        /// What the own unknowns leave less of is theirs.
-        const OWN: f64 = 1e-4;
         let answers = self.answers(joint, terms, shares);
-        let whole: Vec<(usize, std::ops::Range<usize>)> =
-            self.tangent.runs().iter().enumerate().map(|(index, run)| (index, 0..run.errors()[0].len())).collect();
-        let mut basis = Normal::zero(self.tangent.prior().count(), 0);
-        whole.iter().for_each(|(run, rows)| basis.add(&self.normal(*run, rows.clone(), &[])));
         let mut prior = self.prior();
+        let mut basis = Normal::zero(prior.len(), 0);
+        self.errors.iter().enumerate().for_each(|(run, errors)| basis.add(&self.normal(run, 0..errors.nrows(), &[])));
         let information = regular(&basis.own, &prior)?;
         let before = basis.squares - basis.own_signal.dot(&information.solve(&basis.own_signal));
         // How each answer goes along with the own unknowns and the errors, and how large it is.
-        let alone: Vec<Normal> = (0..answers.len())
-            .into_par_iter()
-            .map(|term| {
-                let mut sum = Normal::zero(prior.len(), 1);
-                let answer = std::slice::from_ref(&answers[term]);
-                whole.iter().for_each(|(run, rows)| sum.add(&self.along(*run, rows.clone(), answer)));
-                sum
-            })
-            .collect();
-        let mut mixed: Vec<DVector<f64>> = alone.iter().map(|own| own.mixed.column(0).into_owned()).collect();
+        let (mut mixed, alone): (Vec<DVector<f64>>, Vec<(f64, f64)>) =
+            answers.par_iter().map(|answer| self.alone(answer)).unzip();
         let (mut own, mut own_signal) = (basis.own, basis.own_signal);
         let mut kept: Vec<usize> = Vec::new();
         let mut best: Option<f64> = None;
@@ -230,9 +219,9 @@ impl Along {
             let information = regular(&own, &prior)?;
             let steps = information.solve(&own_signal);
             let gain = |term: usize| {
-                let size = alone[term].candidates[(0, 0)];
+                let (signal, size) = alone[term];
                 let left = size - mixed[term].dot(&information.solve(&mixed[term]));
-                let along = alone[term].signal[0] - mixed[term].dot(&steps);
+                let along = signal - mixed[term].dot(&steps);
                 let gain = along * along / left;
                 (left > OWN * size && gain.is_finite()).then_some((gain, term))
             };
@@ -246,14 +235,14 @@ impl Along {
                 .into_par_iter()
                 .map(|term| answers[term].iter().zip(&answers[first]).map(|(one, other)| one.dot(other)).sum())
                 .collect();
-            let width = own.nrows();
+            let ((signal, size), width) = (alone[first], own.nrows());
             own = own.resize(width + 1, width + 1, 0.0);
             for row in 0..width {
                 own[(row, width)] = mixed[first][row];
                 own[(width, row)] = mixed[first][row];
             }
-            own[(width, width)] = alone[first].candidates[(0, 0)];
-            own_signal = own_signal.push(alone[first].signal[0]);
+            own[(width, width)] = size;
+            own_signal = own_signal.push(signal);
             prior.push(0.0);
             mixed = mixed.into_iter().zip(others).map(|(mixed, other)| mixed.push(other)).collect();
         }
@@ -263,21 +252,19 @@ impl Along {
         Some((kept, self.log_likelihood(left, left / self.samples())))
     }
 
-    /// As [`Along::normal`], without products of the own unknowns.
-    fn along(&self, index: usize, rows: std::ops::Range<usize>, answers: &[Answer]) -> Normal {
-        let run = &self.tangent.runs()[index];
-        let errors = self.errors(run, rows.clone());
-        let mut sum = Normal::zero(self.tangent.prior().count(), answers.len());
-        for (slot, joint) in run.free().iter().enumerate() {
-            for (term, answer) in answers.iter().enumerate() {
-                let here = answer[index].column(slot);
-                let mixed = run.slopes()[slot].tr_mul(&here) * self.weights[*joint];
-                self.held(run).for_each(|(own, place)| sum.mixed[(place, term)] += mixed[own]);
-                sum.signal[term] += here.dot(&errors.column(slot));
-                sum.candidates[(term, term)] += here.norm_squared();
+    /// How an answer goes along with the own unknowns, and with the errors; and its squares.
+    fn alone(&self, answer: &Answer) -> (DVector<f64>, (f64, f64)) {
+        let (mut mixed, mut signal, mut squares) = (DVector::zeros(self.tangent.prior().count()), 0.0, 0.0);
+        for ((run, answer), errors) in self.tangent.runs().iter().zip(answer).zip(&self.errors) {
+            for (slot, joint) in run.free().iter().enumerate() {
+                let here = answer.column(slot);
+                let by_slopes = run.slopes()[slot].tr_mul(&here) * self.weights[*joint];
+                self.held(run).for_each(|(own, place)| mixed[place] += by_slopes[own]);
             }
+            signal += answer.dot(errors);
+            squares += answer.norm_squared();
         }
-        sum
+        (mixed, (signal, squares))
     }
 
     /// What is left of each run without and with a formula whose terms answer like this, `steps` being those of the fitted runs'
@@ -289,8 +276,8 @@ impl Along {
         steps: (&BTreeMap<&str, f64>, &BTreeMap<&str, f64>),
     ) -> Vec<Left> {
         let of_run = |(index, run): (usize, &NearRun)| {
-            let rows = run.errors().first().map_or(0, Vec::len);
-            let errors = self.errors(run, 0..rows);
+            let errors = &self.errors[index];
+            let rows = errors.nrows();
             let mut said = DMatrix::zeros(rows, run.free().len());
             answers.iter().zip(coefficients).for_each(|(answer, coefficient)| said += &answer[index] * *coefficient);
             let mut without = errors.clone();

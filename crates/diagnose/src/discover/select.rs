@@ -111,7 +111,7 @@ const LEAST: f64 = 6.0;
 /// A further term must explain this share of what all of them do: what is left besides may be what the linearisation leaves.
 const PART: f64 = 0.1;
 /// A candidate of which the own parameters leave less than this share of the squares is theirs.
-const OWN: f64 = 1e-4;
+pub(super) const OWN: f64 = 1e-4;
 
 impl Reduced {
     /// Whether anything is left of a candidate once the own parameters have taken their part.

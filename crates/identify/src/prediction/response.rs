@@ -9,6 +9,7 @@
 
 use dynid_dynamics::simulate::{Predictor, Scheme, SimulationError, correct_by, runge_kutta};
 use dynid_dynamics::system::{Scratch, System};
+use dynid_signal::statistics::rms;
 use nalgebra::DMatrix;
 
 use crate::position::FitRun;
@@ -340,11 +341,7 @@ impl Predicted {
                 delivered[slot].push(scratch.drive[slot]);
             }
         }
-        let size = |joint: &usize| {
-            let command = &command[*joint];
-            (command.iter().map(|value| value * value).sum::<f64>() / command.len().max(1) as f64).sqrt()
-        };
-        let typical: Vec<f64> = self.free().iter().map(size).collect();
+        let typical: Vec<f64> = self.free().iter().map(|joint| rms(&command[*joint])).collect();
         let per_command = self.system.drive_slope(&typical).0;
         Signals { time, q, dq, command, delivered, per_command }
     }

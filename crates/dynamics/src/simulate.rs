@@ -424,7 +424,7 @@ impl Stepper {
                     (0..steps).all(|index| implicit.step_of(system, input, sample, (index, steps), &mut self.x));
                 if !is_solved {
                     self.x.copy_from_slice(&self.stage);
-                    self.explicit(system, input, sample, Scheme::FINEST.steps());
+                    self.explicit(system, input, sample, Scheme::UNSOLVED);
                 }
             }
         }

@@ -428,7 +428,7 @@ impl Variation {
             return;
         }
         if is_implicit {
-            span.steps = Scheme::FINEST.steps();
+            span.steps = Scheme::UNSOLVED;
         }
         // As even as they come.
         let most = span.steps.div_ceil(span.steps.div_ceil(MOST_STEPS));

@@ -26,8 +26,10 @@ impl Scheme {
         Self::Implicit(3),
         Self::FINEST,
     ];
-    /// What is taken where nothing else will do.
-    pub const FINEST: Self = Self::Explicit(6);
+    /// What is taken where nothing else will do: whatever it errs by, what decays does not grow.
+    pub const FINEST: Self = Self::Implicit(4);
+    /// Explicit steps of an interval where implicit ones find no end.
+    pub const UNSOLVED: usize = 64;
 
     /// Number of steps.
     pub fn steps(self) -> usize {

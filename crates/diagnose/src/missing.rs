@@ -390,26 +390,27 @@ impl Logs<'_> {
             while let Some(best) = found.first().filter(|best| !asked_at.contains(&best.candidate)).cloned() {
                 let key = format!("{key}.{batch} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
-                // What leaves nothing has no rivals but with fewer unknowns.
-                let is_open = !self.leaves_nothing(&best);
-                let is_smaller = |model: &Model| is_open || self.added_unknowns(model) < best.unknowns;
+                // What leaves white errors has no rivals but with fewer unknowns, or laws that contain it where the errors are large.
+                let (is_white, is_all) = (best.is_white(&self.settings), self.leaves_nothing(&best));
+                let is_smaller = |model: &Model| self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {
                     let mut model = base.model.clone();
                     let Candidate { effect, joint, from } = candidate;
                     Some(candidate) != best.candidate.as_ref()
                         && asked.contains(candidate)
                         && model.add_effect(effect, *joint, *from).is_ok()
-                        && is_smaller(&model)
+                        && (!is_white || is_smaller(&model))
                 };
                 let mut starts = self.starts(base, &[&best], &is_rival)?;
                 starts.truncate(self.settings.later_arms);
-                starts.extend(self.kin(base, &best).into_iter().filter(|start| is_smaller(&start.model)));
+                starts.extend(self.kin(base, &best).into_iter().filter(|start| !is_all || is_smaller(&start.model)));
                 self.race(base, &starts, &key, &mut found)?;
                 self.settle(base, &mut found, &key)?;
             }
             // What promises less is not asked where the last batch brought nothing better.
             let is_settled = batch > 0 && found.first().map(|best| best.candidate.clone()) == best_before;
-            if found.first().is_some_and(|best| self.leaves_nothing(best)) || ordered.is_empty() || is_settled {
+            // Nor where the errors are white: another effect may be found beside the best.
+            if found.first().is_some_and(|best| best.is_white(&self.settings)) || ordered.is_empty() || is_settled {
                 break;
             }
         }

@@ -177,7 +177,7 @@ fn step(
         return Ok((Vec::new(), nothing(Verdict::NothingMissing)));
     }
     (outside.tell)(&Event::Asking(work.places(&base.model)));
-    let starts = work.starts(base, &[], &|_| true).map_err(FitError::from)?;
+    let mut starts = work.starts(base, &[], &|_| true).map_err(FitError::from)?;
     outside.asked_to_stop()?;
     let mut screening: Vec<Screened> = Vec::new();
     for start in &starts {
@@ -187,10 +187,14 @@ fn step(
         }
     }
     screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
-    (outside.tell)(&Event::Comparing(screening.len().min(settings.arms)));
+    let least = (screening.len().max(1) as f64 / settings.chance).ln();
+    // White errors are noise but for what shows in them to first order.
+    if base.is_white(settings) {
+        starts.retain(|start| start.promise > least);
+    }
+    (outside.tell)(&Event::Comparing(starts.len().min(settings.arms)));
     let found = work.best(base, &starts, &format!("step {depth}")).map_err(FitError::from)?;
     outside.asked_to_stop()?;
-    let least = (screening.len().max(1) as f64 / settings.chance).ln();
     let (mut paying, others): (Vec<Fitted>, Vec<Fitted>) =
         found.into_iter().partition(|fitted| fitted.score() - base.score() > least);
     // Of those that differ by what may be chance the plainest comes first.

@@ -412,16 +412,17 @@ impl Stepper {
         }
     }
 
-    /// From a sample to the next by a scheme; where implicit steps find no end, by the finest.
+    /// From a sample to the next by a scheme; where no implicit steps find an end, by explicit ones.
     fn across(&mut self, system: &System, input: &Input<'_>, sample: usize, scheme: Scheme) {
         match scheme {
             Scheme::Explicit(_) => self.explicit(system, input, sample, scheme.steps()),
             Scheme::Implicit(_) => {
                 let implicit = self.implicit.get_or_insert_with(|| Box::new(Implicit::new(system)));
                 self.stage.copy_from_slice(&self.x);
-                let steps = scheme.steps();
-                let is_solved =
-                    (0..steps).all(|index| implicit.step_of(system, input, sample, (index, steps), &mut self.x));
+                let is_solved = Scheme::implicit_steps(scheme.steps()).any(|steps| {
+                    self.x.copy_from_slice(&self.stage);
+                    (0..steps).all(|index| implicit.step_of(system, input, sample, (index, steps), &mut self.x))
+                });
                 if !is_solved {
                     self.x.copy_from_slice(&self.stage);
                     self.explicit(system, input, sample, Scheme::UNSOLVED);

@@ -422,12 +422,15 @@ impl Variation {
         }
     }
 
-    /// Takes states and sensitivities over a span; where implicit steps have no solution, in the finest explicit ones.
+    /// Takes states and sensitivities over a span; where no implicit steps have a solution, in explicit ones.
     fn across(&mut self, system: &System, columns: &Columns, input: &Input<'_>, mut span: Span<'_>, is_implicit: bool) {
-        if is_implicit && self.implicit_steps(system, columns, input, &span) {
-            return;
-        }
         if is_implicit {
+            for steps in Scheme::implicit_steps(span.steps) {
+                span.steps = steps;
+                if self.implicit_steps(system, columns, input, &span) {
+                    return;
+                }
+            }
             span.steps = Scheme::UNSOLVED;
         }
         // As even as they come.

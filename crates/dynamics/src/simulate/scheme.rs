@@ -46,6 +46,11 @@ impl Scheme {
         implicit.unwrap_or(place + 1).min(Self::LADDER.len() - 1)
     }
 
+    /// Numbers of implicit steps that are tried, `first` to begin with: where a step finds no end, a shorter one may.
+    pub fn implicit_steps(first: usize) -> impl Iterator<Item = usize> {
+        [1, 4, 16, 64].into_iter().map(move |parts| parts * first)
+    }
+
     /// With every step halved.
     #[must_use]
     pub fn finer(self) -> Self {

@@ -211,3 +211,22 @@ fn a_plan_keeps_its_tolerance_and_spends_steps_where_they_are_needed() {
         assert!(cheap > 0 && cheap < 150, "{cheap} of 150 at {tolerance}");
     }
 }
+
+/// Bristles so stiff that no number of explicit steps of an interval is stable: where nothing keeps the tolerance, motions that begin
+/// side by side still stay so, and with them the derivatives.
+#[test]
+fn a_plan_that_keeps_no_tolerance_is_stable() {
+    let effects = [placed(&LUGRE, 0, None, &[2e7, 2e3, 0.05, 0.01, 0.5, 0.4]), placed(&VISCOUS, 0, None, &[0.02])];
+    let system = pendulum(&effects);
+    let time = times(151, 0.01);
+    let command: Vec<f64> = time.iter().map(|t| 1.5 * (9.0 * t).sin()).collect();
+    let position: Vec<f64> = time.iter().map(|t| 0.3 * (4.0 * t).sin()).collect();
+    let predictor = Predictor { position: &position, rates: &[50.0], schemes: &[] };
+    let input = Input { time: &time, command: &command, intersample: Intersample::FirstOrder };
+    let planned = plan(&system, &input, &predictor, &[0.0], &[1e-18]).unwrap();
+    let predictor = Predictor { schemes: &planned.schemes, ..predictor };
+    let moved = |nudge: f64| predict(&system, &input, &predictor, &[nudge], &Options::default()).unwrap().q;
+    let nudge = 1e-9;
+    let apart = moved(0.0).iter().zip(moved(nudge)).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+    assert!(planned.schemes.contains(&Scheme::FINEST) && apart < 10.0 * nudge, "{apart}");
+}

@@ -22,6 +22,7 @@ impl Plan {
     pub fn stiffer(&self) -> Self {
         let stiffer = |scheme: &Scheme| match scheme {
             Scheme::Explicit(_) => Scheme::Implicit(0),
+            &Scheme::FINEST => Scheme::FINEST,
             Scheme::Implicit(_) => scheme.finer(),
         };
         Self(self.0.iter().map(|run| run.iter().map(stiffer).collect()).collect())
@@ -95,7 +96,7 @@ mod tests {
         let text = serde_json::to_string(&plan).unwrap();
         assert_eq!(text, r#"["0123456789a",""]"#);
         assert_eq!(serde_json::from_str::<Plan>(&text).unwrap(), plan);
-        assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["444457494a4",""]"#);
+        assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["444457494aa",""]"#);
         assert!(serde_json::from_str::<Plan>(r#"["0x"]"#).is_err());
         assert_eq!(plan.beginning(&[2, 0]), Plan::new(vec![Scheme::LADDER[..2].to_vec(), vec![]]));
         assert_eq!(plan.beginning(&[2, 1]), plan, "the second run is shorter");

@@ -362,7 +362,7 @@ fn interrupted(path: Option<&Path>, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 13;
+const FORMAT: u32 = 14;
 
 /// Fits that are done, for a diagnosis that is stopped.
 struct Kept {

@@ -384,7 +384,7 @@ impl Logs<'_> {
             let best_before = found.first().map(|best| best.candidate.clone());
             let later = ordered.split_off(ordered.len().min(self.settings.arms));
             self.race(base, &ordered, &format!("{key}.{batch}"), &mut found)?;
-            self.settle(base, &mut found, key)?;
+            self.settle(base, &mut found, &format!("{key}.{batch}"))?;
             ordered = later;
             // A smaller law may do as well from the best one's values, and a larger one better.
             while let Some(best) = found.first().filter(|best| !asked_at.contains(&best.candidate)).cloned() {
@@ -399,7 +399,7 @@ impl Logs<'_> {
                     Some(candidate) != best.candidate.as_ref()
                         && asked.contains(candidate)
                         && model.add_effect(effect, *joint, *from).is_ok()
-                        && (!is_white || is_smaller(&model))
+                        && (!(is_white || is_all) || is_smaller(&model))
                 };
                 let mut starts = self.starts(base, &[&best], &is_rival)?;
                 starts.truncate(self.settings.later_arms);
@@ -410,7 +410,8 @@ impl Logs<'_> {
             // What promises less is not asked where the last batch brought nothing better.
             let is_settled = batch > 0 && found.first().map(|best| best.candidate.clone()) == best_before;
             // Nor where the errors are white: another effect may be found beside the best.
-            if found.first().is_some_and(|best| best.is_white(&self.settings)) || ordered.is_empty() || is_settled {
+            let is_enough = |best: &Fitted| best.is_white(&self.settings) || self.leaves_nothing(best);
+            if found.first().is_some_and(is_enough) || ordered.is_empty() || is_settled {
                 break;
             }
         }
@@ -471,6 +472,13 @@ impl Logs<'_> {
             models.into_iter().enumerate().map(start).collect()
         };
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).flat_map(starts).collect()
+    }
+
+    /// How many times the samples of the beginnings that promises rest on the runs to fit to have.
+    pub fn of_all(&self) -> f64 {
+        let samples = |runs: &[Run]| runs.iter().map(|run| run.log.len() * run.free.len()).sum::<usize>() as f64;
+        let (whole, least) = self.settings.beginning;
+        samples(&self.fit) / samples(&self.beginnings(whole, least)).max(1.0)
     }
 
     /// The beginnings of the runs to fit to, of about so many samples over all joints.

@@ -123,6 +123,7 @@ pub fn diagnose(
                 }
                 if let [only] = steps.as_mut_slice() {
                     only.base = first.clone();
+                    only.fitted.iter_mut().take(1).for_each(|best| best.delta_bic = delta_bic(&base, &fitted));
                 }
             }
         }
@@ -188,11 +189,15 @@ fn step(
     }
     screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
     let least = (screening.len().max(1) as f64 / settings.chance).ln();
-    // White errors are noise but for what shows in them to first order.
+    // White errors are noise but for what shows in them to first order, in all runs as in what was looked at.
     if base.is_white(settings) {
-        starts.retain(|start| start.promise > least);
+        let of_all = work.of_all();
+        starts.retain(|start| of_all * start.promise > least);
     }
-    (outside.tell)(&Event::Comparing(starts.len().min(settings.arms)));
+    let mut raced: Vec<&Candidate> = starts.iter().take(settings.arms).map(|start| &start.candidate).collect();
+    raced.sort();
+    raced.dedup();
+    (outside.tell)(&Event::Comparing(raced.len()));
     let found = work.best(base, &starts, &format!("step {depth}")).map_err(FitError::from)?;
     outside.asked_to_stop()?;
     let (mut paying, others): (Vec<Fitted>, Vec<Fitted>) =
@@ -204,11 +209,8 @@ fn step(
     if let Some(plainest) = plainest {
         paying[..=plainest].rotate_right(1);
     }
-    let bic = |fitted: &Fitted| {
-        -2.0 * (fitted.fit.log_likelihood - base.fit.log_likelihood) + 2.0 * (fitted.price() - base.price())
-    };
     let failed = others.iter().filter_map(|fitted| {
-        let reason = Rejection::NotWorthItsParameters { delta_bic: bic(fitted) };
+        let reason = Rejection::NotWorthItsParameters { delta_bic: delta_bic(base, fitted) };
         Some(RejectedCandidate { candidate: fitted.candidate.clone()?, reason })
     });
     let failed = failed.collect();
@@ -217,13 +219,16 @@ fn step(
         let others = paying.iter().filter(|other| other.candidate != own.candidate);
         let alike = others.filter(|other| own.is_like(other, least, settings));
         let alike = alike.filter_map(|other| other.candidate.clone()).collect();
-        fitted.push(Judged { refit: refit(judge, own, base.unknowns)?, alike, delta_bic: bic(own) });
+        fitted.push(Judged { refit: refit(judge, own, base.unknowns)?, alike, delta_bic: delta_bic(base, own) });
     }
+    // Rounding is not white: predictions that are at the noise say by themselves that nothing is left.
+    let is_at_noise = |refit: &Refit| refit.one_step.is_some_and(|ratio| ratio < verdict::AT_THE_FLOOR);
     let is_near_noise = || before.worst_ratio().is_some_and(|ratio| ratio < settings.near);
     let verdict = match paying.first() {
-        None if is_near_noise() || base.is_white(settings) => Verdict::NothingMissing,
+        None if is_near_noise() || is_at_noise(before) || base.is_white(settings) => Verdict::NothingMissing,
         None => Verdict::Unexplained,
         Some(best) if best.is_white(settings) && best.is_whole(settings) => Verdict::MissingEffect,
+        Some(_) if fitted.first().is_some_and(|best| is_at_noise(&best.refit)) => Verdict::MissingEffect,
         Some(best) => {
             // White errors of a model that is not trusted may be noise of the torque, or what a law of no library leaves. Of a torque
             // that is measured at a high rate, noise hides how much is explained where it matters.
@@ -237,6 +242,11 @@ fn step(
         }
     };
     Ok((paying, Step { verdict, base: before.clone(), screening, fitted, failed }))
+}
+
+/// What `after` adds to Schwarz's criterion of `before`: negative where it is worth its unknowns.
+fn delta_bic(before: &Fitted, after: &Fitted) -> f64 {
+    2.0 * (before.fit.log_likelihood - after.fit.log_likelihood) + 2.0 * (after.price() - before.price())
 }
 
 /// The joint whose logs become likelier most.

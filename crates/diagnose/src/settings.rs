@@ -1,4 +1,5 @@
-//! Every number that decides in a diagnosis, but for those of a formula's search (`discover`).
+//! The numbers that decide how a diagnosis searches and when it ends; what is asked at which rates stands with the score test, what a
+//! formula needs in `discover`, and what is at the floor of free simulations in `verdict`.
 
 use dynid_identify::prediction;
 
@@ -34,7 +35,7 @@ pub(super) struct Settings {
     pub(super) later_arms: usize,
     /// Arms that are followed to their end.
     pub(super) last: usize,
-    /// Linearisations of an arm's first round, if each takes one integration step a sample, and over all rounds.
+    /// Linearisations of an arm's first round, if each takes one integration step a sample, and of the last that another follows.
     pub(super) linearisations: (usize, usize),
     /// So many rounds like the last one should bring an arm to the best one.
     pub(super) rounds: f64,

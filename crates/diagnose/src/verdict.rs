@@ -14,7 +14,7 @@ use dynid_logs::experiment::Run;
 use dynid_user_model::Model;
 
 /// Below this multiple of the noise at every joint nothing is missing, whatever pattern is left.
-const AT_THE_FLOOR: f64 = 1.05;
+pub(super) const AT_THE_FLOOR: f64 = 1.05;
 /// Below this multiple what is left is said to be near the noise.
 const NEAR: f64 = 1.5;
 /// As many places where the model fails are reported.

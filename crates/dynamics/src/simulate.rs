@@ -1,6 +1,7 @@
 //! Integrates a [`System`] over a log: what position would it have shown under these torques?
 //!
-//! Classical Runge-Kutta of fourth order with a fixed step, a fraction of the sample time. Torques are held over the
+//! Classical Runge-Kutta of fourth order with a fixed step, a fraction of the sample time; predictions are planned interval by interval
+//! ([`Scheme`]), with implicit steps where explicit ones are not stable. Torques are held over the
 //! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
 
 pub mod control;
@@ -374,7 +375,7 @@ impl Recorder {
     }
 }
 
-/// Runge-Kutta's classical scheme and its room.
+/// Takes steps, explicit or implicit, and has the room for them.
 pub struct Stepper {
     /// The state: positions and speeds of the free joints, then the effects' states.
     pub x: Vec<f64>,

@@ -173,8 +173,8 @@ pub struct State {
     pub best: Option<Best>,
     /// Where the start under way is.
     pub sequence: sequence::State,
-    /// Where a fit of predictions is, from each of the starts that were tried.
-    pub predictions: Vec<crate::prediction::State>,
+    /// Where a fit of predictions is, by the start that it began from: some cannot be predicted.
+    pub predictions: BTreeMap<usize, crate::prediction::State>,
 }
 
 /// A start that is done.

@@ -226,7 +226,7 @@ impl<'a> Search<'a> {
                 state.search.x = evaluator.followed(state.search.x);
                 let plan = evaluator.plan(&state.search.x, &evaluator.continued(&state.plan), evaluate::ROUGHLY);
                 let cost = evaluator.at(&plan).cost(&state.search.x);
-                State { plan, cost, planned: None, known: None, ..state }
+                State { plan, cost, is_done: false, planned: None, known: None, ..state }
             }
             None => {
                 let x = evaluator.start()?;

@@ -131,6 +131,10 @@ pub fn plan(
                 stepper.x.copy_from_slice(&begin);
                 stepper.across(system, input, sample, scheme);
             }
+            if scheme == Scheme::FINEST {
+                schemes.push(scheme);
+                break;
+            }
             rough.copy_from_slice(&stepper.x);
             stepper.x.copy_from_slice(&begin);
             stepper.across(system, input, sample, scheme.finer());
@@ -156,7 +160,7 @@ pub fn plan(
                 !nudged.into_iter().all(|state| (stepper.x[state] - rough[state]).abs() <= MOST_GROWTH * nudge(state))
             };
             let is_steady = !is_close || !(grows(n..2 * n) || (begin.len() > 2 * n && grows(2 * n..begin.len())));
-            if scheme == Scheme::FINEST || (is_close && is_steady) {
+            if is_close && is_steady {
                 schemes.push(scheme);
                 // From here on as it will be, so that what is not stable shows.
                 stepper.x.copy_from_slice(&rough);

@@ -39,14 +39,9 @@ pub(super) fn by_prediction(
     let mut failure = None;
     let mut searches: Vec<(usize, Search<'_>)> = Vec::new();
     for (start, problem) in problems.iter().enumerate() {
-        // Starts that cannot be predicted have no state: those that have are in their order.
-        let known = state.predictions.get(searches.len()).cloned();
-        let is_begun = known.is_some();
-        match Search::new(problem, known) {
+        match Search::new(problem, state.predictions.get(&start).cloned()) {
             Ok(search) => {
-                if !is_begun {
-                    state.predictions.push(search.state().clone());
-                }
+                state.predictions.entry(start).or_insert_with(|| search.state().clone());
                 searches.push((start, search));
             }
             Err(error) => {
@@ -59,10 +54,10 @@ pub(super) fn by_prediction(
     }
     let noise = noise_alone(&problems[0]);
     let before = searches[0].1.beginning().map(|cost| cost - noise);
-    let mut follow = |place: usize, (start, search): &mut (usize, Search<'_>), until: usize| {
+    let mut follow = |(start, search): &mut (usize, Search<'_>), until: usize| {
         while search.iterations() < until && !search.state().is_done {
             search.advance(&settings, 1, &mut |_| SearchControl::Continue);
-            state.predictions[place] = search.state().clone();
+            state.predictions.insert(*start, search.state().clone());
             let progress = Progress {
                 iteration: search.iterations(),
                 cost: search.state().cost.map_or(f64::NAN, |cost| cost - noise),
@@ -78,14 +73,14 @@ pub(super) fn by_prediction(
         Ok(())
     };
     if searches.len() > 1 {
-        for (place, search) in searches.iter_mut().enumerate() {
-            follow(place, search, TRIED.min(iterations))?;
+        for search in &mut searches {
+            follow(search, TRIED.min(iterations))?;
         }
     }
     let cost = |search: &Search<'_>| search.state().cost.unwrap_or(f64::INFINITY);
     let best = (0..searches.len()).min_by(|one, other| cost(&searches[*one].1).total_cmp(&cost(&searches[*other].1)));
     let place = best.unwrap_or(0);
-    follow(place, &mut searches[place], iterations)?;
+    follow(&mut searches[place], iterations)?;
     let (start, search) = &searches[place];
     let fit = search.result()?;
     result(&starts[*start], &problems[*start], fit, before)

@@ -17,7 +17,8 @@ impl Plan {
         self.0.get(run).map_or(&[], Vec::as_slice)
     }
 
-    /// With implicit steps everywhere, shorter ones where they were: for equations that are stiffer than those it was planned for.
+    /// With implicit steps everywhere, shorter ones where they were: for equations that are stiffer than those it was planned for. What
+    /// takes the finest scheme keeps it.
     #[must_use]
     pub fn stiffer(&self) -> Self {
         let stiffer = |scheme: &Scheme| match scheme {

@@ -221,14 +221,16 @@ fn step(
         let alike = alike.filter_map(|other| other.candidate.clone()).collect();
         fitted.push(Judged { refit: refit(judge, own, base.unknowns)?, alike, delta_bic: delta_bic(base, own) });
     }
-    // Rounding is not white: predictions that are at the noise say by themselves that nothing is left.
-    let is_at_noise = |refit: &Refit| refit.one_step.is_some_and(|ratio| ratio < verdict::AT_THE_FLOOR);
+    // Rounding is not white: predictions of a model that is trusted say by themselves that nothing is left where they are at the noise.
+    let is_at_noise = |fitted: &Fitted, refit: &Refit| {
+        fitted.correction() < settings.trusted && refit.one_step.is_some_and(|ratio| ratio < verdict::AT_THE_FLOOR)
+    };
     let is_near_noise = || before.worst_ratio().is_some_and(|ratio| ratio < settings.near);
     let verdict = match paying.first() {
-        None if is_near_noise() || is_at_noise(before) || base.is_white(settings) => Verdict::NothingMissing,
+        None if is_near_noise() || is_at_noise(base, before) || base.is_white(settings) => Verdict::NothingMissing,
         None => Verdict::Unexplained,
         Some(best) if best.is_white(settings) && best.is_whole(settings) => Verdict::MissingEffect,
-        Some(_) if fitted.first().is_some_and(|best| is_at_noise(&best.refit)) => Verdict::MissingEffect,
+        Some(best) if fitted.first().is_some_and(|judged| is_at_noise(best, &judged.refit)) => Verdict::MissingEffect,
         Some(best) => {
             // White errors of a model that is not trusted may be noise of the torque, or what a law of no library leaves. Of a torque
             // that is measured at a high rate, noise hides how much is explained where it matters.

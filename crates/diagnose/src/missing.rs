@@ -380,18 +380,21 @@ impl Logs<'_> {
         let asked = promising(starts, self.settings.further);
         let mut ordered = starts.to_vec();
         let mut asked_at: Vec<Option<Candidate>> = Vec::new();
+        // Another effect may be found beside what leaves white errors.
+        let is_enough = |best: &Fitted| best.is_white(&self.settings) || self.leaves_nothing(best);
         for batch in 0..self.settings.batches {
+            let key = format!("{key}.{batch}");
             let best_before = found.first().map(|best| best.candidate.clone());
             let later = ordered.split_off(ordered.len().min(self.settings.arms));
-            self.race(base, &ordered, &format!("{key}.{batch}"), &mut found)?;
-            self.settle(base, &mut found, &format!("{key}.{batch}"))?;
+            self.race(base, &ordered, &key, &mut found)?;
+            self.settle(base, &mut found, &key)?;
             ordered = later;
             // A smaller law may do as well from the best one's values, and a larger one better.
             while let Some(best) = found.first().filter(|best| !asked_at.contains(&best.candidate)).cloned() {
-                let key = format!("{key}.{batch} there {}", asked_at.len());
+                let key = format!("{key} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
                 // What leaves white errors has no rivals but with fewer unknowns, or laws that contain it where the errors are large.
-                let (is_white, is_all) = (best.is_white(&self.settings), self.leaves_nothing(&best));
+                let (is_enough, is_all) = (is_enough(&best), self.leaves_nothing(&best));
                 let is_smaller = |model: &Model| self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {
                     let mut model = base.model.clone();
@@ -399,7 +402,7 @@ impl Logs<'_> {
                     Some(candidate) != best.candidate.as_ref()
                         && asked.contains(candidate)
                         && model.add_effect(effect, *joint, *from).is_ok()
-                        && (!(is_white || is_all) || is_smaller(&model))
+                        && (!is_enough || is_smaller(&model))
                 };
                 let mut starts = self.starts(base, &[&best], &is_rival)?;
                 starts.truncate(self.settings.later_arms);
@@ -409,8 +412,6 @@ impl Logs<'_> {
             }
             // What promises less is not asked where the last batch brought nothing better.
             let is_settled = batch > 0 && found.first().map(|best| best.candidate.clone()) == best_before;
-            // Nor where the errors are white: another effect may be found beside the best.
-            let is_enough = |best: &Fitted| best.is_white(&self.settings) || self.leaves_nothing(best);
             if found.first().is_some_and(is_enough) || ordered.is_empty() || is_settled {
                 break;
             }
@@ -476,9 +477,8 @@ impl Logs<'_> {
 
     /// How many times the samples of the beginnings that promises rest on the runs to fit to have.
     pub fn of_all(&self) -> f64 {
-        let samples = |runs: &[Run]| runs.iter().map(|run| run.log.len() * run.free.len()).sum::<usize>() as f64;
         let (whole, least) = self.settings.beginning;
-        samples(&self.fit) / samples(&self.beginnings(whole, least)).max(1.0)
+        samples(&self.fit) as f64 / samples(&self.beginnings(whole, least)).max(1) as f64
     }
 
     /// The beginnings of the runs to fit to, of about so many samples over all joints.
@@ -538,7 +538,7 @@ impl Logs<'_> {
     ) -> Result<(), PositionFitError> {
         let (whole, least) = self.settings.beginning;
         let beginnings = self.beginnings(whole, least);
-        let samples: usize = beginnings.iter().map(|run| run.log.len() * run.free.len()).sum();
+        let samples = samples(&beginnings);
         let arm = |key: String, candidate: Option<&Candidate>, model: &Model, from: &PredictionFit| {
             let mut problem = self.problem_of(model, &beginnings)?;
             problem.initial.clone_from(&from.initial);
@@ -621,6 +621,11 @@ fn with_values(model: &Model, fit: &PredictionFit) -> Model {
         }
     }
     model
+}
+
+/// Samples of all joints.
+fn samples(runs: &[Run]) -> usize {
+    runs.iter().map(|run| run.log.len() * run.free.len()).sum()
 }
 
 /// The first seconds of a run.

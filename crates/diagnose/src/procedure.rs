@@ -1,6 +1,6 @@
 //! The order of a diagnosis: what is fitted, asked and added, and when it ends.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use dynid_identify::FitError;
 use dynid_identify::identify::{ErrorSignal, default_error};
@@ -123,7 +123,9 @@ pub fn diagnose(
                 }
                 if let [only] = steps.as_mut_slice() {
                     only.base = first.clone();
-                    only.fitted.iter_mut().take(1).for_each(|best| best.delta_bic = delta_bic(&base, &fitted));
+                    if let Some(best) = only.fitted.first_mut() {
+                        best.delta_bic = delta_bic(&base, &fitted);
+                    }
                 }
             }
         }
@@ -194,9 +196,7 @@ fn step(
         let of_all = work.of_all();
         starts.retain(|start| of_all * start.promise > least);
     }
-    let mut raced: Vec<&Candidate> = starts.iter().take(settings.arms).map(|start| &start.candidate).collect();
-    raced.sort();
-    raced.dedup();
+    let raced: BTreeSet<&Candidate> = starts.iter().take(settings.arms).map(|start| &start.candidate).collect();
     (outside.tell)(&Event::Comparing(raced.len()));
     let found = work.best(base, &starts, &format!("step {depth}")).map_err(FitError::from)?;
     outside.asked_to_stop()?;

@@ -1181,18 +1181,27 @@ mod tests {
         let (plus, minus) = (positions(1e-3), positions(-1e-3));
         let columns = Columns::new(&system, |_| true, Lumps::Wanted);
         let measured = vec![0.0; 2 * time.len()];
-        for scheme in [Scheme::Explicit(8), Scheme::Implicit(8)] {
-            let schemes = vec![scheme; time.len() - 1];
-            // Rates of 0: nothing is corrected.
-            let predictor = Predictor { position: &measured, rates: &[0.0; 2], schemes: &schemes };
+        // A simulation, and predictions that nothing corrects: their rates are 0.
+        for scheme in [None, Some(Scheme::Explicit(8)), Some(Scheme::Implicit(8))] {
+            let schemes = scheme.map(|scheme| vec![scheme; time.len() - 1]);
+            let predictor =
+                schemes.as_ref().map(|schemes| Predictor { position: &measured, rates: &[0.0; 2], schemes });
             let mut exact = Vec::new();
             let mut crossings = 0;
             let mut below = q0[0] < REST;
-            predict(&system, &columns, &input, &predictor, &q0, &Options::default(), |_, position, rows| {
-                crossings += usize::from((position[0] < REST) != below);
-                below = position[0] < REST;
-                exact.extend(rows.chunks(columns.width()).map(|row| row[columns.effect(rest).unwrap()]));
-            })
+            along(
+                &system,
+                &columns,
+                &input,
+                (None, predictor.as_ref()),
+                &q0,
+                &Options::default(),
+                |_, position, rows| {
+                    crossings += usize::from((position[0] < REST) != below);
+                    below = position[0] < REST;
+                    exact.extend(rows.chunks(columns.width()).map(|row| row[columns.effect(rest).unwrap()]));
+                },
+            )
             .unwrap();
             assert!(crossings >= 3, "{crossings} crossings");
             let scale = exact.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));

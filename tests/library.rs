@@ -15,7 +15,7 @@ fn tour() -> (Experiment, Model) {
 fn a_fit_stops_when_it_is_asked_to() {
     let (experiment, model) = tour();
     let addition =
-        dynid::Addition { effect: "input_coupling".to_owned(), joint: Some(4), from: Some(5), values: Vec::new() };
+        dynid::Addition { effect: "spring_cubic".to_owned(), joint: Some(4), from: None, values: Vec::new() };
     let (with_effect, _) = dynid::add(&model, &addition).expect("it can stand there");
     let stopped = |model: &Model, error: ErrorSignal, at: fn(FitProgress<'_>) -> bool| {
         let settings = FitSettings { error: Some(error), ..FitSettings::default() };

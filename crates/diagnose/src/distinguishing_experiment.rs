@@ -107,9 +107,10 @@ pub(super) fn experiment(
 
 /// The trial that tells most, and by how many noises the models differ there.
 fn best(own: &Model, candidate: &Candidate, other: &Model, runs: &[&Run]) -> Option<(f64, Trial)> {
+    let seen: Vec<Seen> = (0..own.device.joints.len()).map(|joint| Seen::of(runs, joint)).collect();
     trials(own, candidate, runs)
         .into_par_iter()
-        .filter_map(|trial| Some((difference(own, other, &trial, runs)?, trial)))
+        .filter_map(|trial| Some((difference(own, other, &trial, runs, &seen)?, trial)))
         .collect::<Vec<(f64, Trial)>>()
         .into_iter()
         .max_by(|a, b| a.0.total_cmp(&b.0))
@@ -148,11 +149,38 @@ fn trials(model: &Model, candidate: &Candidate, runs: &[&Run]) -> Vec<Trial> {
     trials
 }
 
+/// What the runs have seen of a joint.
+struct Seen {
+    /// The middle of its range [rad or m].
+    centre: f64,
+    /// Half of it; infinite where no run has seen it move.
+    half: f64,
+    /// The noise of its logs [rad or m].
+    noise: f64,
+}
+
+impl Seen {
+    fn of(runs: &[&Run], joint: usize) -> Self {
+        let moving = || runs.iter().filter(|run| run.free.contains(&joint));
+        let positions = moving().flat_map(|run| &run.log.q[joint]);
+        let (low, high) =
+            positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+        let noise = moving().map(|run| noise_floor(&run.log.q[joint])).fold(0.0, f64::max);
+        Self { centre: 0.5 * (low + high), half: (0.5 * (high - low)).abs(), noise }
+    }
+
+    /// Whether a position is far from all that was seen.
+    fn is_left_by(&self, q: f64) -> bool {
+        /// A motion beyond this multiple of the range that the logs show is not asked for.
+        const FARTHEST: f64 = 1.5;
+        let distance = (q - self.centre).abs();
+        self.half > 0.0 && (distance > FARTHEST * self.half || distance.is_nan())
+    }
+}
+
 /// Root mean square of the difference of two models' motions in units of the noise; `None` where one of them leaves what
 /// the runs have seen.
-fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Option<f64> {
-    /// A motion beyond this multiple of the range that the logs show is not asked for.
-    const FARTHEST: f64 = 1.5;
+fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run], seen: &[Seen]) -> Option<f64> {
     let n_joints = one.device.joints.len();
     let samples = (DURATION_S / SAMPLE_S) as usize;
     let time: Vec<f64> = (0..samples).map(|k| k as f64 * SAMPLE_S).collect();
@@ -160,43 +188,28 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run]) -> Optio
     for (k, t) in time.iter().enumerate() {
         command[k * n_joints + trial.joint] = trial.amplitude * (TAU * (trial.hz * t + trial.phase.periods())).sin();
     }
+    let free: Vec<&Seen> = trial.free.iter().map(|joint| &seen[*joint]).collect();
+    if free.iter().any(|seen| !seen.half.is_finite()) {
+        return None;
+    }
     let middle = |joint: usize| runs.first().map_or(0.0, |run| run.log.mean_position(joint));
     let start: Vec<f64> = trial.free.iter().map(|joint| middle(*joint)).collect();
-    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let options = simulate::Options { substeps: 15, ..simulate::Options::default() };
-    let play = |model: &Model| {
+    let play = |model: &Model, samples: usize| {
         let system = model.system(&trial.free, middle).ok()?;
-        simulate::simulate(&system, &input, &start, &options).ok()
+        let (time, command) = (&time[..samples], &command[..samples * n_joints]);
+        let input = Input { time, command, intersample: Intersample::ZeroOrder };
+        let motion = simulate::simulate(&system, &input, &start, &options).ok()?.q;
+        let stays = motion.iter().zip(free.iter().cycle()).all(|(q, seen)| !seen.is_left_by(*q));
+        stays.then_some(motion)
     };
-    let (a, b) = (play(one)?, play(other)?);
-    let n = trial.free.len();
-    let mut worst = 0.0_f64;
-    for (slot, &joint) in trial.free.iter().enumerate() {
-        let seen = runs.iter().filter(|run| run.free.contains(&joint)).flat_map(|run| &run.log.q[joint]);
-        let (low, high) = seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
-        let (centre, half) = (0.5 * (low + high), 0.5 * (high - low));
-        let noise = runs
-            .iter()
-            .filter(|run| run.free.contains(&joint))
-            .map(|run| noise_floor(&run.log.q[joint]))
-            .fold(0.0, f64::max);
-        let mut squares = 0.0;
-        // No run has seen this joint move.
-        if !half.is_finite() {
-            return None;
-        }
-        let leaves = |q: f64| (q - centre).abs() > FARTHEST * half || q.is_nan();
-        for (a, b) in a.q.iter().zip(&b.q).skip(slot).step_by(n) {
-            if half > 0.0 && (leaves(*a) || leaves(*b)) {
-                return None;
-            }
-            squares += (a - b) * (a - b);
-        }
-        if noise > 0.0 {
-            worst = worst.max((squares / samples as f64).sqrt() / noise);
-        }
-    }
-    Some(worst)
+    // What falls does so at once.
+    play(one, samples / 10)?;
+    let (a, b) = (play(one, samples)?, play(other, samples)?);
+    let squares =
+        |slot: usize| -> f64 { a.iter().zip(&b).skip(slot).step_by(free.len()).map(|(a, b)| (a - b) * (a - b)).sum() };
+    let in_noises = |(slot, seen): (usize, &&Seen)| (squares(slot) / samples as f64).sqrt() / seen.noise;
+    Some(free.iter().enumerate().filter(|(_, seen)| seen.noise > 0.0).map(in_noises).fold(0.0, f64::max))
 }
 
 #[cfg(test)]
@@ -250,7 +263,8 @@ mod tests {
         let run = Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings };
         let runs = [&run];
 
-        let before = difference(&own, &other, &fitted, &runs).expect("it is what the run has seen");
+        let before =
+            difference(&own, &other, &fitted, &runs, &[Seen::of(&runs, 0)]).expect("it is what the run has seen");
         assert!(before < 1.5, "the two fit the run alike: {before}");
         let candidate = Candidate { effect: "spring_cubic".to_owned(), joint: Some(0), from: None };
         let (noises, trial) = best(&own, &candidate, &other, &runs).expect("a trial");

@@ -82,8 +82,9 @@ fn with_values(model: &Model, instance: &EffectInstance, estimate: &Model) -> Mo
     model
 }
 
-/// Whether an effect does nothing of its own: every parameter that has a null value is there, and at least one has one. What
-/// it keeps of an effect whose place it took says nothing about that, unless there is nothing else.
+/// Whether an effect does nothing of its own, so that some parameter of it changes nothing: every parameter that has a null value is
+/// there, at least one has one, and one that is free has none. What it keeps of an effect whose place it took says nothing about that,
+/// unless there is nothing else.
 fn vanishes(instance: &EffectInstance) -> bool {
     let effect = instance.effect;
     let is_kept =
@@ -95,5 +96,9 @@ fn vanishes(instance: &EffectInstance) -> bool {
         .filter_map(|(own, parameter)| Some((is_kept(&own.symbol), parameter.value == own.null? && !parameter.fixed)))
         .collect();
     let has_own = nulls.iter().any(|(is_kept, _)| !is_kept);
-    !nulls.is_empty() && nulls.iter().filter(|(is_kept, _)| !(has_own && *is_kept)).all(|(_, is_null)| *is_null)
+    let mut parameters = effect.parameters.iter().zip(&instance.parameters);
+    let has_shape = parameters.any(|(own, given)| own.null.is_none() && (!given.fixed || own.scan.is_some()));
+    has_shape
+        && !nulls.is_empty()
+        && nulls.iter().filter(|(is_kept, _)| !(has_own && *is_kept)).all(|(_, is_null)| *is_null)
 }

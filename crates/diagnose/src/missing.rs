@@ -259,7 +259,7 @@ impl Logs<'_> {
         let model = with_values(start, &fit);
         let held_out: Result<Vec<FitRun>, _> = self.held_out.iter().map(|run| FitRun::of_run(&model, run)).collect();
         let integration = if is_final { self.settings.search.integration } else { prediction::ROUGHLY };
-        let held_out = prediction::held_out(held_out?, &fit, integration).ok();
+        let held_out = prediction::held_out(held_out?, &fit, self.rates.is_some(), integration).ok();
         Ok(Fitted {
             candidate: candidate.cloned(),
             unknowns: self.added_unknowns(&model),

@@ -23,10 +23,11 @@ pub const BEFORE: [[f64; 2]; STAGES] = [
 /// Where in the step the stages stand.
 const SHARES: [f64; STAGES] = [OWN, 0.5 * (1.0 + OWN), 1.0];
 
-/// Newton's iteration ends where a correction changes no state by more than this share of what it is made of.
-const CONVERGED: f64 = 1e-10;
-/// A derivative that was taken elsewhere does while each correction is smaller by this than the one before.
-const CONTRACTION: f64 = 0.2;
+/// Newton's iteration ends where what is left to correct changes no state by more than this share of what it is made of: corrections
+/// that shrink by a factor r each leave r / (1 - r) of the last one (Hairer & Wanner 1996, section IV.8).
+const CONVERGED: f64 = 1e-12;
+/// What a new derivative costs, in iterations: an older one does while corrections that go on shrinking as the last one did end in fewer.
+const DERIVATIVE: f64 = 3.0;
 /// Iterations, and halvings of one correction, at most.
 const ITERATIONS: usize = 40;
 const HALVINGS: usize = 12;
@@ -51,11 +52,11 @@ pub struct Implicit {
     next: Vec<f64>,
     from: Vec<f64>,
     scales: Vec<f64>,
-    matrix: Factors,
-    /// Whether `matrix` is of this step.
+    matrix: Matrix,
+    /// Whether `matrix` is of this step, and what it holds of the rigid body.
     is_factored: bool,
+    has_body: bool,
     lanes: [Vec<Lanes>; 4],
-    column: Vec<f64>,
 }
 
 impl Implicit {
@@ -79,10 +80,10 @@ impl Implicit {
             next: room(),
             from: room(),
             scales: room(),
-            matrix: Factors::new(n),
+            matrix: Matrix::new(n_free, n),
             is_factored: false,
+            has_body: false,
             lanes: [lanes(n), lanes(n_free), lanes(system.n_joints()), lanes(n)],
-            column: vec![0.0; n_free],
         }
     }
 
@@ -110,7 +111,7 @@ impl Implicit {
         mut command: impl FnMut(f64, &mut [f64]),
     ) -> bool {
         let n = x.len();
-        self.is_factored = false;
+        (self.is_factored, self.has_body) = (false, false);
         for stage in 0..STAGES {
             self.time[stage] = t + SHARES[stage] * step;
             command(self.time[stage], &mut self.command);
@@ -118,8 +119,7 @@ impl Implicit {
                 let slopes = BEFORE[stage].iter().enumerate().map(|(j, weight)| weight * self.rates[j * n + state]);
                 self.base[state] = if stage == 0 { x[state] } else { x[state] + step * slopes.sum::<f64>() };
             }
-            let (before, own) = self.states.split_at_mut(stage * n);
-            own[..n].copy_from_slice(if stage == 0 { x } else { &before[(stage - 1) * n..] });
+            self.guess(stage, step, x);
             if !self.solve(system, stage, step * OWN) {
                 return false;
             }
@@ -128,14 +128,28 @@ impl Implicit {
         true
     }
 
+    /// Where a stage's iteration begins: where the slopes of the stages before lead (Adams and Bashforth's formulas).
+    fn guess(&mut self, stage: usize, step: f64, x: &[f64]) {
+        let n = x.len();
+        let (before, own) = self.states.split_at_mut(stage * n);
+        let Some(last) = stage.checked_sub(1) else { return own[..n].copy_from_slice(x) };
+        let ahead = step * (SHARES[stage] - SHARES[last]);
+        for (state, own) in own[..n].iter_mut().enumerate() {
+            let slope = |stage: usize| self.rates[stage * n + state];
+            let bend = last.checked_sub(1).map_or(0.0, |first| 0.5 * (slope(last) - slope(first)));
+            *own = before[last * n + state] + ahead * (slope(last) + bend);
+        }
+    }
+
     /// Solves `X - base - reach f(X) = 0` for one stage.
     fn solve(&mut self, system: &System, stage: usize, reach: f64) -> bool {
         let n = system.n_states();
         let t = self.time[stage];
         self.trial.copy_from_slice(&self.states[stage * n..(stage + 1) * n]);
         self.set_residual(system, t, reach);
-        let mut size_before = f64::INFINITY;
-        for _ in 0..ITERATIONS {
+        // Whether `correction` is that of the residual, and how much smaller it is than the one before.
+        let (mut is_corrected, mut size_before) = (false, f64::INFINITY);
+        for iteration in 0..ITERATIONS {
             let is_fresh = !self.is_factored;
             if is_fresh {
                 self.linearise(system, t, reach);
@@ -143,9 +157,12 @@ impl Implicit {
                 if !self.is_factored {
                     return false;
                 }
+                is_corrected = false;
             }
-            self.correction.copy_from_slice(&self.residual);
-            self.matrix.solve(&mut self.correction);
+            if !is_corrected {
+                self.correction.copy_from_slice(&self.residual);
+                self.matrix.solve(&mut self.correction);
+            }
             for k in 0..n {
                 self.scales[k] = self.base[k].abs() + self.trial[k].abs() + reach * self.rate[k].abs() + f64::EPSILON;
             }
@@ -153,10 +170,15 @@ impl Implicit {
             if !size.is_finite() {
                 return false;
             }
-            if size > CONTRACTION * size_before && !is_fresh {
-                self.is_factored = false;
+            let contraction = size / size_before;
+            if !is_fresh && size > CONVERGED && contraction.ln() * DERIVATIVE > (CONVERGED / size).ln() {
+                // The effects change much within a step; the rigid body, as a rule, little.
+                (self.is_factored, self.has_body) = (false, iteration < ITERATIONS / 2);
                 continue;
             }
+            let is_shrinking = size_before.is_finite() && contraction < 0.5;
+            let left = if is_shrinking { contraction / (1.0 - contraction) * size } else { size };
+            let is_last = left <= CONVERGED;
             size_before = size;
             self.from.copy_from_slice(&self.trial);
             let mut share = 1.0;
@@ -164,7 +186,7 @@ impl Implicit {
                 for ((trial, from), correction) in self.trial.iter_mut().zip(&self.from).zip(&self.correction) {
                     *trial = from - share * correction;
                 }
-                if size <= CONVERGED {
+                if is_last {
                     let places = stage * n..(stage + 1) * n;
                     self.states[places.clone()].copy_from_slice(&self.trial);
                     for (k, rate) in self.rates[places].iter_mut().enumerate() {
@@ -180,6 +202,8 @@ impl Implicit {
                 }
                 share *= 0.5;
             }
+            std::mem::swap(&mut self.correction, &mut self.next);
+            is_corrected = true;
         }
         false
     }
@@ -202,28 +226,29 @@ impl Implicit {
         fill(ddq, &self.rate[n..2 * n]);
         fill(command, &self.command);
         self.linear.renew_drive();
-        self.linear.at(system, Lanes::constant(t), x, ddq, command, rates);
+        self.linear.by_state(system, Lanes::constant(t), x, ddq, command, rates, !self.has_body);
+        self.has_body = true;
         let one = |lanes: &Lanes| lanes.to_array()[0];
         let n_states = self.trial.len();
-        self.matrix.entries.fill(0.0);
-        let factor: &[Lanes] = &self.linear.factor;
-        for state in 0..n_states {
-            for (row, entry) in self.column.iter_mut().enumerate() {
-                *entry = one(&self.linear.torque_by_state[row * n_states + state]);
-            }
-            substitute(n, |place| one(&factor[place]), &mut self.column);
-            for (row, entry) in self.column.iter().enumerate() {
-                self.matrix.entries[(n + row) * n_states + state] = -reach * entry;
-            }
+        let matrix = &mut self.matrix;
+        matrix.reach = reach;
+        matrix.by_state.fill(0.0);
+        for (entry, inertia) in matrix.inertia.iter_mut().zip(&self.linear.inertia) {
+            *entry = one(inertia);
         }
-        for slot in 0..n {
-            self.matrix.entries[slot * n_states + n + slot] = -reach;
+        for (state, column) in matrix.by_state.chunks_exact_mut(n_states - n).enumerate() {
+            for (row, entry) in column[..n].iter_mut().enumerate() {
+                *entry = -reach * one(&self.linear.torque_by_state[row * n_states + state]);
+                if let Some(slot) = state.checked_sub(n).filter(|slot| *slot < n) {
+                    *entry += matrix.inertia[row * n + slot];
+                }
+            }
         }
         for (row, state, value) in &self.linear.rate_by_state {
-            self.matrix.entries[row * n_states + state] -= reach * one(value);
+            matrix.by_state[state * (n_states - n) + row - n] -= reach * one(value);
         }
-        for state in 0..n_states {
-            self.matrix.entries[state * n_states + state] += 1.0;
+        for state in 2 * n..n_states {
+            matrix.by_state[state * (n_states - n) + state - n] += 1.0;
         }
     }
 }
@@ -237,57 +262,92 @@ fn largest(values: &[f64], scales: &[f64]) -> f64 {
     })
 }
 
-/// A small matrix, row by row, and then its triangular factors.
+/// The derivative of a stage's residual, the rows of the speeds times D. Its rows of the positions are known, `dq - reach d(dq)`, which
+/// leaves equations of the speeds and the effects' states alone.
 #[derive(Debug, Clone)]
-struct Factors {
-    n: usize,
-    entries: Vec<f64>,
+struct Matrix {
+    n_free: usize,
+    reach: f64,
+    /// D, row by row.
+    inertia: Vec<f64>,
+    /// The other rows, column by column: a column for each state.
+    by_state: Vec<f64>,
+    /// Triangular factors of what is left of them without the positions, column by column, reciprocals on the diagonal.
+    factors: Vec<f64>,
     pivots: Vec<usize>,
+    by_row: Vec<f64>,
 }
 
-impl Factors {
-    fn new(n: usize) -> Self {
-        Self { n, entries: vec![0.0; n * n], pivots: vec![0; n] }
+impl Matrix {
+    fn new(n_free: usize, n_states: usize) -> Self {
+        let n = n_states - n_free;
+        Self {
+            n_free,
+            reach: 0.0,
+            inertia: vec![0.0; n_free * n_free],
+            by_state: vec![0.0; n * n_states],
+            factors: vec![0.0; n * n],
+            pivots: vec![0; n],
+            by_row: vec![0.0; n_free],
+        }
     }
 
     /// Elimination with the largest pivot of each column; `false` where there is none.
     fn factorise(&mut self) -> bool {
-        let n = self.n;
+        let Self { n_free, reach, by_state, factors, pivots, .. } = self;
+        let n = pivots.len();
+        let (by_position, by_rest) = by_state.split_at(*n_free * n);
+        factors.copy_from_slice(by_rest);
+        // The columns of the speeds come first.
+        factors.iter_mut().zip(by_position).for_each(|(entry, by_position)| *entry += *reach * by_position);
         for k in 0..n {
-            let size = |row: &usize| self.entries[row * n + k].abs();
+            let size = |row: &usize| factors[k * n + row].abs();
             let pivot = (k..n).max_by(|a, b| size(a).total_cmp(&size(b))).unwrap_or(k);
-            self.pivots[k] = pivot;
+            pivots[k] = pivot;
             if pivot != k {
-                (0..n).for_each(|column| self.entries.swap(k * n + column, pivot * n + column));
+                (0..n).for_each(|column| factors.swap(column * n + k, column * n + pivot));
             }
-            let reciprocal = self.entries[k * n + k].recip();
+            let reciprocal = factors[k * n + k].recip();
             if !reciprocal.is_finite() {
                 return false;
             }
-            for row in k + 1..n {
-                let factor = self.entries[row * n + k] * reciprocal;
-                self.entries[row * n + k] = factor;
-                for column in k + 1..n {
-                    self.entries[row * n + column] -= factor * self.entries[k * n + column];
-                }
+            let (done, later) = factors.split_at_mut((k + 1) * n);
+            let column = &mut done[k * n..];
+            column[k] = reciprocal;
+            column[k + 1..].iter_mut().for_each(|entry| *entry *= reciprocal);
+            for other in later.chunks_exact_mut(n) {
+                let factor = other[k];
+                other[k + 1..].iter_mut().zip(&column[k + 1..]).for_each(|(entry, own)| *entry -= factor * own);
             }
         }
         true
     }
 
-    fn solve(&self, b: &mut [f64]) {
-        let n = self.n;
-        for k in 0..n {
-            b.swap(k, self.pivots[k]);
+    /// The states that the matrix takes to `b`.
+    fn solve(&mut self, b: &mut [f64]) {
+        let n = self.pivots.len();
+        let (positions, rest) = b.split_at_mut(self.n_free);
+        let speeds = &mut rest[..self.n_free];
+        for (sum, row) in self.by_row.iter_mut().zip(self.inertia.chunks_exact(self.n_free)) {
+            *sum = row.iter().zip(&*speeds).map(|(inertia, speed)| inertia * speed).sum();
         }
-        for row in 0..n {
-            let known: f64 = (0..row).map(|k| self.entries[row * n + k] * b[k]).sum();
-            b[row] -= known;
+        speeds.copy_from_slice(&self.by_row);
+        for (position, column) in positions.iter().zip(self.by_state.chunks_exact(n)) {
+            rest.iter_mut().zip(column).for_each(|(value, entry)| *value -= entry * position);
         }
-        for row in (0..n).rev() {
-            let known: f64 = (row + 1..n).map(|k| self.entries[row * n + k] * b[k]).sum();
-            b[row] = (b[row] - known) / self.entries[row * n + row];
+        for (k, pivot) in self.pivots.iter().enumerate() {
+            rest.swap(k, *pivot);
         }
+        for (k, column) in self.factors.chunks_exact(n).enumerate() {
+            let (known, later) = rest.split_at_mut(k + 1);
+            later.iter_mut().zip(&column[k + 1..]).for_each(|(value, entry)| *value -= entry * known[k]);
+        }
+        for (k, column) in self.factors.chunks_exact(n).enumerate().rev() {
+            rest[k] *= column[k];
+            let (earlier, known) = rest.split_at_mut(k);
+            earlier.iter_mut().zip(column).for_each(|(value, entry)| *value -= entry * known[0]);
+        }
+        positions.iter_mut().zip(rest).for_each(|(position, speed)| *position += self.reach * *speed);
     }
 }
 

@@ -52,6 +52,8 @@ impl Number for Lanes {
 /// The equations linearised at one state, or at several side by side, and the room to do it.
 #[derive(Debug, Clone)]
 pub struct Linear<S = f64> {
+    /// D, n_free x n_free.
+    pub inertia: Vec<S>,
     /// D as `solve::factorise_lanes` leaves it; after [`Linear::at`].
     pub factor: Vec<S>,
     /// `Q_x`, n_free x n_states.
@@ -97,6 +99,7 @@ impl<S: Number> Linear<S> {
         let room = |length: usize| vec![S::constant(0.0); length];
         let most_parameters = system.elements().map(|element| element.np).max().unwrap_or(0);
         Self {
+            inertia: room(n * n),
             factor: room(n * n),
             torque_by_state: room(n * system.n_states()),
             torque_by_parameter: Vec::with_capacity(64),
@@ -380,29 +383,48 @@ impl Linear<Lanes> {
         command: &[Lanes],
         rates: &mut [Lanes],
     ) {
-        self.effects(system, t, x, command, rates);
-        let n = system.n_free();
-        let n_states = system.n_states();
-        let kernel = system.kernel;
-        let (q, dq) = (&x[..n], &x[n..2 * n]);
-        (kernel.inertia_lanes)(&self.prepared, q, &mut self.factor);
-        for &(row, column, value) in &system.added_inertia {
-            let entry = &mut self.factor[row * n + column];
-            *entry = *entry + Lanes::constant(value);
-        }
+        self.by_state(system, t, x, ddq, command, rates, true);
+        let (n, kernel) = (system.n_free(), system.kernel);
+        self.factor.copy_from_slice(&self.inertia);
         solve::factorise_lanes(n, &mut self.factor);
-        let (tau, by_q, by_dq) = (&mut self.tau, &mut self.by_q, &mut self.by_dq);
-        (kernel.inverse_dynamics_gradient_lanes)(&self.prepared, q, dq, ddq, tau, by_q, by_dq);
-        let rows = self.torque_by_state.chunks_exact_mut(n_states);
+        let (q, dq) = (&x[..n], &x[n..2 * n]);
+        if kernel.n_lumps > 0 {
+            (kernel.regressor_lanes)(&self.prepared, q, dq, ddq, &mut self.regressor);
+        }
+        self.inertias(system, ddq);
+    }
+
+    /// As [`Linear::at`], by the states alone. The rigid body changes slowly: where `is_body_new` does not hold, D and the derivatives
+    /// of its torques stay those of the last call.
+    #[allow(clippy::too_many_arguments)]
+    pub fn by_state(
+        &mut self,
+        system: &System,
+        t: Lanes,
+        x: &[Lanes],
+        ddq: &[Lanes],
+        command: &[Lanes],
+        rates: &mut [Lanes],
+        is_body_new: bool,
+    ) {
+        self.effects(system, t, x, command, rates);
+        let (n, kernel) = (system.n_free(), system.kernel);
+        if is_body_new {
+            let (q, dq) = (&x[..n], &x[n..2 * n]);
+            (kernel.inertia_lanes)(&self.prepared, q, &mut self.inertia);
+            for &(row, column, value) in &system.added_inertia {
+                let entry = &mut self.inertia[row * n + column];
+                *entry = *entry + Lanes::constant(value);
+            }
+            let (tau, by_q, by_dq) = (&mut self.tau, &mut self.by_q, &mut self.by_dq);
+            (kernel.inverse_dynamics_gradient_lanes)(&self.prepared, q, dq, ddq, tau, by_q, by_dq);
+        }
+        let rows = self.torque_by_state.chunks_exact_mut(system.n_states());
         for ((row, by_q), by_dq) in rows.zip(self.by_q.chunks_exact(n)).zip(self.by_dq.chunks_exact(n)) {
             for (entry, by) in row.iter_mut().zip(by_q.iter().chain(by_dq)) {
                 *entry = *entry - *by;
             }
         }
-        if kernel.n_lumps > 0 {
-            (kernel.regressor_lanes)(&self.prepared, q, dq, ddq, &mut self.regressor);
-        }
-        self.inertias(system, ddq);
     }
 }
 

@@ -7,20 +7,26 @@ use dynid_optimise::sqp::SearchControl;
 /// What a fit makes of runs that it has not seen.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOut {
-    /// Their log likelihood with the rates and standard deviations of the fit.
+    /// Their log likelihood with the standard deviations of the fit.
     pub log_likelihood: f64,
     /// What is left of them, by joint.
     pub joints: Vec<JointInnovations>,
 }
 
-/// Of `runs`, whose equations have the values of `fit`; only where they start is estimated anew. Joints that the fit does not know
-/// have no part. `integration` is what that may cost of the log likelihood.
+/// Of `runs`, whose equations have the values of `fit`. Where they start is estimated anew, and so are the rates unless they are kept:
+/// how far a model is to be trusted depends on the motion (a joint that sticks forgets what disturbed it), not on the machine
+/// alone. Joints that the fit does not know have no part. `integration` is what that may cost of the log likelihood.
 ///
 /// # Errors
 /// A run that cannot be simulated.
-pub fn held_out(runs: Vec<FitRun>, fit: &PredictionFit, integration: f64) -> Result<HeldOut, PositionFitError> {
+pub fn held_out(
+    runs: Vec<FitRun>,
+    fit: &PredictionFit,
+    keeps_rates: bool,
+    integration: f64,
+) -> Result<HeldOut, PositionFitError> {
     let rates = fit.rates.clone();
-    let problem = PredictionProblem { rates, keeps_rates: true, ..PredictionProblem::of_values(runs) };
+    let problem = PredictionProblem { rates, keeps_rates, ..PredictionProblem::of_values(runs) };
     let mut search = Search::new(&problem, None)?;
     let settings = Settings { iterations: 10, integration, ..Settings::default() };
     search.advance(&settings, settings.iterations, &mut |_| SearchControl::Continue);

@@ -1,572 +1,69 @@
-//! Polynomials in a device's symbols: the one place where Symbolica computes.
-//!
-//! The cosine and sine of each angle are symbols of their own, so that every quantity of a mechanism is a polynomial
-//! with rational coefficients. `sin^2 + cos^2 = 1` is applied after each product: a reduced polynomial is in normal
-//! form, and two equal quantities are equal polynomials.
+//! Polynomials by Symbolica.
 
-use std::{collections::BTreeMap, fmt, sync::Arc};
+use std::sync::Arc;
 
-use dynid_lower::{Node, Program};
-use dynid_model::{
-    Device, JointKind, Link,
-    device::joint_variable,
-    expression::{BinaryOperator, Expression},
-};
+use dynid_equations::{arithmetic::Arithmetic, fraction::Fraction};
 use symbolica::{
     domains::rational::{Q, Rational, RationalField},
     poly::{PolyVariable, polynomial::MultivariatePolynomial},
     symbol,
 };
 
-use crate::DeriveError;
-
-/// An angle whose cosine and sine are symbols.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Angle {
-    /// A joint variable.
-    Joint(usize),
-    /// A constant that is no multiple of a quarter turn [rad].
-    Constant(f64),
-}
-
-/// What a variable of the polynomials stands for.
+/// A polynomial as Symbolica holds it: sorted lexicographically.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Symbol {
-    /// Cosine of an angle.
-    Cosine(Angle),
-    /// Sine of an angle.
-    Sine(Angle),
-    /// A joint variable itself, where it stands outside of an angle [rad or m].
-    Position(usize),
-    /// A number that is no small fraction.
-    Number(f64),
-    /// A parameter's full name and unit.
-    Parameter(String, &'static str),
-}
+pub struct ByAlgebra(MultivariatePolynomial<RationalField, u8>);
 
-/// The symbols of one device in their fixed order, and arithmetic over them.
-pub struct Algebra {
-    symbols: Vec<Symbol>,
-    variables: Arc<Vec<PolyVariable>>,
-    /// Positions of each angle's cosine and sine.
-    pairs: Vec<(usize, usize)>,
-}
+impl Arithmetic for ByAlgebra {
+    type Symbols = Arc<Vec<PolyVariable>>;
 
-/// A polynomial in the symbols of one [`Algebra`].
-#[derive(Clone, PartialEq)]
-pub struct Polynomial(MultivariatePolynomial<RationalField, u8>);
-
-/// `sum(factor * q) + constant`, the factors being whole numbers.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct AngleSum {
-    /// By joint; none is zero.
-    pub factors: BTreeMap<usize, i64>,
-    /// rad
-    pub constant: f64,
-}
-
-impl Algebra {
-    /// Declares every symbol of the device, in an order that depends on nothing but the device.
-    ///
-    /// # Errors
-    /// A frame whose angle is no sum of joint variables with whole factors, or whose lengths are no polynomial.
-    pub fn new(device: &Device) -> Result<Algebra, DeriveError> {
-        let mut symbols = Vec::new();
-        for angle in angles(device)? {
-            symbols.push(Symbol::Cosine(angle));
-            symbols.push(Symbol::Sine(angle));
-        }
-        symbols.extend((0..device.joints.len()).map(Symbol::Position));
-        let mut numbers = Vec::new();
-        for frame in &device.frames {
-            collect_numbers(&frame.d, &mut numbers);
-            collect_numbers(&frame.a, &mut numbers);
-        }
-        symbols.extend(numbers.into_iter().map(Symbol::Number));
-        for length in &device.lengths {
-            symbols.push(Symbol::Parameter(format!("length.{}", length.symbol), "m"));
-        }
-        for (axis, up) in ["gx", "gy", "gz"].into_iter().zip(device.up) {
-            if up != 0.0 {
-                symbols.push(Symbol::Parameter(format!("base.{axis}"), "m/s^2"));
-            }
-        }
-        for link in 1..=device.links.len() {
-            for (name, unit) in Link::SYMBOLS.into_iter().zip(INERTIAL_UNITS) {
-                symbols.push(Symbol::Parameter(format!("link.{link}.{name}"), unit));
-            }
-        }
-        let variables = symbols.iter().map(|known| symbol!(format!("dynid::{known}")).into()).collect();
-        let pairs = symbols
-            .windows(2)
-            .enumerate()
-            .filter(|(_, pair)| matches!(pair, [Symbol::Cosine(_), Symbol::Sine(_)]))
-            .map(|(at, _)| (at, at + 1))
-            .collect();
-        Ok(Algebra { symbols, variables: Arc::new(variables), pairs })
+    fn symbols(names: &[String]) -> Self::Symbols {
+        Arc::new(names.iter().map(|name| symbol!(format!("dynid::{name}")).into()).collect())
     }
 
-    /// The symbols, in order: position `k` is exponent `k` of [`Polynomial::terms`].
-    pub fn symbols(&self) -> &[Symbol] {
-        &self.symbols
-    }
-
-    /// 0
-    pub fn zero(&self) -> Polynomial {
-        Polynomial(MultivariatePolynomial::new(&Q, None, self.variables.clone()))
-    }
-
-    /// A whole number.
-    pub fn integer(&self, value: i64) -> Polynomial {
-        self.term(Rational::from(value), &vec![0; self.symbols.len()])
-    }
-
-    /// A fraction.
-    pub fn fraction(&self, numerator: i64, denominator: i64) -> Polynomial {
-        self.term(Rational::from((numerator, denominator)), &vec![0; self.symbols.len()])
-    }
-
-    /// One symbol; 0 for a symbol that the device does not have (a gravity component that vanishes).
-    pub fn symbol(&self, wanted: &Symbol) -> Polynomial {
-        match self.symbols.iter().position(|known| known == wanted) {
-            Some(position) => self.variable(position),
-            None => self.zero(),
-        }
-    }
-
-    /// A parameter by its full name; 0 for one that the device does not have.
-    pub fn parameter(&self, name: &str) -> Polynomial {
-        let position =
-            self.symbols.iter().position(|known| matches!(known, Symbol::Parameter(known, _) if known == name));
-        position.map_or_else(|| self.zero(), |position| self.variable(position))
-    }
-
-    /// Cosine and sine of a sum of joint variables and constants, by the addition theorem.
-    pub fn cos_sin(&self, angle: &AngleSum) -> (Polynomial, Polynomial) {
-        let quarter = angle.constant / std::f64::consts::FRAC_PI_2;
-        let mut sum = if is_whole(quarter) {
-            let (cosine, sine) = [(1, 0), (0, 1), (-1, 0), (0, -1)][(quarter.round() as i64).rem_euclid(4) as usize];
-            (self.integer(cosine), self.integer(sine))
-        } else {
-            let (magnitude, sign) = (angle.constant.abs(), angle.constant.signum() as i64);
-            let cosine = self.symbol(&Symbol::Cosine(Angle::Constant(magnitude)));
-            let sine = self.symbol(&Symbol::Sine(Angle::Constant(magnitude)));
-            (cosine, &self.integer(sign) * &sine)
-        };
-        for (&joint, &factor) in &angle.factors {
-            let cosine = self.symbol(&Symbol::Cosine(Angle::Joint(joint)));
-            let sine = &self.integer(factor.signum()) * &self.symbol(&Symbol::Sine(Angle::Joint(joint)));
-            for _ in 0..factor.abs() {
-                sum = (
-                    self.reduce(&(&(&sum.0 * &cosine) - &(&sum.1 * &sine))),
-                    self.reduce(&(&(&sum.1 * &cosine) + &(&sum.0 * &sine))),
-                );
-            }
-        }
-        sum
-    }
-
-    /// A length expression of a frames table.
-    ///
-    /// # Errors
-    /// What is wrong with it, where it is no polynomial.
-    pub fn length(&self, expression: &Expression) -> Result<Polynomial, String> {
-        use BinaryOperator::*;
-        if let Some(value) = expression.constant() {
-            return Ok(match small_fraction(value) {
-                Some((numerator, denominator)) => self.fraction(numerator, denominator),
-                None => {
-                    let magnitude = self.symbol(&Symbol::Number(value.abs()));
-                    if value < 0.0 { -&magnitude } else { magnitude }
-                }
-            });
-        }
-        Ok(match expression {
-            Expression::Number(_) => unreachable!("a number is a constant"),
-            Expression::Symbol(name) => match joint_variable(name) {
-                Some(joint) => self.symbol(&Symbol::Position(joint)),
-                None => self.parameter(&format!("length.{name}")),
-            },
-            Expression::Negate(x) => -&self.length(x)?,
-            Expression::Binary(Add, a, b) => &self.length(a)? + &self.length(b)?,
-            Expression::Binary(Subtract, a, b) => &self.length(a)? - &self.length(b)?,
-            Expression::Binary(Multiply, a, b) => &self.length(a)? * &self.length(b)?,
-            Expression::Binary(Divide, a, b) => match b.constant().and_then(small_fraction) {
-                Some((numerator, denominator)) if numerator != 0 => {
-                    let (numerator, denominator) = (numerator.signum() * denominator, numerator.abs());
-                    &self.length(a)? * &self.fraction(numerator, denominator)
-                }
-                _ => return Err("a length is divided by something that is no simple number".to_owned()),
-            },
-            Expression::Call(..) | Expression::IfElse(..) => {
-                return Err("a length is a sum of products of length symbols, joint variables and numbers".to_owned());
-            }
-        })
-    }
-
-    /// The normal form: no sine to a higher power than one.
-    pub fn reduce(&self, polynomial: &Polynomial) -> Polynomial {
-        self.eliminate(polynomial, |_| true)
-    }
-
-    /// Replaces higher powers of one of each angle's pair by the other: of the sine where `eliminate_sine(k)` holds
-    /// for the k-th angle, else of the cosine.
-    pub fn eliminate(&self, polynomial: &Polynomial, eliminate_sine: impl Fn(usize) -> bool) -> Polynomial {
-        let pairs: Vec<(usize, usize)> = (self.pairs.iter().enumerate())
-            .map(|(k, &(cosine, sine))| if eliminate_sine(k) { (sine, cosine) } else { (cosine, sine) })
-            .collect();
-        let is_normal = |exponents: &[u8]| pairs.iter().all(|&(gone, _)| exponents[gone] < 2);
-        if polynomial.terms().all(|(_, exponents)| is_normal(exponents)) {
-            return polynomial.clone();
-        }
-        let mut sum: BTreeMap<Vec<u8>, Rational> = BTreeMap::new();
-        let mut open: Vec<(Vec<u8>, Rational)> =
-            polynomial.terms().map(|(coefficient, exponents)| (exponents.to_vec(), coefficient.clone())).collect();
-        while let Some((mut exponents, coefficient)) = open.pop() {
-            match pairs.iter().find(|&&(gone, _)| exponents[gone] >= 2) {
-                Some(&(gone, kept)) => {
-                    exponents[gone] -= 2;
-                    let mut other = exponents.clone();
-                    other[kept] += 2;
-                    open.push((other, -coefficient.clone()));
-                    open.push((exponents, coefficient));
-                }
-                None => {
-                    let entry = sum.entry(exponents).or_insert_with(|| Rational::from(0));
-                    *entry = &*entry + &coefficient;
-                }
-            }
-        }
-        let zero = Rational::from(0);
-        self.from_terms(sum.into_iter().filter(|(_, coefficient)| *coefficient != zero))
-    }
-
-    /// Product in normal form.
-    pub fn product(&self, a: &Polynomial, b: &Polynomial) -> Polynomial {
-        self.reduce(&(a * b))
-    }
-
-    /// `sum(a[k] * b[k])` in normal form.
-    pub fn dot<'a>(&self, pairs: impl IntoIterator<Item = (&'a Polynomial, &'a Polynomial)>) -> Polynomial {
-        let mut sum = self.zero();
-        for (a, b) in pairs {
-            if !a.is_zero() && !b.is_zero() {
-                sum = &sum + &(a * b);
-            }
-        }
-        self.reduce(&sum)
-    }
-
-    /// `d/dq = d/dq + cos d/dsin - sin d/dcos`, in normal form.
-    pub fn derivative(&self, polynomial: &Polynomial, joint: usize) -> Polynomial {
-        let at = |wanted: Symbol| self.symbols.iter().position(|known| *known == wanted);
-        let mut sum = self.zero();
-        if let Some(position) = at(Symbol::Position(joint)) {
-            sum = Polynomial(polynomial.0.derivative(position));
-        }
-        let (cosine, sine) = (at(Symbol::Cosine(Angle::Joint(joint))), at(Symbol::Sine(Angle::Joint(joint))));
-        if let (Some(cosine), Some(sine)) = (cosine, sine) {
-            let by_sine = Polynomial(polynomial.0.derivative(sine));
-            let by_cosine = Polynomial(polynomial.0.derivative(cosine));
-            sum = &sum + &(&by_sine * &self.variable(cosine));
-            sum = &sum - &(&by_cosine * &self.variable(sine));
-        }
-        self.reduce(&sum)
-    }
-
-    /// The polynomial as `constant + sum(slope * q)` over the positions of the joints of `free` that stand outside of
-    /// angles; `None` where it is not affine in them.
-    pub fn affine_in_positions(
-        &self,
-        polynomial: &Polynomial,
-        free: &[usize],
-    ) -> Option<(Polynomial, BTreeMap<usize, Polynomial>)> {
-        let mut constant = Vec::new();
-        let mut slopes: BTreeMap<usize, Vec<(Vec<u8>, Rational)>> = BTreeMap::new();
-        for (coefficient, exponents) in polynomial.terms() {
-            let mut moving = None;
-            for (position, symbol) in self.symbols.iter().enumerate() {
-                match symbol {
-                    Symbol::Position(joint) if free.contains(joint) && exponents[position] > 0 => {
-                        if exponents[position] > 1 || moving.is_some() {
-                            return None;
-                        }
-                        moving = Some((position, *joint));
-                    }
-                    _ => {}
-                }
-            }
-            let mut exponents = exponents.to_vec();
-            match moving {
-                Some((position, joint)) => {
-                    exponents[position] = 0;
-                    slopes.entry(joint).or_default().push((exponents, coefficient.clone()));
-                }
-                None => constant.push((exponents, coefficient.clone())),
-            }
-        }
-        let slopes = slopes.into_iter().map(|(joint, terms)| (joint, self.from_terms(terms))).collect();
-        Some((self.from_terms(constant), slopes))
-    }
-
-    /// A polynomial of these terms.
-    pub fn from_terms(&self, terms: impl IntoIterator<Item = (Vec<u8>, Rational)>) -> Polynomial {
-        let mut polynomial = self.zero();
+    fn from_terms(symbols: &Self::Symbols, terms: impl IntoIterator<Item = (Vec<u8>, Fraction)>) -> Self {
+        let mut polynomial = MultivariatePolynomial::new(&Q, None, symbols.clone());
         for (exponents, coefficient) in terms {
-            polynomial.0.append_monomial(coefficient, &exponents);
-        }
-        polynomial
-    }
-
-    /// The value, where `value` gives that of each symbol.
-    pub fn evaluate(&self, polynomial: &Polynomial, value: &[f64]) -> f64 {
-        polynomial
-            .terms()
-            .map(|(coefficient, exponents)| {
-                exponents
-                    .iter()
-                    .zip(value)
-                    .filter(|(exponent, _)| **exponent > 0)
-                    .fold(coefficient.to_f64(), |product, (&exponent, value)| product * value.powi(i32::from(exponent)))
-            })
-            .sum()
-    }
-
-    /// The value of each symbol, from those of joints and parameters.
-    pub fn values(&self, q: &[f64], parameter: &dyn Fn(&str) -> f64) -> Vec<f64> {
-        let angle = |angle: &Angle| match *angle {
-            Angle::Joint(joint) => q[joint],
-            Angle::Constant(value) => value,
-        };
-        self.symbols
-            .iter()
-            .map(|symbol| match symbol {
-                Symbol::Cosine(of) => angle(of).cos(),
-                Symbol::Sine(of) => angle(of).sin(),
-                Symbol::Position(joint) => q[*joint],
-                Symbol::Number(value) => *value,
-                Symbol::Parameter(name, _) => parameter(name),
-            })
-            .collect()
-    }
-
-    /// The symbol as a term of a program in which the joints of `free` move and the others are locked.
-    pub fn node(&self, position: usize, device: &Device, free: &[usize], program: &mut Program) -> Node {
-        match &self.symbols[position] {
-            Symbol::Cosine(Angle::Constant(value)) => program.number(value.cos()),
-            Symbol::Sine(Angle::Constant(value)) => program.number(value.sin()),
-            Symbol::Number(value) => program.number(*value),
-            Symbol::Parameter(name, unit) => program.parameter(name, unit),
-            Symbol::Position(joint) => joint_position(*joint, device, free, program),
-            Symbol::Cosine(Angle::Joint(joint)) => {
-                let angle = joint_position(*joint, device, free, program);
-                let cosine = program.cos(angle);
-                program.name(cosine, &format!("c{joint}"))
-            }
-            Symbol::Sine(Angle::Joint(joint)) => {
-                let angle = joint_position(*joint, device, free, program);
-                let sine = program.sin(angle);
-                program.name(sine, &format!("s{joint}"))
+            if coefficient != Fraction::ZERO {
+                polynomial.append_monomial(rational(coefficient), &exponents);
             }
         }
+        Self(polynomial)
     }
 
-    /// True where a symbol changes while the joints of `free` move.
-    pub fn moves(&self, position: usize, free: &[usize]) -> bool {
-        match self.symbols[position] {
-            Symbol::Cosine(Angle::Joint(joint)) | Symbol::Sine(Angle::Joint(joint)) | Symbol::Position(joint) => {
-                free.contains(&joint)
-            }
-            _ => false,
-        }
-    }
-
-    /// Positions of the cosine and sine of each angle.
-    pub fn pairs(&self) -> &[(usize, usize)] {
-        &self.pairs
-    }
-
-    fn variable(&self, position: usize) -> Polynomial {
-        let mut exponents = vec![0; self.symbols.len()];
-        exponents[position] = 1;
-        self.term(Rational::from(1), &exponents)
-    }
-
-    fn term(&self, coefficient: Rational, exponents: &[u8]) -> Polynomial {
-        let mut polynomial = self.zero();
-        if coefficient != 0 {
-            polynomial.0.append_monomial(coefficient, exponents);
-        }
-        polynomial
-    }
-}
-
-impl Polynomial {
-    /// Coefficients and exponents.
-    pub fn terms(&self) -> impl Iterator<Item = (&Rational, &[u8])> {
+    fn terms(&self) -> impl Iterator<Item = (Fraction, &[u8])> {
         let width = self.0.variables.len();
-        self.0.coefficients.iter().zip(self.0.exponents.chunks_exact(width.max(1)))
+        self.0.coefficients.iter().map(fraction).zip(self.0.exponents.chunks_exact(width.max(1)))
     }
 
-    /// True for 0.
-    pub fn is_zero(&self) -> bool {
-        self.0.is_zero()
+    fn plus(&self, other: &Self) -> Self {
+        Self(&self.0 + &other.0)
     }
 
-    /// Number of terms; 0 has none.
-    pub fn n_terms(&self) -> usize {
-        if self.is_zero() { 0 } else { self.0.nterms() }
+    fn minus(&self, other: &Self) -> Self {
+        Self(&self.0 - &other.0)
     }
 
-    /// The value, if it is a whole number.
-    pub fn as_integer(&self) -> Option<i64> {
-        if self.is_zero() {
-            return Some(0);
-        }
-        let mut terms = self.terms();
-        match (terms.next(), terms.next()) {
-            (Some((coefficient, exponents)), None) if exponents.iter().all(|&exponent| exponent == 0) => {
-                let value = coefficient.to_f64();
-                (value.fract() == 0.0).then_some(value as i64)
-            }
-            _ => None,
-        }
+    fn times(&self, other: &Self) -> Self {
+        Self(&self.0 * &other.0)
+    }
+
+    fn negative(&self) -> Self {
+        Self(-self.0.clone())
+    }
+
+    fn by(&self, position: usize) -> Self {
+        Self(self.0.derivative(position))
     }
 }
 
-impl fmt::Debug for Polynomial {
-    fn fmt(&self, text: &mut fmt::Formatter) -> fmt::Result {
-        write!(text, "{}", self.0)
-    }
+/// What no longer is a number of 64 bits is 0: [`fraction`] finds none of that size.
+fn rational(fraction: Fraction) -> Rational {
+    let small = |(numerator, denominator)| Some((i64::try_from(numerator).ok()?, i64::try_from(denominator).ok()?));
+    fraction.parts().and_then(small).map_or_else(|| Rational::from(0), Rational::from)
 }
 
-impl std::ops::Add for &Polynomial {
-    type Output = Polynomial;
-    fn add(self, other: &Polynomial) -> Polynomial {
-        Polynomial(&self.0 + &other.0)
-    }
-}
-
-impl std::ops::Sub for &Polynomial {
-    type Output = Polynomial;
-    fn sub(self, other: &Polynomial) -> Polynomial {
-        Polynomial(&self.0 - &other.0)
-    }
-}
-
-impl std::ops::Mul for &Polynomial {
-    type Output = Polynomial;
-    fn mul(self, other: &Polynomial) -> Polynomial {
-        Polynomial(&self.0 * &other.0)
-    }
-}
-
-impl std::ops::Neg for &Polynomial {
-    type Output = Polynomial;
-    fn neg(self) -> Polynomial {
-        Polynomial(-self.0.clone())
-    }
-}
-
-impl fmt::Display for Symbol {
-    fn fmt(&self, text: &mut fmt::Formatter) -> fmt::Result {
-        match self {
-            Symbol::Cosine(Angle::Joint(joint)) => write!(text, "c{joint}"),
-            Symbol::Sine(Angle::Joint(joint)) => write!(text, "s{joint}"),
-            Symbol::Cosine(Angle::Constant(value)) => write!(text, "cos_{:x}", value.to_bits()),
-            Symbol::Sine(Angle::Constant(value)) => write!(text, "sin_{:x}", value.to_bits()),
-            Symbol::Position(joint) => write!(text, "q{joint}"),
-            Symbol::Number(value) => write!(text, "number_{:x}", value.to_bits()),
-            Symbol::Parameter(name, _) => write!(text, "p_{}", name.replace('.', "_")),
-        }
-    }
-}
-
-/// An angle of a frames table.
-///
-/// # Errors
-/// What is wrong with it, where it is no sum of joint variables with whole factors.
-pub fn angle_sum(expression: &Expression) -> Result<AngleSum, String> {
-    let wanted = "an angle is a sum of joint variables with whole factors and a constant";
-    let affine = expression.affine().ok_or(wanted)?;
-    let mut factors = BTreeMap::new();
-    for (name, factor) in affine.coefficients {
-        let joint = joint_variable(&name).ok_or(wanted)?;
-        if !is_whole(factor) {
-            return Err(format!("{wanted}, not {factor} {name}"));
-        }
-        factors.insert(joint, factor.round() as i64);
-    }
-    Ok(AngleSum { factors, constant: affine.constant })
-}
-
-/// Units of [`Link::SYMBOLS`].
-const INERTIAL_UNITS: [&str; 10] = ["kg", "m", "m", "m", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2"];
-
-/// Angles closer than this to a multiple of a quarter turn, in quarter turns, are that multiple. A numerical choice.
-const WHOLE: f64 = 1e-12;
-
-fn is_whole(value: f64) -> bool {
-    (value - value.round()).abs() < WHOLE
-}
-
-/// The unit of a joint's variable.
-pub fn joint_unit(device: &Device, joint: usize) -> &'static str {
-    match device.joints[joint].kind {
-        JointKind::Revolute => "rad",
-        JointKind::Prismatic => "m",
-    }
-}
-
-fn joint_position(joint: usize, device: &Device, free: &[usize], program: &mut Program) -> Node {
-    let unit = joint_unit(device, joint);
-    if free.contains(&joint) { program.position(joint, unit) } else { program.locked(joint, unit) }
-}
-
-/// Joint angles first, then the constants in the order of the frames.
-fn angles(device: &Device) -> Result<Vec<Angle>, DeriveError> {
-    let mut joints = vec![false; device.joints.len()];
-    let mut constants: Vec<f64> = Vec::new();
-    for frame in &device.frames {
-        for expression in [&frame.theta, &frame.alpha] {
-            let angle = angle_sum(expression).map_err(|what| DeriveError::frame(device, frame, what))?;
-            for &joint in angle.factors.keys() {
-                *joints
-                    .get_mut(joint)
-                    .ok_or_else(|| DeriveError::frame(device, frame, format!("there is no joint q{joint}")))? = true;
-            }
-            let magnitude = angle.constant.abs();
-            if !is_whole(magnitude / std::f64::consts::FRAC_PI_2) && !constants.contains(&magnitude) {
-                constants.push(magnitude);
-            }
-        }
-    }
-    let joints = joints.into_iter().enumerate().filter(|(_, used)| *used).map(|(joint, _)| Angle::Joint(joint));
-    Ok(joints.chain(constants.into_iter().map(Angle::Constant)).collect())
-}
-
-/// Numbers that become symbols: those that are no small fraction.
-fn collect_numbers(expression: &Expression, numbers: &mut Vec<f64>) {
-    if let Some(value) = expression.constant() {
-        if small_fraction(value).is_none() && !numbers.contains(&value.abs()) {
-            numbers.push(value.abs());
-        }
-        return;
-    }
-    match expression {
-        Expression::Negate(x) => collect_numbers(x, numbers),
-        Expression::Binary(_, a, b) => {
-            collect_numbers(a, numbers);
-            collect_numbers(b, numbers);
-        }
-        _ => {}
-    }
-}
-
-/// `value` as an exact fraction with a denominator that is a small power of two.
-fn small_fraction(value: f64) -> Option<(i64, i64)> {
-    (0..=6).map(|power| 1i64 << power).find_map(|denominator| {
-        let numerator = value * denominator as f64;
-        (numerator.fract() == 0.0 && numerator.abs() < 1e6).then_some((numerator as i64, denominator))
-    })
+/// None where it is no fraction of numbers of 64 bits.
+fn fraction(rational: &Rational) -> Fraction {
+    let parts = rational.numerator().to_i64().zip(rational.denominator().to_i64());
+    parts.map_or(Fraction::NONE, |(numerator, denominator)| Fraction::new(numerator.into(), denominator.into()))
 }

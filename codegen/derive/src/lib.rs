@@ -1,75 +1,13 @@
-//! Derivation of the equations of motion by computer algebra (Symbolica): from a device to `generated/<device>/cNN.kir` and
-//! `structure.toml`.
+//! The arithmetic of a computer algebra system (Symbolica) for [`dynid_equations`], and the writer of what it derives:
+//! `generated/<device>/cNN.kir` and `structure.toml`.
 //!
-//! The only crate that links Symbolica; nothing depends on it. The format of `.kir` is described in `dynid-lower` (module `kir`),
-//! that of `structure.toml` in the module `structure`.
-//!
-//! The binary `dynid-derive` writes the files, or compares them with `--check`. Files that do not change keep their time of
-//! modification; left-over `.kir` files of a device are removed. It holds a lock of the operating system while Symbolica runs
-//! ([`session`]), and depends on nothing that would change the features that Symbolica is compiled with, so that runs and tests
-//! share one build of it.
+//! The only crate that links Symbolica; nothing depends on it. The binary `dynid-derive` writes the files, or compares them with
+//! `--check`. Files that do not change keep their time of modification; left-over `.kir` files of a device are removed. It holds a
+//! lock of the operating system while Symbolica runs ([`session`]), and depends on nothing that would change the features that
+//! Symbolica is compiled with, so that runs and tests share one build of it.
 
 pub mod algebra;
-pub mod collected;
-pub mod composite;
-pub mod emit;
-pub mod kernel;
-pub mod lagrangian;
-pub mod lumps;
 pub mod output;
-pub mod recursion;
 pub mod session;
-pub mod spatial;
-pub mod structure;
-pub mod tree;
 
-use std::{collections::BTreeMap, path::PathBuf};
-
-use dynid_model::{Device, Frame};
-
-/// Why a device's equations cannot be formed.
-#[derive(Debug, thiserror::Error)]
-pub enum DeriveError {
-    /// A row of the frames table.
-    #[error("device `{device}`, frame `{frame}`: {what}")]
-    Frame {
-        /// Device id.
-        device: String,
-        /// Frame name.
-        frame: String,
-        /// What was expected.
-        what: String,
-    },
-}
-
-impl DeriveError {
-    fn frame(device: &Device, frame: &Frame, what: impl Into<String>) -> DeriveError {
-        DeriveError::Frame { device: device.id.clone(), frame: frame.name.clone(), what: what.into() }
-    }
-}
-
-/// What to generate.
-#[derive(Debug, Clone, Default)]
-pub struct Options {
-    /// Only this configuration.
-    pub configuration: Option<usize>,
-}
-
-/// The equations of a device's configurations: path below `generated/` and text.
-///
-/// # Errors
-/// A frames table that no mechanism can be made of.
-pub fn generate(device: &Device, options: &Options) -> Result<BTreeMap<PathBuf, String>, DeriveError> {
-    let algebra = algebra::Algebra::new(device)?;
-    let lagrangian = lagrangian::Lagrangian::new(&algebra, device)?;
-    let mut files = BTreeMap::new();
-    for number in 1..=device.configurations.len() {
-        if options.configuration.is_none_or(|wanted| wanted == number) {
-            let kir = kernel::derive(&algebra, &lagrangian, device, number)?;
-            files.insert(PathBuf::from(&device.id).join(format!("c{number:02}.kir")), kir.to_string());
-        }
-    }
-    let structure = structure::Structure::new(&algebra, &lagrangian, device.joints.len());
-    files.insert(PathBuf::from(&device.id).join("structure.toml"), structure.to_toml(device));
-    Ok(files)
-}
+pub use algebra::ByAlgebra;

@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use dynid_derive::{
-    Options,
+    ByAlgebra,
     output::{self, Mode},
     session,
 };
+use dynid_equations::Options;
 use dynid_model::Device;
 
 /// Said by `--help`.
@@ -79,7 +80,7 @@ fn main() -> anyhow::Result<()> {
                 device.id
             );
         }
-        let files = dynid_derive::generate(device, &Options { configuration: arguments.config })?;
+        let files = dynid_equations::generate::<ByAlgebra>(device, &Options { configuration: arguments.config })?;
         for (path, text) in &files {
             if output::put(&out.join(path), text, mode)? {
                 eprintln!("wrote {}", out.join(path).display());

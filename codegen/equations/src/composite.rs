@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use dynid_lower::{Node, Program};
 
 use crate::{
+    arithmetic::Arithmetic,
     recursion::{Mechanism, Motion},
     spatial::{ENTRIES, Symmetric, Vector, add, cross, dot, entry, rotate_symmetric},
     tree::Place,
@@ -17,9 +18,9 @@ use crate::{
 type TurningInertia = BTreeMap<(usize, usize), Node>;
 
 /// D by joint pairs (i, j), i <= j; `None` where something slides.
-pub fn inertia(mechanism: &Mechanism, program: &mut Program) -> Option<BTreeMap<(usize, usize), Node>> {
+pub fn inertia<A: Arithmetic>(mechanism: &Mechanism<A>, program: &mut Program) -> Option<BTreeMap<(usize, usize), Node>> {
     let lumps = mechanism.lumps;
-    let slides = |place: &Place| place.values().any(|segment| !segment.slides.is_empty());
+    let slides = |place: &Place<A>| place.values().any(|segment| !segment.slides.is_empty());
     if lumps.places.all().iter().any(slides) || !lumps.mass.is_empty() {
         return None;
     }
@@ -40,10 +41,10 @@ pub fn inertia(mechanism: &Mechanism, program: &mut Program) -> Option<BTreeMap<
 }
 
 /// Composite bodies under way.
-struct Composite<'a, 'b> {
-    mechanism: &'b Mechanism<'a>,
+struct Composite<'a, 'b, A: Arithmetic> {
+    mechanism: &'b Mechanism<'a, A>,
     program: &'b mut Program,
-    places: Vec<Place>,
+    places: Vec<Place<A>>,
     second: Vec<Symmetric>,
     first: BTreeMap<(usize, usize), Vector<Node>>,
     /// Moments on lower turnings that unit acceleration of a turning asks for through couplings: by (of, on).
@@ -51,8 +52,8 @@ struct Composite<'a, 'b> {
     inertia: TurningInertia,
 }
 
-impl<'a, 'b> Composite<'a, 'b> {
-    fn new(mechanism: &'b Mechanism<'a>, program: &'b mut Program) -> Self {
+impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
+    fn new(mechanism: &'b Mechanism<'a, A>, program: &'b mut Program) -> Self {
         let lumps = mechanism.lumps;
         Composite {
             mechanism,
@@ -78,7 +79,7 @@ impl<'a, 'b> Composite<'a, 'b> {
     /// First moments at places that end in the turning itself move to where it turns about.
     fn take_in_own_offsets(&mut self, turning: usize) {
         let ends_here =
-            |places: &[Place], place: usize| places[place].last_key_value().is_some_and(|(&last, _)| last == turning);
+            |places: &[Place<A>], place: usize| places[place].last_key_value().is_some_and(|(&last, _)| last == turning);
         let keys: Vec<(usize, usize)> =
             self.first.keys().filter(|key| key.0 == turning && ends_here(&self.places, key.1)).copied().collect();
         for key in keys {
@@ -226,7 +227,7 @@ impl<'a, 'b> Composite<'a, 'b> {
         *sum = self.program.add(*sum, value);
     }
 
-    fn add_first(&mut self, turning: usize, place: Place, first: Vector<Node>) {
+    fn add_first(&mut self, turning: usize, place: Place<A>, first: Vector<Node>) {
         let number = match self.places.iter().position(|known| *known == place) {
             Some(known) => known,
             None => {

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use dynid_lower::{Node, Program};
 
 use crate::{
+    arithmetic::Arithmetic,
     emit::Context,
     lumps::{Lumps, emit_vector},
     spatial::{Matrix, Vector, add, apply, cross, entry, scale, transposed},
@@ -29,13 +30,13 @@ pub struct Motion {
 }
 
 /// A mechanism with its regrouped parameters, ready for recursions.
-pub struct Mechanism<'a> {
+pub struct Mechanism<'a, A: Arithmetic> {
     /// Symbols, device, free joints.
-    pub context: Context<'a>,
+    pub context: Context<'a, A>,
     /// Turnings and places.
-    pub tree: &'a Tree,
+    pub tree: &'a Tree<A>,
     /// Regrouped parameters.
-    pub lumps: &'a Lumps,
+    pub lumps: &'a Lumps<A>,
 }
 
 /// Velocity and acceleration of a turning, in its own axes.
@@ -51,8 +52,8 @@ struct Rates {
 }
 
 /// One recursion under way.
-struct Recursion<'a, 'b> {
-    mechanism: &'b Mechanism<'a>,
+struct Recursion<'a, 'b, A: Arithmetic> {
+    mechanism: &'b Mechanism<'a, A>,
     motion: &'b Motion,
     program: &'b mut Program,
     rates: Vec<Rates>,
@@ -67,10 +68,10 @@ struct Recursion<'a, 'b> {
     /// Sum at each joint [N m or N].
     torques: Vec<Node>,
     /// Places, those on the way to the lumps' places included.
-    places: Vec<Place>,
+    places: Vec<Place<A>>,
 }
 
-impl Mechanism<'_> {
+impl<A: Arithmetic> Mechanism<'_, A> {
     /// Joint torques that make the motion, by the device's joint index.
     pub fn torques(&self, program: &mut Program, motion: &Motion) -> Vec<Node> {
         let mut recursion = self.start(program, motion);
@@ -86,7 +87,7 @@ impl Mechanism<'_> {
         &self,
         program: &mut Program,
         motion: &Motion,
-        places: &[Place],
+        places: &[Place<A>],
         forces: BTreeMap<(usize, usize), Vector<Node>>,
         moments: Vec<Vector<Node>>,
     ) -> Vec<Node> {
@@ -98,7 +99,7 @@ impl Mechanism<'_> {
         recursion.axial
     }
 
-    fn start<'b>(&'b self, program: &'b mut Program, motion: &'b Motion) -> Recursion<'b, 'b> {
+    fn start<'b>(&'b self, program: &'b mut Program, motion: &'b Motion) -> Recursion<'b, 'b, A> {
         let zero = program.number(0.0);
         Recursion {
             mechanism: self,
@@ -159,7 +160,7 @@ impl Mechanism<'_> {
     }
 }
 
-impl Recursion<'_, '_> {
+impl<A: Arithmetic> Recursion<'_, '_, A> {
     fn name<const N: usize>(&mut self, nodes: [Node; N], stem: &str) -> [Node; N] {
         let prefix = &self.motion.prefix;
         for (axis, node) in ["x", "y", "z"].into_iter().zip(nodes) {
@@ -302,7 +303,7 @@ impl Recursion<'_, '_> {
     }
 
     /// A segment's vector at the current joint positions.
-    fn offset(&mut self, segment: &crate::tree::Segment) -> Vector<Node> {
+    fn offset(&mut self, segment: &crate::tree::Segment<A>) -> Vector<Node> {
         self.mechanism.offset(self.program, segment)
     }
 
@@ -463,9 +464,9 @@ impl Recursion<'_, '_> {
     }
 }
 
-impl Mechanism<'_> {
+impl<A: Arithmetic> Mechanism<'_, A> {
     /// A segment's vector at the current joint positions.
-    pub fn offset(&self, program: &mut Program, segment: &crate::tree::Segment) -> Vector<Node> {
+    pub fn offset(&self, program: &mut Program, segment: &crate::tree::Segment<A>) -> Vector<Node> {
         let mut offset = emit_vector(&self.context, program, &segment.constant);
         for (&joint, slope) in &segment.slides {
             let direction = emit_vector(&self.context, program, slope);

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use dynid_model::{Convention, Device};
 
 use crate::{
+    arithmetic::Arithmetic,
     DeriveError,
     algebra::{Algebra, AngleSum, Polynomial, angle_sum},
     spatial::{Axis, Matrix, Vector, column, identity, product, rotation, transposed, z_to_x},
@@ -17,11 +18,11 @@ use crate::{
 
 /// A rotation by `factor * q[joint]` about z, after the constant rotation `fixed` from the axes of `parent`.
 #[derive(Debug, Clone)]
-pub struct Turning {
+pub struct Turning<A: Arithmetic> {
     /// Index of the turning below; 0 is the base, which does not turn.
     pub parent: usize,
     /// From the axes before the joint's rotation to those of `parent`.
-    pub fixed: Matrix<Polynomial>,
+    pub fixed: Matrix<Polynomial<A>>,
     /// The free joint.
     pub joint: usize,
     /// How far it turns per unit of the joint variable.
@@ -30,56 +31,56 @@ pub struct Turning {
 
 /// A vector in the axes of one turning: `constant + sum(slope * q)`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Segment {
+pub struct Segment<A: Arithmetic> {
     /// The part that does not change [m].
-    pub constant: Vector<Polynomial>,
+    pub constant: Vector<Polynomial<A>>,
     /// By free joint; none is zero.
-    pub slides: BTreeMap<usize, Vector<Polynomial>>,
+    pub slides: BTreeMap<usize, Vector<Polynomial<A>>>,
 }
 
 /// A position as a sum of vectors, by the turning in whose axes they stand; none is zero.
-pub type Place = BTreeMap<usize, Segment>;
+pub type Place<A> = BTreeMap<usize, Segment<A>>;
 
 /// A link's frame: `R(turning) rotation` and a place.
 #[derive(Debug, Clone)]
-pub struct Body {
+pub struct Body<A: Arithmetic> {
     /// Link number, from 1.
     pub link: usize,
     /// Whose axes it turns with.
     pub turning: usize,
     /// From the link's frame to the axes of the turning.
-    pub rotation: Matrix<Polynomial>,
+    pub rotation: Matrix<Polynomial<A>>,
     /// Origin of the link's frame.
-    pub place: Place,
+    pub place: Place<A>,
 }
 
 /// A device whose joints of `free` move.
 #[derive(Debug, Clone)]
-pub struct Tree {
+pub struct Tree<A: Arithmetic> {
     /// Parents come before their children; the first is the base.
-    pub turnings: Vec<Turning>,
+    pub turnings: Vec<Turning<A>>,
     /// One per link.
-    pub bodies: Vec<Body>,
+    pub bodies: Vec<Body<A>>,
 }
 
 /// Where a frame stands.
 #[derive(Debug, Clone)]
-struct Cursor {
+struct Cursor<A: Arithmetic> {
     turning: usize,
-    rotation: Matrix<Polynomial>,
-    place: Place,
+    rotation: Matrix<Polynomial<A>>,
+    place: Place<A>,
 }
 
-impl Tree {
+impl<A: Arithmetic> Tree<A> {
     /// Follows the rows of the frames table.
     ///
     /// # Errors
     /// A row that is no Denavit-Hartenberg row with affine joint variables.
-    pub fn new(algebra: &Algebra, device: &Device, free: &[usize]) -> Result<Tree, DeriveError> {
+    pub fn new(algebra: &Algebra<A>, device: &Device, free: &[usize]) -> Result<Tree<A>, DeriveError> {
         let base = Turning { parent: 0, fixed: identity(algebra), joint: usize::MAX, factor: 0 };
         let mut tree = Tree { turnings: vec![base], bodies: Vec::new() };
         let origin = Cursor { turning: 0, rotation: identity(algebra), place: Place::new() };
-        let mut cursors: Vec<Cursor> = Vec::new();
+        let mut cursors: Vec<Cursor<A>> = Vec::new();
         for frame in &device.frames {
             let problem = |what: String| DeriveError::frame(device, frame, what);
             let mut cursor = frame.parent.map_or(&origin, |parent| &cursors[parent]).clone();
@@ -87,7 +88,7 @@ impl Tree {
             let alpha = angle_sum(&frame.alpha).map_err(problem)?;
             let d = algebra.length(&frame.d).map_err(problem)?;
             let a = algebra.length(&frame.a).map_err(problem)?;
-            let affine = |length: &Polynomial| {
+            let affine = |length: &Polynomial<A>| {
                 algebra
                     .affine_in_positions(length, free)
                     .ok_or_else(|| problem("a length is an affine function of the joint variables".to_owned()))
@@ -127,7 +128,7 @@ impl Tree {
     }
 
     /// Turns a frame about one of its axes.
-    fn turn(&mut self, algebra: &Algebra, cursor: &mut Cursor, axis: Axis, angle: &AngleSum, free: &[usize]) {
+    fn turn(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, axis: Axis, angle: &AngleSum, free: &[usize]) {
         let (moving, still) = angle.factors.iter().partition(|(joint, _)| free.contains(joint));
         let still = AngleSum { factors: still, constant: angle.constant };
         let fixed = rotation(algebra, axis, &algebra.cos_sin(&still));
@@ -147,7 +148,7 @@ impl Tree {
     }
 
     /// Adds `Rz(factor * q[joint])` to a frame's orientation.
-    fn spin(&mut self, algebra: &Algebra, cursor: &mut Cursor, joint: usize, factor: i64) {
+    fn spin(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, joint: usize, factor: i64) {
         if factor == 0 {
             return;
         }
@@ -171,7 +172,7 @@ impl Tree {
             turning = parent;
         }
         let axis = column(&cursor.rotation, 2);
-        let turns_alike = |child: &Turning| {
+        let turns_alike = |child: &Turning<A>| {
             child.parent == cursor.turning && child.joint == joint && (child.factor.abs() == factor.abs()) && {
                 let same = child.factor == factor;
                 let known = column(&child.fixed, 2);
@@ -192,9 +193,9 @@ impl Tree {
     }
 
     /// Builds a run of parallel rotations (last first) again, the first of them turning by `total` instead.
-    fn rebuild(&mut self, algebra: &Algebra, cursor: &mut Cursor, run: &[usize], total: i64) {
+    fn rebuild(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, run: &[usize], total: i64) {
         let last = cursor.rotation.clone();
-        let chain: Vec<Turning> = run.iter().rev().map(|&turning| self.turnings[turning].clone()).collect();
+        let chain: Vec<Turning<A>> = run.iter().rev().map(|&turning| self.turnings[turning].clone()).collect();
         cursor.turning = chain[0].parent;
         cursor.rotation = chain[0].fixed.clone();
         for (at, turning) in chain.iter().enumerate() {
@@ -208,13 +209,13 @@ impl Tree {
     /// Moves a frame along one of its axes.
     fn shift(
         &self,
-        algebra: &Algebra,
-        cursor: &mut Cursor,
+        algebra: &Algebra<A>,
+        cursor: &mut Cursor<A>,
         axis: Axis,
-        (constant, slides): &(Polynomial, BTreeMap<usize, Polynomial>),
+        (constant, slides): &(Polynomial<A>, BTreeMap<usize, Polynomial<A>>),
     ) {
         let direction = column(&cursor.rotation, axis.index());
-        let along = |amount: &Polynomial| direction.clone().map(|component| algebra.product(&component, amount));
+        let along = |amount: &Polynomial<A>| direction.clone().map(|component| algebra.product(&component, amount));
         self.extend(algebra, &mut cursor.place, cursor.turning, None, along(constant));
         for (&joint, slope) in slides {
             self.extend(algebra, &mut cursor.place, cursor.turning, Some(joint), along(slope));
@@ -224,11 +225,11 @@ impl Tree {
     /// Adds a vector (times `q[slide]`) to a place. What lies along a turning's own axis does not turn with it.
     pub fn extend(
         &self,
-        algebra: &Algebra,
-        place: &mut Place,
+        algebra: &Algebra<A>,
+        place: &mut Place<A>,
         turning: usize,
         slide: Option<usize>,
-        mut vector: Vector<Polynomial>,
+        mut vector: Vector<Polynomial<A>>,
     ) {
         if turning != 0 && !vector[2].is_zero() {
             let Turning { parent, fixed, .. } = &self.turnings[turning];
@@ -254,6 +255,6 @@ impl Tree {
 }
 
 /// 1 or -1 where a rotation keeps or reverses z.
-fn along_z(rotation: &Matrix<Polynomial>) -> Option<i64> {
+fn along_z<A: Arithmetic>(rotation: &Matrix<Polynomial<A>>) -> Option<i64> {
     rotation[2][2].as_integer().filter(|value| value.abs() == 1)
 }

@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use dynid_lower::{Node, Program};
 
 use crate::{
+    arithmetic::Arithmetic,
     algebra::Polynomial,
     emit::Context,
     spatial::{ENTRIES, Matrix, Symmetric, Vector, add, apply, entry, rotate_symmetric, scale},
@@ -18,14 +19,14 @@ use crate::{
 };
 
 /// Places by number; 0 is the base's origin.
-#[derive(Debug, Default)]
-pub struct Places {
-    places: Vec<Place>,
+#[derive(Debug)]
+pub struct Places<A: Arithmetic> {
+    places: Vec<Place<A>>,
 }
 
-impl Places {
+impl<A: Arithmetic> Places<A> {
     /// The number of a place.
-    pub fn number(&mut self, place: &Place) -> usize {
+    pub fn number(&mut self, place: &Place<A>) -> usize {
         if let Some(known) = self.places.iter().position(|known| known == place) {
             return known;
         }
@@ -34,12 +35,12 @@ impl Places {
     }
 
     /// The place of a number.
-    pub fn place(&self, number: usize) -> &Place {
+    pub fn place(&self, number: usize) -> &Place<A> {
         &self.places[number]
     }
 
     /// All places, in order of their numbers.
-    pub fn all(&self) -> &[Place] {
+    pub fn all(&self) -> &[Place<A>] {
         &self.places
     }
 }
@@ -59,9 +60,9 @@ pub struct Coupling {
 }
 
 /// What is left of a device's inertial parameters in one configuration.
-pub struct Lumps {
+pub struct Lumps<A: Arithmetic> {
     /// The places that are needed.
-    pub places: Places,
+    pub places: Places<A>,
     /// Second moments by turning [kg m^2]; `Mzz` is 0.
     pub second: Vec<Symmetric>,
     /// First moments [kg m] by turning and place.
@@ -74,20 +75,19 @@ pub struct Lumps {
     pub fixed: Vec<Matrix<Node>>,
 }
 
-impl Lumps {
+impl<A: Arithmetic> Lumps<A> {
     /// Regroups the parameters of all links.
-    pub fn new(context: &Context, tree: &Tree, program: &mut Program) -> Lumps {
+    pub fn new(context: &Context<A>, tree: &Tree<A>, program: &mut Program) -> Lumps<A> {
         let zero = program.number(0.0);
         let fixed = tree.turnings.iter().map(|turning| emit_matrix(context, program, &turning.fixed)).collect();
         let mut lumps = Lumps {
-            places: Places::default(),
+            places: Places { places: vec![Place::new()] },
             second: vec![[zero; 6]; tree.turnings.len()],
             first: BTreeMap::new(),
             mass: BTreeMap::new(),
             couplings: Vec::new(),
             fixed,
         };
-        lumps.places.number(&Place::new());
         for body in &tree.bodies {
             lumps.add_body(context, tree, program, body);
         }
@@ -99,7 +99,7 @@ impl Lumps {
     }
 
     /// Second moments, first moment and mass of a link, in the axes of its turning.
-    fn add_body(&mut self, context: &Context, tree: &Tree, program: &mut Program, body: &Body) {
+    fn add_body(&mut self, context: &Context<A>, tree: &Tree<A>, program: &mut Program, body: &Body<A>) {
         let rotation = emit_matrix(context, program, &body.rotation);
         let mut parameter =
             |symbol: &str| context.emit(program, &context.algebra.parameter(&format!("link.{}.{symbol}", body.link)));
@@ -137,7 +137,7 @@ impl Lumps {
     }
 
     /// Hands what rotating about z does not show to the turning below.
-    fn hand_down(&mut self, context: &Context, tree: &Tree, program: &mut Program, turning: usize) {
+    fn hand_down(&mut self, context: &Context<A>, tree: &Tree<A>, program: &mut Program, turning: usize) {
         let parent = tree.turnings[turning].parent;
         let axis = self.fixed[turning].map(|row| row[2]);
         let zero = program.number(0.0);
@@ -167,11 +167,11 @@ impl Lumps {
     /// those that turn with something that does not carry the turning make couplings.
     fn add_first(
         &mut self,
-        context: &Context,
-        tree: &Tree,
+        context: &Context<A>,
+        tree: &Tree<A>,
         program: &mut Program,
         turning: usize,
-        mut place: Place,
+        mut place: Place<A>,
         first: Vector<Node>,
     ) {
         if turning == 0 || first.iter().all(|&component| program.is_zero(component)) {
@@ -209,7 +209,7 @@ impl Lumps {
     }
 
     /// A mass at a place belongs to the turning in which the place is fixed.
-    fn add_mass(&mut self, context: &Context, tree: &Tree, program: &mut Program, mut place: Place, mass: Node) {
+    fn add_mass(&mut self, context: &Context<A>, tree: &Tree<A>, program: &mut Program, mut place: Place<A>, mass: Node) {
         while let Some((&turning, segment)) = place.last_key_value() {
             if !segment.slides.is_empty() {
                 let number = self.places.number(&place);
@@ -261,11 +261,11 @@ fn unit_offset(program: &mut Program, coupling: Coupling) -> Coupling {
 }
 
 /// A matrix of polynomials as program terms.
-pub fn emit_matrix(context: &Context, program: &mut Program, matrix: &Matrix<Polynomial>) -> Matrix<Node> {
+pub fn emit_matrix<A: Arithmetic>(context: &Context<A>, program: &mut Program, matrix: &Matrix<Polynomial<A>>) -> Matrix<Node> {
     [0, 1, 2].map(|row| emit_vector(context, program, &matrix[row]))
 }
 
 /// A vector of polynomials as program terms.
-pub fn emit_vector(context: &Context, program: &mut Program, vector: &Vector<Polynomial>) -> Vector<Node> {
+pub fn emit_vector<A: Arithmetic>(context: &Context<A>, program: &mut Program, vector: &Vector<Polynomial<A>>) -> Vector<Node> {
     [0, 1, 2].map(|k| context.emit(program, &vector[k]))
 }

@@ -2,20 +2,28 @@
 
 use dynid_lower::{Node, Program};
 use dynid_model::Device;
-use symbolica::domains::rational::Rational;
 
+use crate::arithmetic::Arithmetic;
 use crate::algebra::{Algebra, Polynomial};
 
 /// What polynomials are written for: a device whose joints of `free` move, the others being locked.
-#[derive(Clone, Copy)]
-pub struct Context<'a> {
+pub struct Context<'a, A: Arithmetic> {
     /// The symbols.
-    pub algebra: &'a Algebra,
+    pub algebra: &'a Algebra<A>,
     /// The mechanism.
     pub device: &'a Device,
     /// Free joints, ascending.
     pub free: &'a [usize],
 }
+
+// Whatever the arithmetic, this is but three references.
+impl<A: Arithmetic> Clone for Context<'_, A> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<A: Arithmetic> Copy for Context<'_, A> {}
 
 /// `coefficient * leaf * product of symbols^exponent`.
 #[derive(Debug, Clone)]
@@ -28,12 +36,12 @@ pub struct Term {
     pub exponents: Vec<u8>,
 }
 
-impl Context<'_> {
+impl<A: Arithmetic> Context<'_, A> {
     /// The polynomial in nested (Horner) form.
-    pub fn emit(&self, program: &mut Program, polynomial: &Polynomial) -> Node {
+    pub fn emit(&self, program: &mut Program, polynomial: &Polynomial<A>) -> Node {
         let terms: Vec<Term> = polynomial
             .terms()
-            .map(|(coefficient, exponents): (&Rational, &[u8])| Term {
+            .map(|(coefficient, exponents)| Term {
                 coefficient: coefficient.to_f64(),
                 leaf: None,
                 exponents: exponents.to_vec(),

@@ -24,21 +24,22 @@ use std::{collections::BTreeSet, fmt::Write};
 use dynid_model::Device;
 
 use crate::{
+    arithmetic::Arithmetic,
     algebra::{Algebra, Polynomial, Symbol},
     kernel::pairs,
     lagrangian::Lagrangian,
 };
 
 /// The parameters that appear in each entry of D and phi, as positions of symbols.
-pub struct Structure<'a> {
-    algebra: &'a Algebra,
+pub struct Structure<'a, A: Arithmetic> {
+    algebra: &'a Algebra<A>,
     inertia: Vec<((usize, usize), BTreeSet<usize>)>,
     gravity: Vec<BTreeSet<usize>>,
 }
 
-impl<'a> Structure<'a> {
+impl<'a, A: Arithmetic> Structure<'a, A> {
     /// Reads the table off the Lagrangian.
-    pub fn new(algebra: &'a Algebra, lagrangian: &Lagrangian, n_joints: usize) -> Structure<'a> {
+    pub fn new(algebra: &'a Algebra<A>, lagrangian: &Lagrangian<A>, n_joints: usize) -> Self {
         let joints: Vec<usize> = (0..n_joints).collect();
         let inertia = pairs(&joints)
             .into_iter()
@@ -94,7 +95,7 @@ impl<'a> Structure<'a> {
 }
 
 /// Positions of the parameters that appear in a polynomial.
-fn parameters(algebra: &Algebra, polynomial: &Polynomial) -> BTreeSet<usize> {
+fn parameters<A: Arithmetic>(algebra: &Algebra<A>, polynomial: &Polynomial<A>) -> BTreeSet<usize> {
     let symbols = algebra.symbols();
     polynomial
         .terms()

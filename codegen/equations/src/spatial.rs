@@ -2,6 +2,7 @@
 
 use dynid_lower::{Node, Program};
 
+use crate::arithmetic::Arithmetic;
 use crate::algebra::{Algebra, Polynomial};
 
 /// Components along x, y, z.
@@ -29,12 +30,12 @@ impl Axis {
 }
 
 /// The unit matrix.
-pub fn identity(algebra: &Algebra) -> Matrix<Polynomial> {
+pub fn identity<A: Arithmetic>(algebra: &Algebra<A>) -> Matrix<Polynomial<A>> {
     [0, 1, 2].map(|row| [0, 1, 2].map(|column| algebra.integer(i64::from(row == column))))
 }
 
 /// The rotation about an axis, from the angle's cosine and sine.
-pub fn rotation(algebra: &Algebra, axis: Axis, (cosine, sine): &(Polynomial, Polynomial)) -> Matrix<Polynomial> {
+pub fn rotation<A: Arithmetic>(algebra: &Algebra<A>, axis: Axis, (cosine, sine): &(Polynomial<A>, Polynomial<A>)) -> Matrix<Polynomial<A>> {
     let (zero, one) = (algebra.zero(), algebra.integer(1));
     let (c, s, minus_s) = (cosine.clone(), sine.clone(), -sine);
     match axis {
@@ -44,13 +45,13 @@ pub fn rotation(algebra: &Algebra, axis: Axis, (cosine, sine): &(Polynomial, Pol
 }
 
 /// The rotation that takes z to x, x to y and y to z.
-pub fn z_to_x(algebra: &Algebra) -> Matrix<Polynomial> {
+pub fn z_to_x<A: Arithmetic>(algebra: &Algebra<A>) -> Matrix<Polynomial<A>> {
     let (zero, one) = (|| algebra.zero(), || algebra.integer(1));
     [[zero(), zero(), one()], [one(), zero(), zero()], [zero(), one(), zero()]]
 }
 
 /// `a b` in normal form.
-pub fn product(algebra: &Algebra, a: &Matrix<Polynomial>, b: &Matrix<Polynomial>) -> Matrix<Polynomial> {
+pub fn product<A: Arithmetic>(algebra: &Algebra<A>, a: &Matrix<Polynomial<A>>, b: &Matrix<Polynomial<A>>) -> Matrix<Polynomial<A>> {
     [0, 1, 2].map(|row| [0, 1, 2].map(|column| algebra.dot((0..3).map(|k| (&a[row][k], &b[k][column])))))
 }
 

@@ -7,28 +7,29 @@
 use std::collections::BTreeMap;
 
 use dynid_lower::{Node, Program};
-use symbolica::domains::rational::Rational;
 
 use crate::{
+    arithmetic::Arithmetic,
     algebra::{Polynomial, joint_unit},
     emit::{Context, Term, nested},
+    fraction::Fraction,
     kernel::{Group, pairs},
     lagrangian::Lagrangian,
 };
 
 /// The subset equations of the free joints as polynomials.
-pub struct Subset {
+pub struct Subset<A: Arithmetic> {
     /// `D[i][j]`, i <= j.
-    inertia: BTreeMap<(usize, usize), Polynomial>,
+    inertia: BTreeMap<(usize, usize), Polynomial<A>>,
     /// What stands before `dq[i] dq[j]`, i <= j, in row k: (k, i, j).
-    velocity: BTreeMap<(usize, usize, usize), Polynomial>,
+    velocity: BTreeMap<(usize, usize, usize), Polynomial<A>>,
     /// phi.
-    gravity: BTreeMap<usize, Polynomial>,
+    gravity: BTreeMap<usize, Polynomial<A>>,
 }
 
-impl Subset {
+impl<A: Arithmetic> Subset<A> {
     /// Rows and columns of the free joints; `None` where D has more than `limit` products of what moves.
-    pub fn new(context: &Context, lagrangian: &Lagrangian, limit: usize) -> Option<Subset> {
+    pub fn new(context: &Context<A>, lagrangian: &Lagrangian<A>, limit: usize) -> Option<Subset<A>> {
         let algebra = context.algebra;
         let inertia: BTreeMap<_, _> =
             pairs(context.free).into_iter().map(|(i, j)| ((i, j), lagrangian.inertia_entry(algebra, i, j))).collect();
@@ -50,7 +51,7 @@ impl Subset {
 
     /// A group of outputs; bit k of `kept_sines` says that squares of the k-th moving angle's cosine are eliminated
     /// rather than of its sine.
-    pub fn program(&self, context: &Context, group: Group, kept_sines: usize) -> Program {
+    pub fn program(&self, context: &Context<A>, group: Group, kept_sines: usize) -> Program {
         let mut writer = Writer {
             context,
             group,
@@ -95,7 +96,7 @@ impl Subset {
     }
 
     /// `sum over i <= j of velocity[k][i][j] dq[i] dq[j]`, common factors in front.
-    fn velocity_terms(&self, writer: &mut Writer, k: usize) -> Node {
+    fn velocity_terms(&self, writer: &mut Writer<A>, k: usize) -> Node {
         let device = writer.context.device;
         let factors: Vec<(f64, Node, [usize; 2])> = (self.velocity.range((k, 0, 0)..(k + 1, 0, 0)))
             .map(|(&(_, i, j), symbol)| {
@@ -129,28 +130,28 @@ impl Subset {
 }
 
 /// Writes polynomials over a growing list of lumps.
-struct Writer<'a> {
-    context: &'a Context<'a>,
+struct Writer<'a, A: Arithmetic> {
+    context: &'a Context<'a, A>,
     group: Group,
     kept_sines: usize,
     program: Program,
     /// Lumps divided by their leading coefficient, that coefficient, and their terms in the program.
-    lumps: Vec<(Polynomial, f64, Node)>,
+    lumps: Vec<(Polynomial<A>, f64, Node)>,
     /// Linearly independent lumps, and their terms in the program.
     basis: Basis,
     independent: Vec<Node>,
     /// As `lumps`, of polynomials in what moves.
-    values: Vec<(Polynomial, f64, Node)>,
+    values: Vec<(Polynomial<A>, f64, Node)>,
 }
 
-impl Writer<'_> {
+impl<A: Arithmetic> Writer<'_, A> {
     /// The polynomial's value. What does not move is added last, so that entries that differ by it share the rest.
-    fn emit(&mut self, polynomial: &Polynomial, name: &str) -> Node {
+    fn emit(&mut self, polynomial: &Polynomial<A>, name: &str) -> Node {
         let context = self.context;
         let polynomial = self.normal_form(polynomial);
         let (moving, still): (Vec<_>, Vec<_>) = polynomial
             .terms()
-            .map(|(coefficient, exponents): (&Rational, &[u8])| (exponents.to_vec(), coefficient.clone()))
+            .map(|(coefficient, exponents)| (exponents.to_vec(), coefficient))
             .partition(|(exponents, _)| {
                 let moves = |position: usize| exponents[position] > 0 && context.algebra.moves(position, context.free);
                 (0..exponents.len()).any(moves)
@@ -173,7 +174,7 @@ impl Writer<'_> {
     }
 
     /// The polynomial with the chosen one of each moving angle's squares eliminated.
-    fn normal_form(&self, polynomial: &Polynomial) -> Polynomial {
+    fn normal_form(&self, polynomial: &Polynomial<A>) -> Polynomial<A> {
         let context = self.context;
         let moving_angles: Vec<usize> = (context.algebra.pairs().iter().enumerate())
             .filter(|(_, (cosine, _))| context.algebra.moves(*cosine, context.free))
@@ -186,7 +187,7 @@ impl Writer<'_> {
     }
 
     /// A factor and the value of the polynomial without it; multiples of one polynomial share the value.
-    fn emit_scaled(&mut self, polynomial: &Polynomial, name: &str) -> (f64, Node) {
+    fn emit_scaled(&mut self, polynomial: &Polynomial<A>, name: &str) -> (f64, Node) {
         let context = self.context;
         let polynomial = self.normal_form(polynomial);
         if polynomial.is_zero() {
@@ -212,7 +213,7 @@ impl Writer<'_> {
     }
 
     /// The polynomial as a sum of multiples of lumps.
-    fn lump(&mut self, polynomial: &Polynomial) -> Vec<(f64, Node)> {
+    fn lump(&mut self, polynomial: &Polynomial<A>) -> Vec<(f64, Node)> {
         if let Some(whole) = polynomial.as_integer() {
             return vec![(whole as f64, self.program.number(1.0))];
         }
@@ -248,7 +249,7 @@ impl Writer<'_> {
         }
     }
 
-    fn write_lump(&mut self, polynomial: &Polynomial, number: usize) -> Node {
+    fn write_lump(&mut self, polynomial: &Polynomial<A>, number: usize) -> Node {
         let lump = self.context.emit(&mut self.program, polynomial);
         self.program.name(lump, &format!("{}_lump{number}", self.group.symbol().to_lowercase()))
     }
@@ -262,11 +263,11 @@ struct Basis {
 
 /// What is left of a polynomial after the earlier ones.
 struct Row {
-    rest: BTreeMap<Vec<u8>, Rational>,
+    rest: BTreeMap<Vec<u8>, Fraction>,
     /// A product of symbols that no later row has.
     pivot: Vec<u8>,
     /// How many times each polynomial is in `rest`.
-    made_of: Vec<Rational>,
+    made_of: Vec<Fraction>,
 }
 
 impl Basis {
@@ -276,21 +277,21 @@ impl Basis {
 
     /// The polynomial as a combination of those before: which ones, and how many times. An independent one joins
     /// the basis.
-    fn express(&mut self, polynomial: &Polynomial) -> Option<Vec<(usize, f64)>> {
-        let zero = Rational::from(0);
-        let mut rest: BTreeMap<Vec<u8>, Rational> =
-            polynomial.terms().map(|(coefficient, exponents)| (exponents.to_vec(), coefficient.clone())).collect();
-        let mut parts = vec![zero.clone(); self.rows.len()];
+    fn express<A: Arithmetic>(&mut self, polynomial: &Polynomial<A>) -> Option<Vec<(usize, f64)>> {
+        let zero = Fraction::ZERO;
+        let mut rest: BTreeMap<Vec<u8>, Fraction> =
+            polynomial.terms().map(|(coefficient, exponents)| (exponents.to_vec(), coefficient)).collect();
+        let mut parts = vec![zero; self.rows.len()];
         for Row { rest: row, pivot, made_of } in &self.rows {
             let Some(at_pivot) = rest.get(pivot) else { continue };
-            let ratio = at_pivot / &row[pivot];
+            let ratio = *at_pivot / row[pivot];
             for (exponents, coefficient) in row {
-                let entry = rest.entry(exponents.clone()).or_insert_with(|| zero.clone());
-                *entry = &*entry - &(&ratio * coefficient);
+                let entry = rest.entry(exponents.clone()).or_insert(zero);
+                *entry = *entry - ratio * *coefficient;
             }
             rest.retain(|_, coefficient| *coefficient != zero);
             for (part, coefficient) in parts.iter_mut().zip(made_of) {
-                *part = &*part + &(&ratio * coefficient);
+                *part = *part + ratio * *coefficient;
             }
         }
         let Some(pivot) = rest.keys().next().cloned() else {
@@ -298,33 +299,32 @@ impl Basis {
             return Some(parts.map(|(at, part)| (at, part.to_f64())).collect());
         };
         // rest = polynomial - sum(parts)
-        let mut made_of: Vec<Rational> = parts.into_iter().map(|part| -part).collect();
-        made_of.push(Rational::from(1));
+        let mut made_of: Vec<Fraction> = parts.into_iter().map(|part| -part).collect();
+        made_of.push(Fraction::ONE);
         self.rows.push(Row { rest, pivot, made_of });
         None
     }
 }
 
 /// The first coefficient, and the polynomial divided by it.
-fn normalised(context: &Context, polynomial: &Polynomial) -> (f64, Polynomial) {
+fn normalised<A: Arithmetic>(context: &Context<A>, polynomial: &Polynomial<A>) -> (f64, Polynomial<A>) {
     let Some((leading, _)) = polynomial.terms().next() else { return (0.0, polynomial.clone()) };
-    let leading: Rational = leading.clone();
     let terms = polynomial
         .terms()
-        .map(|(coefficient, exponents): (&Rational, &[u8])| (exponents.to_vec(), coefficient / &leading));
+        .map(|(coefficient, exponents)| (exponents.to_vec(), coefficient / leading));
     (leading.to_f64(), context.algebra.from_terms(terms))
 }
 
 /// The polynomial as a polynomial in what moves: exponents and coefficients.
-fn products(context: &Context, polynomial: &Polynomial) -> BTreeMap<Vec<u8>, Polynomial> {
+fn products<A: Arithmetic>(context: &Context<A>, polynomial: &Polynomial<A>) -> BTreeMap<Vec<u8>, Polynomial<A>> {
     let algebra = context.algebra;
     let moves: Vec<bool> = (0..algebra.symbols().len()).map(|position| algebra.moves(position, context.free)).collect();
-    let mut groups: BTreeMap<Vec<u8>, Vec<(Vec<u8>, Rational)>> = BTreeMap::new();
+    let mut groups: BTreeMap<Vec<u8>, Vec<(Vec<u8>, Fraction)>> = BTreeMap::new();
     for (coefficient, exponents) in polynomial.terms() {
         let part = |moving: bool| -> Vec<u8> {
             exponents.iter().zip(&moves).map(|(&exponent, &moves)| if moves == moving { exponent } else { 0 }).collect()
         };
-        groups.entry(part(true)).or_default().push((part(false), coefficient.clone()));
+        groups.entry(part(true)).or_default().push((part(false), coefficient));
     }
     groups.into_iter().map(|(exponents, terms)| (exponents, algebra.from_terms(terms))).collect()
 }

@@ -1,53 +1,54 @@
-//! The equations against other derivations. One process and one thread: Symbolica allows no more.
+//! The equations against other derivations.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fmt::Write,
-    path::Path,
-};
+mod robots;
 
-use dynid_derive::{
+use std::collections::{BTreeMap, BTreeSet};
+
+use dynid_equations::{
     Options,
-    algebra::{Algebra, Symbol},
+    algebra::Symbol,
     collected::Subset,
     emit::Context,
+    exact::Exact,
     kernel::{self, Group, pairs},
-    lagrangian::Lagrangian,
-    session,
     structure::Structure,
     tree::Tree,
 };
 use dynid_lower::{Input, Program};
 use dynid_model::Device;
+use robots::{Random, random_robot};
+
+type Algebra = dynid_equations::algebra::Algebra<Exact>;
+type Lagrangian = dynid_equations::lagrangian::Lagrangian<Exact>;
 
 /// Largest difference between derivations, relative to the largest entry of D, h or tau.
 const AGREEMENT: f64 = 1e-12;
 
-fn main() -> anyhow::Result<()> {
-    let _session = session::start()?;
+#[test]
+fn of_shipped_devices_every_form_agrees() {
     for device in dynid_model::devices() {
-        every_form_agrees(device, 10, true)?;
-        the_same_bytes_twice(device)?;
+        every_form_agrees(device, 10, true);
+        the_same_bytes_twice(device);
     }
+}
+
+#[test]
+fn of_random_robots_every_form_agrees() {
     for seed in 0..30 {
-        every_form_agrees(&random_robot(seed), 4, false)?;
+        every_form_agrees(&random_robot(seed), 4, false);
     }
-    figure_4_2_of_the_thesis()?;
-    few_operations()?;
-    println!("all of derive's tests passed");
-    Ok(())
 }
 
 /// Lagrange's equations, the recursion, the collected subset and what was chosen, against the plant and each other.
-fn every_form_agrees(device: &Device, n_samples: usize, told: bool) -> anyhow::Result<()> {
-    let algebra = Algebra::new(device)?;
-    let lagrangian = Lagrangian::new(&algebra, device)?;
+fn every_form_agrees(device: &Device, n_samples: usize, told: bool) {
+    let algebra = Algebra::new(device).expect("it has equations");
+    let lagrangian = Lagrangian::new(&algebra, device).expect("it has equations");
     let mut random = Random(7);
     for (configuration, number) in device.configurations.iter().zip(1..) {
         let free = &configuration.free;
         let context = Context { algebra: &algebra, device, free };
-        let tree = Tree::new(&algebra, device, free)?;
-        let mut programs = vec![kernel::derive(&algebra, &lagrangian, device, number)?.program];
+        let tree = Tree::new(&algebra, device, free).expect("it has equations");
+        let mut programs = vec![kernel::derive(&algebra, &lagrangian, device, number).expect("it has equations").program];
         programs.extend(Group::ALL.map(|group| kernel::recursion(&context, &tree, group)));
         if let Some(subset) = Subset::new(&context, &lagrangian, 40) {
             programs.extend([0, 1].map(|kept_sines| subset.program(&context, Group::Torque, kept_sines)));
@@ -87,25 +88,24 @@ fn every_form_agrees(device: &Device, n_samples: usize, told: bool) -> anyhow::R
             println!("{} configuration {number}, free {free:?}: largest relative difference {worst:.1e}", device.id);
         }
     }
-    Ok(())
 }
 
-fn the_same_bytes_twice(device: &Device) -> anyhow::Result<()> {
-    let once = dynid_derive::generate(device, &Options::default())?;
-    let twice = dynid_derive::generate(device, &Options::default())?;
+fn the_same_bytes_twice(device: &Device) {
+    let once = dynid_equations::generate::<Exact>(device, &Options::default()).expect("it has equations");
+    let twice = dynid_equations::generate::<Exact>(device, &Options::default()).expect("it has equations");
     assert!(once == twice, "{}: the same device gave other text the second time", device.id);
     for number in 1..=device.configurations.len() {
-        let alone = dynid_derive::generate(device, &Options { configuration: Some(number) })?;
+        let alone = dynid_equations::generate::<Exact>(device, &Options { configuration: Some(number) }).expect("it has equations");
         assert!(alone.iter().all(|(path, text)| once.get(path) == Some(text)), "{}: one alone differs", device.id);
     }
-    Ok(())
 }
 
 /// The thesis's Figure 4.2: how many inertial parameters appear first in each of the seven isolated configurations.
-fn figure_4_2_of_the_thesis() -> anyhow::Result<()> {
-    let Some(device) = dynid_model::device("freedom6s") else { anyhow::bail!("the Freedom 6S is not shipped") };
-    let algebra = Algebra::new(device)?;
-    let structure = Structure::new(&algebra, &Lagrangian::new(&algebra, device)?, device.joints.len());
+#[test]
+fn figure_4_2_of_the_thesis() {
+    let device = dynid_model::device("freedom6s").expect("it is shipped");
+    let algebra = Algebra::new(device).expect("it has equations");
+    let structure = Structure::new(&algebra, &Lagrangian::new(&algebra, device).expect("it has equations"), device.joints.len());
     let mut seen = BTreeSet::new();
     let mut new = Vec::new();
     for configuration in &device.configurations[..7] {
@@ -121,19 +121,17 @@ fn figure_4_2_of_the_thesis() -> anyhow::Result<()> {
         })
         .collect();
     assert_eq!(never, ["link.1.z", "link.1.Ixx", "link.1.Ixy", "link.1.Ixz", "link.1.Iyy", "link.1.Iyz"]);
-    Ok(())
 }
 
 /// Additions and multiplications of D and h after `prepare` is split off, besides sines and cosines.
-fn few_operations() -> anyhow::Result<()> {
-    let Some(device) = dynid_model::device("freedom6s") else { anyhow::bail!("the Freedom 6S is not shipped") };
-    let algebra = Algebra::new(device)?;
-    let lagrangian = Lagrangian::new(&algebra, device)?;
+#[test]
+fn few_operations() {
+    let device = dynid_model::device("freedom6s").expect("it is shipped");
+    let algebra = Algebra::new(device).expect("it has equations");
+    let lagrangian = Lagrangian::new(&algebra, device).expect("it has equations");
     for (free, most) in [(vec![0, 1, 2, 3, 4, 5], 760), (vec![0, 1], 40), (vec![4], 4)] {
-        let Some(at) = device.configurations.iter().position(|known| known.free == free) else {
-            anyhow::bail!("joints {free:?} are no configuration");
-        };
-        let program = kernel::derive(&algebra, &lagrangian, device, at + 1)?.program;
+        let at = device.configurations.iter().position(|known| known.free == free).expect("a configuration");
+        let program = kernel::derive(&algebra, &lagrangian, device, at + 1).expect("it has equations").program;
         let cost: usize = [Group::Inertia, Group::Bias]
             .map(|group| {
                 let names = group.outputs(&free);
@@ -144,33 +142,6 @@ fn few_operations() -> anyhow::Result<()> {
             .sum();
         println!("freedom6s, free {free:?}: D and h cost {cost} operations, at most {most}");
         assert!(cost <= most, "joints {free:?}: D and h cost {cost} operations, more than {most}");
-    }
-    Ok(())
-}
-
-/// Numbers from a seed (splitmix64).
-struct Random(u64);
-
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Between -1 and 1.
-    fn number(&mut self) -> f64 {
-        self.bits() as f64 / u64::MAX as f64 * 2.0 - 1.0
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.bits() % n as u64) as usize
-    }
-
-    fn one_of<T: Copy>(&mut self, of: &[T]) -> T {
-        of[self.below(of.len())]
     }
 }
 
@@ -278,70 +249,3 @@ impl Expected {
     }
 }
 
-/// A random tree of two to four joints: either convention, odd angles, prismatic joints, joints that stand in several
-/// frames, links on any frame, a base that may be tilted.
-fn random_robot(seed: u64) -> Device {
-    let mut random = Random(1000 + seed);
-    let n_joints = 2 + random.below(3);
-    let prismatic: Vec<bool> = (0..n_joints).map(|_| random.below(4) == 0).collect();
-    let angles = ["0", "pi/2", "-pi/2", "pi", "0.3", "-1.1"];
-    let lengths = ["0", "0", "L1", "-L2", "L1 + L2", "0.37"];
-    let mut frames = String::new();
-    let n_frames = n_joints + random.below(3);
-    let mut used: Vec<bool> = vec![false; n_joints];
-    for frame in 0..n_frames {
-        let parent = match frame {
-            0 => "base".to_owned(),
-            _ if random.below(3) == 0 => format!("f{}", random.below(frame)),
-            _ => format!("f{}", frame - 1),
-        };
-        let joint = if frame < n_joints { frame } else { random.below(n_joints) };
-        let (mut theta, mut d) = (random.one_of(&angles).to_owned(), random.one_of(&lengths).to_owned());
-        let (a, mut alpha) = (random.one_of(&lengths), random.one_of(&angles).to_owned());
-        match (prismatic[joint], random.below(4)) {
-            (true, _) => d = format!("{d} {} q{joint}", random.one_of(&["+", "-"])),
-            (false, 0) if used[joint] => theta = format!("-q{joint} + {theta}"),
-            (false, 1) if used[joint] => alpha = format!("{alpha} + 2 * q{joint}"),
-            (false, _) => theta = format!("q{joint} + {theta}"),
-        }
-        used[joint] = true;
-        let _ = writeln!(
-            frames,
-            "  {{ name = \"f{frame}\", parent = \"{parent}\", theta = \"{theta}\", d = \"{d}\", a = \"{a}\", alpha = \"{alpha}\" }},"
-        );
-    }
-    let convention = random.one_of(&["standard", "modified"]);
-    let up = random.one_of(&["[0, 0, 1]", "[0, 1, 0]", "[0.6, 0, 0.8]"]);
-    let mut text = format!(
-        "title = \"random\"\nsource = \"a seed\"\n\
-         [units]\nangle = \"rad\"\nlength = \"m\"\nmass = \"kg\"\ninertia = \"kg*m^2\"\ntime = \"s\"\ncommand = \"N*m\"\n\
-         [base]\ngravity = 9.81\nup = {up}\n[lengths]\nL1 = 0.4\nL2 = 0.3\n\
-         [kinematics]\nconvention = \"{convention}\"\nframes = [\n{frames}]\n"
-    );
-    for _ in 0..n_joints {
-        text += "[[joint]]\ntitle = \"joint\"\nposition = [-inf, inf]\nspeed = inf\ntorque = inf\n";
-    }
-    text += "[bounds]\nmass = 0.5\ncentroid = 0.3\ninertia = 0.5\n";
-    for frame in 0..n_frames {
-        let _ = write!(
-            text,
-            "[[link]]\ntitle = \"link\"\nframe = \"f{frame}\"\nm = 1.0\nx = 0.1\ny = 0.2\nz = 0.3\n\
-             Ixx = 0.02\nIxy = 0.001\nIxz = 0.002\nIyy = 0.02\nIyz = 0.001\nIzz = 0.02\n"
-        );
-    }
-    let all: Vec<usize> = (0..n_joints).collect();
-    let some: Vec<usize> = all.iter().copied().filter(|_| random.below(2) == 0).collect();
-    let mut sets = vec![format!("{all:?}"), "[0]".to_owned()];
-    if some.len() > 1 && some.len() < n_joints {
-        sets.push(format!("{some:?}"));
-    }
-    let _ = write!(
-        text,
-        "[identification]\nconfigurations = [{}]\n[[identification.method]]\nname = \"coupling\"\nsequence = [1]\n",
-        sets.join(", ")
-    );
-    match Device::parse(&text, Path::new(&format!("random{seed}.toml"))) {
-        Ok(device) => device,
-        Err(error) => panic!("{error}\n{text}"),
-    }
-}

@@ -4,6 +4,7 @@ use dynid_lower::{Form, Kir, Node, OperationCounts, Program};
 use dynid_model::Device;
 
 use crate::{
+    arithmetic::Arithmetic,
     DeriveError,
     algebra::{Algebra, Symbol, joint_unit},
     collected::Subset,
@@ -74,7 +75,7 @@ impl Candidate {
 ///
 /// # Errors
 /// A frames table that no mechanism can be made of.
-pub fn derive(algebra: &Algebra, lagrangian: &Lagrangian, device: &Device, number: usize) -> Result<Kir, DeriveError> {
+pub fn derive<A: Arithmetic>(algebra: &Algebra<A>, lagrangian: &Lagrangian<A>, device: &Device, number: usize) -> Result<Kir, DeriveError> {
     let free = device.configurations[number - 1].free.clone();
     let locked = (0..device.joints.len()).filter(|joint| !free.contains(joint)).collect();
     let context = Context { algebra, device, free: &free };
@@ -113,7 +114,7 @@ pub fn derive(algebra: &Algebra, lagrangian: &Lagrangian, device: &Device, numbe
 }
 
 /// A program that declares every input in the device's order; those that are not used are not written.
-fn declared(context: &Context) -> Program {
+fn declared<A: Arithmetic>(context: &Context<A>) -> Program {
     let mut program = Program::new();
     for symbol in context.algebra.symbols() {
         if let Symbol::Parameter(name, unit) = symbol {
@@ -151,7 +152,7 @@ fn candidate(form: &str, program: Program) -> Candidate {
 }
 
 /// A group by the recursion.
-pub fn recursion(context: &Context, tree: &Tree, group: Group) -> Program {
+pub fn recursion<A: Arithmetic>(context: &Context<A>, tree: &Tree<A>, group: Group) -> Program {
     let mut program = Program::new();
     let lumps = Lumps::new(context, tree, &mut program);
     let mechanism = Mechanism { context: *context, tree, lumps: &lumps };
@@ -184,7 +185,7 @@ pub fn recursion(context: &Context, tree: &Tree, group: Group) -> Program {
 }
 
 /// Any motion under gravity; for the bias without acceleration.
-fn motion(context: &Context, program: &mut Program, group: Group) -> Motion {
+fn motion<A: Arithmetic>(context: &Context<A>, program: &mut Program, group: Group) -> Motion {
     let zero = program.number(0.0);
     let n_joints = context.device.joints.len();
     let (mut dq, mut ddq) = (vec![zero; n_joints], vec![zero; n_joints]);
@@ -201,7 +202,7 @@ fn motion(context: &Context, program: &mut Program, group: Group) -> Motion {
 }
 
 /// Unit acceleration of one joint from rest, without gravity: the torques are a column of D.
-fn unit_acceleration(context: &Context, program: &mut Program, joint: usize) -> Motion {
+fn unit_acceleration<A: Arithmetic>(context: &Context<A>, program: &mut Program, joint: usize) -> Motion {
     let (zero, one): (Node, Node) = (program.number(0.0), program.number(1.0));
     let dq = vec![zero; context.device.joints.len()];
     let mut ddq = dq.clone();

@@ -9,37 +9,38 @@ use std::collections::BTreeMap;
 use dynid_model::{Convention, Device};
 
 use crate::{
+    arithmetic::Arithmetic,
     DeriveError,
     algebra::{Algebra, AngleSum, Polynomial, angle_sum},
     spatial::{Axis, Matrix, Vector, identity, product, rotation},
 };
 
 /// Lagrange's equations with all joints free; those of a configuration are the rows and columns of its free joints.
-pub struct Lagrangian {
+pub struct Lagrangian<A: Arithmetic> {
     /// Inertia matrix: (i, j), i <= j; what vanishes is missing [kg m^2].
-    pub inertia: BTreeMap<(usize, usize), Polynomial>,
+    pub inertia: BTreeMap<(usize, usize), Polynomial<A>>,
     /// Potential energy [J].
-    pub potential: Polynomial,
+    pub potential: Polynomial<A>,
 }
 
 /// A frame in base axes, and how it turns with each joint.
 #[derive(Clone)]
-struct Pose {
-    rotation: Matrix<Polynomial>,
-    position: Vector<Polynomial>,
+struct Pose<A: Arithmetic> {
+    rotation: Matrix<Polynomial<A>>,
+    position: Vector<Polynomial<A>>,
     /// Column of Jw by joint, in the frame's own axes.
-    turns: BTreeMap<usize, Vector<Polynomial>>,
+    turns: BTreeMap<usize, Vector<Polynomial<A>>>,
 }
 
-impl Lagrangian {
+impl<A: Arithmetic> Lagrangian<A> {
     /// Forms D and V.
     ///
     /// # Errors
     /// A row of the frames table with an angle or a length that is no polynomial.
-    pub fn new(algebra: &Algebra, device: &Device) -> Result<Lagrangian, DeriveError> {
+    pub fn new(algebra: &Algebra<A>, device: &Device) -> Result<Lagrangian<A>, DeriveError> {
         let zero = || algebra.zero();
         let origin = Pose { rotation: identity(algebra), position: [zero(), zero(), zero()], turns: BTreeMap::new() };
-        let mut poses: Vec<Pose> = Vec::new();
+        let mut poses: Vec<Pose<A>> = Vec::new();
         for frame in &device.frames {
             let problem = |what: String| DeriveError::frame(device, frame, what);
             let mut pose = frame.parent.map_or(&origin, |parent| &poses[parent]).clone();
@@ -71,7 +72,7 @@ impl Lagrangian {
         Ok(lagrangian)
     }
 
-    fn add_link(&mut self, algebra: &Algebra, n_joints: usize, link: usize, pose: &Pose) {
+    fn add_link(&mut self, algebra: &Algebra<A>, n_joints: usize, link: usize, pose: &Pose<A>) {
         let parameter = |symbol: &str| algebra.parameter(&format!("link.{link}.{symbol}"));
         let mass = parameter("m");
         // The centroid is at p + x Rx + y Ry + z Rz.
@@ -89,7 +90,7 @@ impl Lagrangian {
             let [xx, xy, xz, yy, yz, zz] = ["Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"].map(parameter);
             [[xx, xy.clone(), xz.clone()], [xy, yy, yz.clone()], [xz, yz, zz]]
         };
-        let derivatives: Vec<[Vector<Polynomial>; 4]> = (0..n_joints)
+        let derivatives: Vec<[Vector<Polynomial<A>>; 4]> = (0..n_joints)
             .map(|joint| vectors.clone().map(|vector| vector.map(|component| algebra.derivative(&component, joint))))
             .collect();
         for i in 0..n_joints {
@@ -118,25 +119,25 @@ impl Lagrangian {
     }
 
     /// `D[i][j]`, either order.
-    pub fn inertia_entry(&self, algebra: &Algebra, i: usize, j: usize) -> Polynomial {
+    pub fn inertia_entry(&self, algebra: &Algebra<A>, i: usize, j: usize) -> Polynomial<A> {
         self.inertia.get(&(i.min(j), i.max(j))).cloned().unwrap_or_else(|| algebra.zero())
     }
 
     /// `phi[k] = dV/dq[k]` (Eq. 3.4).
-    pub fn gravity(&self, algebra: &Algebra, joint: usize) -> Polynomial {
+    pub fn gravity(&self, algebra: &Algebra<A>, joint: usize) -> Polynomial<A> {
         algebra.derivative(&self.potential, joint)
     }
 
     /// The Christoffel symbol `c[i][j][k]` of Eq. 3.3 (B.9): `C[k][j] = sum over i of c[i][j][k] dq[i]`.
-    pub fn christoffel(&self, algebra: &Algebra, i: usize, j: usize, k: usize) -> Polynomial {
+    pub fn christoffel(&self, algebra: &Algebra<A>, i: usize, j: usize, k: usize) -> Polynomial<A> {
         let derivative = |row, column, by| algebra.derivative(&self.inertia_entry(algebra, row, column), by);
         let sum = &(&derivative(k, j, i) + &derivative(k, i, j)) - &derivative(i, j, k);
         &algebra.fraction(1, 2) * &sum
     }
 }
 
-impl Pose {
-    fn turn(&mut self, algebra: &Algebra, axis: Axis, angle: &AngleSum) {
+impl<A: Arithmetic> Pose<A> {
+    fn turn(&mut self, algebra: &Algebra<A>, axis: Axis, angle: &AngleSum) {
         let turn = rotation(algebra, axis, &algebra.cos_sin(angle));
         self.rotation = product(algebra, &self.rotation, &turn);
         for column in self.turns.values_mut() {
@@ -148,7 +149,7 @@ impl Pose {
         }
     }
 
-    fn shift(&mut self, algebra: &Algebra, axis: Axis, amount: &Polynomial) {
+    fn shift(&mut self, algebra: &Algebra<A>, axis: Axis, amount: &Polynomial<A>) {
         self.position =
             [0, 1, 2].map(|row| &self.position[row] + &algebra.product(&self.rotation[row][axis.index()], amount));
     }

@@ -1,0 +1,73 @@
+//! Derivation of a device's equations of motion as named terms, over any exact arithmetic of polynomials: from a device to
+//! `generated/<device>/cNN.kir` and `structure.toml`.
+//!
+//! What derives the shipped devices is a computer algebra system (`dynid-derive`); [`exact`] is an arithmetic of our own, for where
+//! there is none. Both give the same bytes. The format of `.kir` is described in `dynid-lower` (module `kir`), that of
+//! `structure.toml` in the module `structure`.
+
+pub mod algebra;
+pub mod arithmetic;
+pub mod collected;
+pub mod composite;
+pub mod emit;
+pub mod exact;
+pub mod fraction;
+pub mod kernel;
+pub mod lagrangian;
+pub mod lumps;
+pub mod recursion;
+pub mod spatial;
+pub mod structure;
+pub mod tree;
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use arithmetic::Arithmetic;
+use dynid_model::{Device, Frame};
+
+/// Why a device's equations cannot be formed.
+#[derive(Debug, thiserror::Error)]
+pub enum DeriveError {
+    /// A row of the frames table.
+    #[error("device `{device}`, frame `{frame}`: {what}")]
+    Frame {
+        /// Device id.
+        device: String,
+        /// Frame name.
+        frame: String,
+        /// What was expected.
+        what: String,
+    },
+}
+
+impl DeriveError {
+    fn frame(device: &Device, frame: &Frame, what: impl Into<String>) -> DeriveError {
+        DeriveError::Frame { device: device.id.clone(), frame: frame.name.clone(), what: what.into() }
+    }
+}
+
+/// What to generate.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Only this configuration.
+    pub configuration: Option<usize>,
+}
+
+/// The equations of a device's configurations: path below `generated/` and text.
+///
+/// # Errors
+/// A frames table that no mechanism can be made of.
+pub fn generate<A: Arithmetic>(device: &Device, options: &Options) -> Result<BTreeMap<PathBuf, String>, DeriveError> {
+    let algebra = algebra::Algebra::<A>::new(device)?;
+    let lagrangian = lagrangian::Lagrangian::new(&algebra, device)?;
+    let mut files = BTreeMap::new();
+    for number in 1..=device.configurations.len() {
+        if options.configuration.is_none_or(|wanted| wanted == number) {
+            let kir = kernel::derive(&algebra, &lagrangian, device, number)?;
+            files.insert(PathBuf::from(&device.id).join(format!("c{number:02}.kir")), kir.to_string());
+        }
+    }
+    let structure = structure::Structure::new(&algebra, &lagrangian, device.joints.len());
+    files.insert(PathBuf::from(&device.id).join("structure.toml"), structure.to_toml(device));
+    Ok(files)
+}

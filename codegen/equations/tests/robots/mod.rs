@@ -1,0 +1,99 @@
+//! Robots from a seed, for the tests of both arithmetics.
+
+use std::{fmt::Write, path::Path};
+
+use dynid_model::Device;
+
+/// Numbers from a seed (splitmix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Between -1 and 1.
+    pub fn number(&mut self) -> f64 {
+        self.bits() as f64 / u64::MAX as f64 * 2.0 - 1.0
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.bits() % n as u64) as usize
+    }
+
+    pub fn one_of<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.below(of.len())]
+    }
+}
+
+/// A random tree of two to four joints: either convention, odd angles, prismatic joints, joints that stand in several
+/// frames, links on any frame, a base that may be tilted.
+pub fn random_robot(seed: u64) -> Device {
+    let mut random = Random(1000 + seed);
+    let n_joints = 2 + random.below(3);
+    let prismatic: Vec<bool> = (0..n_joints).map(|_| random.below(4) == 0).collect();
+    let angles = ["0", "pi/2", "-pi/2", "pi", "0.3", "-1.1"];
+    let lengths = ["0", "0", "L1", "-L2", "L1 + L2", "0.37"];
+    let mut frames = String::new();
+    let n_frames = n_joints + random.below(3);
+    let mut used: Vec<bool> = vec![false; n_joints];
+    for frame in 0..n_frames {
+        let parent = match frame {
+            0 => "base".to_owned(),
+            _ if random.below(3) == 0 => format!("f{}", random.below(frame)),
+            _ => format!("f{}", frame - 1),
+        };
+        let joint = if frame < n_joints { frame } else { random.below(n_joints) };
+        let (mut theta, mut d) = (random.one_of(&angles).to_owned(), random.one_of(&lengths).to_owned());
+        let (a, mut alpha) = (random.one_of(&lengths), random.one_of(&angles).to_owned());
+        match (prismatic[joint], random.below(4)) {
+            (true, _) => d = format!("{d} {} q{joint}", random.one_of(&["+", "-"])),
+            (false, 0) if used[joint] => theta = format!("-q{joint} + {theta}"),
+            (false, 1) if used[joint] => alpha = format!("{alpha} + 2 * q{joint}"),
+            (false, _) => theta = format!("q{joint} + {theta}"),
+        }
+        used[joint] = true;
+        let _ = writeln!(
+            frames,
+            "  {{ name = \"f{frame}\", parent = \"{parent}\", theta = \"{theta}\", d = \"{d}\", a = \"{a}\", alpha = \"{alpha}\" }},"
+        );
+    }
+    let convention = random.one_of(&["standard", "modified"]);
+    let up = random.one_of(&["[0, 0, 1]", "[0, 1, 0]", "[0.6, 0, 0.8]"]);
+    let mut text = format!(
+        "title = \"random\"\nsource = \"a seed\"\n\
+         [units]\nangle = \"rad\"\nlength = \"m\"\nmass = \"kg\"\ninertia = \"kg*m^2\"\ntime = \"s\"\ncommand = \"N*m\"\n\
+         [base]\ngravity = 9.81\nup = {up}\n[lengths]\nL1 = 0.4\nL2 = 0.3\n\
+         [kinematics]\nconvention = \"{convention}\"\nframes = [\n{frames}]\n"
+    );
+    for _ in 0..n_joints {
+        text += "[[joint]]\ntitle = \"joint\"\nposition = [-inf, inf]\nspeed = inf\ntorque = inf\n";
+    }
+    text += "[bounds]\nmass = 0.5\ncentroid = 0.3\ninertia = 0.5\n";
+    for frame in 0..n_frames {
+        let _ = write!(
+            text,
+            "[[link]]\ntitle = \"link\"\nframe = \"f{frame}\"\nm = 1.0\nx = 0.1\ny = 0.2\nz = 0.3\n\
+             Ixx = 0.02\nIxy = 0.001\nIxz = 0.002\nIyy = 0.02\nIyz = 0.001\nIzz = 0.02\n"
+        );
+    }
+    let all: Vec<usize> = (0..n_joints).collect();
+    let some: Vec<usize> = all.iter().copied().filter(|_| random.below(2) == 0).collect();
+    let mut sets = vec![format!("{all:?}"), "[0]".to_owned()];
+    if some.len() > 1 && some.len() < n_joints {
+        sets.push(format!("{some:?}"));
+    }
+    let _ = write!(
+        text,
+        "[identification]\nconfigurations = [{}]\n[[identification.method]]\nname = \"coupling\"\nsequence = [1]\n",
+        sets.join(", ")
+    );
+    match Device::parse(&text, Path::new(&format!("random{seed}.toml"))) {
+        Ok(device) => device,
+        Err(error) => panic!("{error}\n{text}"),
+    }
+}

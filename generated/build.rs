@@ -1,10 +1,8 @@
 //! Lowers the equations (`<device>/c<NN>.kir`), the kinematics of the end points and the effects to Rust.
 //!
-//! Where a device's equations are missing or belong to another structure of the device, they are derived anew (see
-//! `build/derive.rs`) and taken from `OUT_DIR`. An effect's edit, and no edit at all, never derive anything.
+//! Where a device's equations are missing or belong to another structure of the device, they are derived anew, with the arithmetic of
+//! our own. An effect's edit, and no edit at all, never derive anything.
 
-#[path = "build/derive.rs"]
-mod derive;
 #[path = "build/structure.rs"]
 mod structure;
 
@@ -13,6 +11,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use dynid_equations::{Options, exact::Exact};
 use dynid_lower::effect::EffectKernels;
 use dynid_lower::emit::{configuration_module, effects_module, end_point_module};
 use dynid_lower::end_point::EndPoint;
@@ -41,7 +40,7 @@ fn build() -> Result<(), Box<dyn Error>> {
         println!("cargo::rerun-if-changed={}", watched.display());
         writeln!(library, "/// Kernels of `{}`, a module per configuration.", device.id)?;
         writeln!(library, "pub mod {} {{", device.id)?;
-        let derived = device_equations(device, &equations, &out)?;
+        let derived = device_equations(device, &folder)?;
         structures.push(structure::entry(device, &derived.structure)?);
         for kir in &derived.equations {
             let configuration = Configuration::new(kir)?;
@@ -78,26 +77,21 @@ fn build() -> Result<(), Box<dyn Error>> {
 }
 
 /// The equations of all configurations of a device: those that are checked in, or else derived ones.
-fn device_equations(device: &Device, checked_in: &Path, out: &Path) -> Result<Derived, Box<dyn Error>> {
-    let reason = match read_derived(device, &checked_in.join(&device.id))? {
+fn device_equations(device: &Device, checked_in: &Path) -> Result<Derived, Box<dyn Error>> {
+    let reason = match read(device, checked_in, |path| fs::read_to_string(path).ok())? {
         Found::Current(derived) => return Ok(derived),
         Found::Stale(reason) => reason,
     };
-    let folder = out.join("derived");
     let again = format!("run `cargo xtask gen --device {}` and commit the result", device.id);
-    if let Ok(Found::Current(derived)) = read_derived(device, &folder.join(&device.id)) {
-        println!("cargo::warning={}: {reason}; the equations are those of an earlier build; {again}", device.id);
-        return Ok(derived);
-    }
     println!("cargo::warning={}: {reason}; they were derived anew for this build; {again}", device.id);
-    derive::run(device, &reason, &folder)?;
-    match read_derived(device, &folder.join(&device.id))? {
+    let files = dynid_equations::generate::<Exact>(device, &Options::default())?;
+    match read(device, Path::new(&device.id), |path| files.get(path).cloned())? {
         Found::Current(derived) => Ok(derived),
         Found::Stale(reason) => Err(format!("{}: derived anew, but {reason}", device.id).into()),
     }
 }
 
-/// What derive has written about a device.
+/// What is known about a device.
 struct Derived {
     /// One per configuration.
     equations: Vec<Kir>,
@@ -113,13 +107,13 @@ enum Found {
     Stale(String),
 }
 
-fn read_derived(device: &Device, folder: &Path) -> Result<Found, KirError> {
+fn read(device: &Device, folder: &Path, text: impl Fn(&Path) -> Option<String>) -> Result<Found, KirError> {
     let digest = device.structure_digest();
     let other = || Ok(Found::Stale("the equations belong to another structure of the device".to_owned()));
     let mut equations = Vec::new();
     for number in 1..=device.configurations.len() {
         let path = folder.join(format!("c{number:02}.kir"));
-        let Ok(text) = fs::read_to_string(&path) else {
+        let Some(text) = text(&path) else {
             return Ok(Found::Stale(format!("the equations of configuration {number} do not exist")));
         };
         let kir = Kir::parse(&text, &path)?;
@@ -128,7 +122,7 @@ fn read_derived(device: &Device, folder: &Path) -> Result<Found, KirError> {
         }
         equations.push(kir);
     }
-    let Ok(structure) = fs::read_to_string(folder.join("structure.toml")) else {
+    let Some(structure) = text(&folder.join("structure.toml")) else {
         return Ok(Found::Stale("`structure.toml` does not exist".to_owned()));
     };
     if !structure.contains(&digest) {

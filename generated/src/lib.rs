@@ -26,8 +26,7 @@
 //! # Stale equations
 //!
 //! `build.rs` takes a `.kir` file whose header holds the device's `structure_digest` (`dynid-model`). For a device without
-//! current ones it takes those that an earlier build derived into `OUT_DIR/derived`, or runs `dynid-derive` in a cargo of its
-//! own, with the target folder `<target>/derive`, behind the lock `<target>/derive.lock`.
+//! current ones it derives them by itself (`dynid-equations`), to the same bytes as the computer algebra system.
 #![no_std]
 
 mod dual;

@@ -27,10 +27,8 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-plant", "an independent derivation, which tests are made of"),
         ("dynid-format", "how numbers and names are written for people"),
     ],
-    &[
-        ("dynid-derive", "a device to its equations, by computer algebra"),
-        ("dynid-generated", "the kernels of every device and effect"),
-    ],
+    &[("dynid-equations", "a device to its equations, over any exact arithmetic")],
+    &[("dynid-derive", "the same by computer algebra"), ("dynid-generated", "the kernels of every device and effect")],
     &[("dynid-dynamics", "equations with numbers: motion, torque, end point")],
     &[
         ("dynid-control", "what a real-time loop links"),

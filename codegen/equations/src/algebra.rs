@@ -6,13 +6,13 @@
 
 use std::{collections::BTreeMap, fmt};
 
+use crate::{DeriveError, arithmetic::Arithmetic, fraction::Fraction};
 use dynid_lower::{Node, Program};
 use dynid_model::{
     Device, JointKind, Link,
     device::joint_variable,
     expression::{BinaryOperator, Expression},
 };
-use crate::{DeriveError, arithmetic::Arithmetic, fraction::Fraction};
 
 /// An angle whose cosine and sine are symbols.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use dynid_lower::{Node, Program};
 
 use crate::{
-    arithmetic::Arithmetic,
     algebra::{Polynomial, joint_unit},
+    arithmetic::Arithmetic,
     emit::{Context, Term, nested},
     fraction::Fraction,
     kernel::{Group, pairs},
@@ -309,9 +309,7 @@ impl Basis {
 /// The first coefficient, and the polynomial divided by it.
 fn normalised<A: Arithmetic>(context: &Context<A>, polynomial: &Polynomial<A>) -> (f64, Polynomial<A>) {
     let Some((leading, _)) = polynomial.terms().next() else { return (0.0, polynomial.clone()) };
-    let terms = polynomial
-        .terms()
-        .map(|(coefficient, exponents)| (exponents.to_vec(), coefficient / leading));
+    let terms = polynomial.terms().map(|(coefficient, exponents)| (exponents.to_vec(), coefficient / leading));
     (leading.to_f64(), context.algebra.from_terms(terms))
 }
 

@@ -18,7 +18,10 @@ use crate::{
 type TurningInertia = BTreeMap<(usize, usize), Node>;
 
 /// D by joint pairs (i, j), i <= j; `None` where something slides.
-pub fn inertia<A: Arithmetic>(mechanism: &Mechanism<A>, program: &mut Program) -> Option<BTreeMap<(usize, usize), Node>> {
+pub fn inertia<A: Arithmetic>(
+    mechanism: &Mechanism<A>,
+    program: &mut Program,
+) -> Option<BTreeMap<(usize, usize), Node>> {
     let lumps = mechanism.lumps;
     let slides = |place: &Place<A>| place.values().any(|segment| !segment.slides.is_empty());
     if lumps.places.all().iter().any(slides) || !lumps.mass.is_empty() {
@@ -78,8 +81,9 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
 
     /// First moments at places that end in the turning itself move to where it turns about.
     fn take_in_own_offsets(&mut self, turning: usize) {
-        let ends_here =
-            |places: &[Place<A>], place: usize| places[place].last_key_value().is_some_and(|(&last, _)| last == turning);
+        let ends_here = |places: &[Place<A>], place: usize| {
+            places[place].last_key_value().is_some_and(|(&last, _)| last == turning)
+        };
         let keys: Vec<(usize, usize)> =
             self.first.keys().filter(|key| key.0 == turning && ends_here(&self.places, key.1)).copied().collect();
         for key in keys {

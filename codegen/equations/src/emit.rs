@@ -3,8 +3,8 @@
 use dynid_lower::{Node, Program};
 use dynid_model::Device;
 
-use crate::arithmetic::Arithmetic;
 use crate::algebra::{Algebra, Polynomial};
+use crate::arithmetic::Arithmetic;
 
 /// What polynomials are written for: a device whose joints of `free` move, the others being locked.
 pub struct Context<'a, A: Arithmetic> {

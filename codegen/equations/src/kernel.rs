@@ -4,9 +4,9 @@ use dynid_lower::{Form, Kir, Node, OperationCounts, Program};
 use dynid_model::Device;
 
 use crate::{
-    arithmetic::Arithmetic,
     DeriveError,
     algebra::{Algebra, Symbol, joint_unit},
+    arithmetic::Arithmetic,
     collected::Subset,
     composite,
     emit::Context,
@@ -75,7 +75,12 @@ impl Candidate {
 ///
 /// # Errors
 /// A frames table that no mechanism can be made of.
-pub fn derive<A: Arithmetic>(algebra: &Algebra<A>, lagrangian: &Lagrangian<A>, device: &Device, number: usize) -> Result<Kir, DeriveError> {
+pub fn derive<A: Arithmetic>(
+    algebra: &Algebra<A>,
+    lagrangian: &Lagrangian<A>,
+    device: &Device,
+    number: usize,
+) -> Result<Kir, DeriveError> {
     let free = device.configurations[number - 1].free.clone();
     let locked = (0..device.joints.len()).filter(|joint| !free.contains(joint)).collect();
     let context = Context { algebra, device, free: &free };

@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use dynid_lower::{Node, Program};
 
 use crate::{
-    arithmetic::Arithmetic,
     algebra::Polynomial,
+    arithmetic::Arithmetic,
     emit::Context,
     spatial::{ENTRIES, Matrix, Symmetric, Vector, add, apply, entry, rotate_symmetric, scale},
     tree::{Body, Place, Tree},
@@ -209,7 +209,14 @@ impl<A: Arithmetic> Lumps<A> {
     }
 
     /// A mass at a place belongs to the turning in which the place is fixed.
-    fn add_mass(&mut self, context: &Context<A>, tree: &Tree<A>, program: &mut Program, mut place: Place<A>, mass: Node) {
+    fn add_mass(
+        &mut self,
+        context: &Context<A>,
+        tree: &Tree<A>,
+        program: &mut Program,
+        mut place: Place<A>,
+        mass: Node,
+    ) {
         while let Some((&turning, segment)) = place.last_key_value() {
             if !segment.slides.is_empty() {
                 let number = self.places.number(&place);
@@ -261,11 +268,19 @@ fn unit_offset(program: &mut Program, coupling: Coupling) -> Coupling {
 }
 
 /// A matrix of polynomials as program terms.
-pub fn emit_matrix<A: Arithmetic>(context: &Context<A>, program: &mut Program, matrix: &Matrix<Polynomial<A>>) -> Matrix<Node> {
+pub fn emit_matrix<A: Arithmetic>(
+    context: &Context<A>,
+    program: &mut Program,
+    matrix: &Matrix<Polynomial<A>>,
+) -> Matrix<Node> {
     [0, 1, 2].map(|row| emit_vector(context, program, &matrix[row]))
 }
 
 /// A vector of polynomials as program terms.
-pub fn emit_vector<A: Arithmetic>(context: &Context<A>, program: &mut Program, vector: &Vector<Polynomial<A>>) -> Vector<Node> {
+pub fn emit_vector<A: Arithmetic>(
+    context: &Context<A>,
+    program: &mut Program,
+    vector: &Vector<Polynomial<A>>,
+) -> Vector<Node> {
     [0, 1, 2].map(|k| context.emit(program, &vector[k]))
 }

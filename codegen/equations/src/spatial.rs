@@ -2,8 +2,8 @@
 
 use dynid_lower::{Node, Program};
 
-use crate::arithmetic::Arithmetic;
 use crate::algebra::{Algebra, Polynomial};
+use crate::arithmetic::Arithmetic;
 
 /// Components along x, y, z.
 pub type Vector<T> = [T; 3];
@@ -35,7 +35,11 @@ pub fn identity<A: Arithmetic>(algebra: &Algebra<A>) -> Matrix<Polynomial<A>> {
 }
 
 /// The rotation about an axis, from the angle's cosine and sine.
-pub fn rotation<A: Arithmetic>(algebra: &Algebra<A>, axis: Axis, (cosine, sine): &(Polynomial<A>, Polynomial<A>)) -> Matrix<Polynomial<A>> {
+pub fn rotation<A: Arithmetic>(
+    algebra: &Algebra<A>,
+    axis: Axis,
+    (cosine, sine): &(Polynomial<A>, Polynomial<A>),
+) -> Matrix<Polynomial<A>> {
     let (zero, one) = (algebra.zero(), algebra.integer(1));
     let (c, s, minus_s) = (cosine.clone(), sine.clone(), -sine);
     match axis {
@@ -51,7 +55,11 @@ pub fn z_to_x<A: Arithmetic>(algebra: &Algebra<A>) -> Matrix<Polynomial<A>> {
 }
 
 /// `a b` in normal form.
-pub fn product<A: Arithmetic>(algebra: &Algebra<A>, a: &Matrix<Polynomial<A>>, b: &Matrix<Polynomial<A>>) -> Matrix<Polynomial<A>> {
+pub fn product<A: Arithmetic>(
+    algebra: &Algebra<A>,
+    a: &Matrix<Polynomial<A>>,
+    b: &Matrix<Polynomial<A>>,
+) -> Matrix<Polynomial<A>> {
     [0, 1, 2].map(|row| [0, 1, 2].map(|column| algebra.dot((0..3).map(|k| (&a[row][k], &b[k][column])))))
 }
 

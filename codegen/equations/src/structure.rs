@@ -24,8 +24,8 @@ use std::{collections::BTreeSet, fmt::Write};
 use dynid_model::Device;
 
 use crate::{
-    arithmetic::Arithmetic,
     algebra::{Algebra, Polynomial, Symbol},
+    arithmetic::Arithmetic,
     kernel::pairs,
     lagrangian::Lagrangian,
 };

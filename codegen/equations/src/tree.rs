@@ -10,9 +10,9 @@ use std::collections::BTreeMap;
 use dynid_model::{Convention, Device};
 
 use crate::{
-    arithmetic::Arithmetic,
     DeriveError,
     algebra::{Algebra, AngleSum, Polynomial, angle_sum},
+    arithmetic::Arithmetic,
     spatial::{Axis, Matrix, Vector, column, identity, product, rotation, transposed, z_to_x},
 };
 

@@ -48,7 +48,8 @@ fn every_form_agrees(device: &Device, n_samples: usize, told: bool) {
         let free = &configuration.free;
         let context = Context { algebra: &algebra, device, free };
         let tree = Tree::new(&algebra, device, free).expect("it has equations");
-        let mut programs = vec![kernel::derive(&algebra, &lagrangian, device, number).expect("it has equations").program];
+        let mut programs =
+            vec![kernel::derive(&algebra, &lagrangian, device, number).expect("it has equations").program];
         programs.extend(Group::ALL.map(|group| kernel::recursion(&context, &tree, group)));
         if let Some(subset) = Subset::new(&context, &lagrangian, 40) {
             programs.extend([0, 1].map(|kept_sines| subset.program(&context, Group::Torque, kept_sines)));
@@ -95,7 +96,8 @@ fn the_same_bytes_twice(device: &Device) {
     let twice = dynid_equations::generate::<Exact>(device, &Options::default()).expect("it has equations");
     assert!(once == twice, "{}: the same device gave other text the second time", device.id);
     for number in 1..=device.configurations.len() {
-        let alone = dynid_equations::generate::<Exact>(device, &Options { configuration: Some(number) }).expect("it has equations");
+        let alone = dynid_equations::generate::<Exact>(device, &Options { configuration: Some(number) })
+            .expect("it has equations");
         assert!(alone.iter().all(|(path, text)| once.get(path) == Some(text)), "{}: one alone differs", device.id);
     }
 }
@@ -105,7 +107,8 @@ fn the_same_bytes_twice(device: &Device) {
 fn figure_4_2_of_the_thesis() {
     let device = dynid_model::device("freedom6s").expect("it is shipped");
     let algebra = Algebra::new(device).expect("it has equations");
-    let structure = Structure::new(&algebra, &Lagrangian::new(&algebra, device).expect("it has equations"), device.joints.len());
+    let structure =
+        Structure::new(&algebra, &Lagrangian::new(&algebra, device).expect("it has equations"), device.joints.len());
     let mut seen = BTreeSet::new();
     let mut new = Vec::new();
     for configuration in &device.configurations[..7] {
@@ -248,4 +251,3 @@ impl Expected {
         (value - all[at]).abs() / scale
     }
 }
-

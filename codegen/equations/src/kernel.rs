@@ -69,12 +69,17 @@ impl Candidate {
     fn cost(&self) -> (usize, usize) {
         (self.counts.arithmetic(), self.program.live_inputs().len())
     }
+
+    /// Whether no number of it was too large for the arithmetic.
+    fn is_exact(&self) -> bool {
+        self.program.live().into_iter().all(|node| !self.program.number_of(node).is_some_and(f64::is_nan))
+    }
 }
 
 /// The equations of the free joints of one configuration, each group in its cheapest form.
 ///
 /// # Errors
-/// A frames table that no mechanism can be made of.
+/// A frames table that no mechanism can be made of, or whose equations have numbers that are too large.
 pub fn derive<A: Arithmetic>(
     algebra: &Algebra<A>,
     lagrangian: &Lagrangian<A>,
@@ -99,7 +104,8 @@ pub fn derive<A: Arithmetic>(
         }
         let costs: Vec<String> =
             candidates.iter().map(|known| format!("{} {}", known.form, known.counts.arithmetic())).collect();
-        let Some(best) = candidates.into_iter().min_by_key(Candidate::cost) else { continue };
+        let best = candidates.into_iter().filter(Candidate::is_exact).min_by_key(Candidate::cost);
+        let best = best.ok_or_else(|| DeriveError::TooLarge { device: device.id.clone(), configuration: number })?;
         program.append(&best.program);
         forms.push(Form {
             outputs: group.symbol().to_owned(),

@@ -38,6 +38,17 @@ pub enum DeriveError {
         /// What was expected.
         what: String,
     },
+    /// Whole numbers of the equations that the arithmetic cannot hold.
+    #[error(
+        "device `{device}`, configuration {configuration}: a number in its equations is too large to be exact; \
+         a large whole factor of a joint variable in an angle makes such numbers"
+    )]
+    TooLarge {
+        /// Device id.
+        device: String,
+        /// Number of the configuration, from 1.
+        configuration: usize,
+    },
 }
 
 impl DeriveError {
@@ -56,7 +67,7 @@ pub struct Options {
 /// The equations of a device's configurations: path below `generated/` and text.
 ///
 /// # Errors
-/// A frames table that no mechanism can be made of.
+/// A frames table that no mechanism can be made of, or whose equations have numbers that are too large.
 pub fn generate<A: Arithmetic>(device: &Device, options: &Options) -> Result<BTreeMap<PathBuf, String>, DeriveError> {
     let algebra = algebra::Algebra::<A>::new(device)?;
     let lagrangian = lagrangian::Lagrangian::new(&algebra, device)?;

@@ -2,7 +2,10 @@
 
 mod robots;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use dynid_equations::{
     Options,
@@ -146,6 +149,34 @@ fn few_operations() {
         println!("freedom6s, free {free:?}: D and h cost {cost} operations, at most {most}");
         assert!(cost <= most, "joints {free:?}: D and h cost {cost} operations, more than {most}");
     }
+}
+
+/// Cosines of large multiples of a locked angle are polynomials with numbers of many digits.
+#[test]
+fn numbers_that_are_too_large_are_an_error_and_never_wrong() {
+    let text = |factor: usize| {
+        format!(
+            "title = \"two joints\"\nsource = \"made\"\n\
+             [units]\nangle = \"rad\"\nlength = \"m\"\nmass = \"kg\"\ninertia = \"kg*m^2\"\ntime = \"s\"\ncommand = \"N*m\"\n\
+             [base]\ngravity = 9.81\nup = [0, 1, 0]\n[lengths]\nL1 = 0.4\n\
+             [kinematics]\nconvention = \"standard\"\nframes = [\n\
+             {{ name = \"a\", parent = \"base\", theta = \"{factor}*q0\", d = \"0\", a = \"L1\", alpha = \"pi/2\" }},\n\
+             {{ name = \"b\", parent = \"a\", theta = \"q1\", d = \"0\", a = \"L1\", alpha = \"0\" }},\n]\n\
+             {joint}{joint}[bounds]\nmass = 0.5\ncentroid = 0.3\ninertia = 0.5\n\
+             [[link]]\ntitle = \"link\"\nframe = \"b\"\nm = 1.0\nx = 0.1\ny = 0.2\nz = 0.3\n\
+             Ixx = 0.02\nIxy = 0.001\nIxz = 0.002\nIyy = 0.02\nIyz = 0.001\nIzz = 0.02\n\
+             [identification]\nconfigurations = [[1]]\n\
+             [[identification.method]]\nname = \"coupling\"\nsequence = [1]\n",
+            joint = "[[joint]]\ntitle = \"joint\"\nposition = [-inf, inf]\nspeed = inf\ntorque = inf\n"
+        )
+    };
+    let generated = |factor: usize| {
+        let device = Device::parse(&text(factor), Path::new("two_joints.toml")).expect("a device");
+        dynid_equations::generate::<Exact>(&device, &Options::default())
+    };
+    assert!(generated(2).is_ok());
+    let error = generated(150).expect_err("a number of 45 digits");
+    assert!(error.to_string().contains("configuration 1: a number in its equations is too large"), "{error}");
 }
 
 /// A state and a parameter set, drawn at random. Parameters need not be physical: the equations are polynomials.

@@ -254,6 +254,9 @@ impl<'a> Search<'a> {
 
     /// Negative log likelihood, prior included, where a search that is new begins; `None` of one that cannot be predicted there.
     pub fn beginning(&self) -> Option<f64> {
+        if self.state.cost.is_none() {
+            return self.evaluator.at(&self.state.plan).cost(&self.state.search.x);
+        }
         let x = self.evaluator.start().ok()?;
         self.evaluator.at(&self.evaluator.plan(&x, &self.problem.plan, evaluate::ROUGHLY)).cost(&x)
     }

@@ -155,6 +155,8 @@ const ACCEPTED_SHARE: f64 = 1e-3;
 const FARTHEST: f64 = 1e3;
 /// How often a subproblem is solved again for new cuts.
 const CUT_ROUNDS: usize = 30;
+/// A constraint that a scaled step breaks by less than an interior point resolves is not broken.
+const BROKEN: f64 = 1e-9;
 
 /// Minimises `objective` from `start`, which lies within `region`; cuts are added to it.
 pub fn minimise(
@@ -279,57 +281,64 @@ fn subproblem(hessian: &DMatrix<f64>, gradient: &DVector<f64>, region: &Region, 
     let scale = DVector::from_fn(n, |k, _| 1.0 / hessian[(k, k)].max(f64::MIN_POSITIVE).sqrt());
     let scaled = DMatrix::from_fn(n, n, |row, column| hessian[(row, column)] * scale[row] * scale[column]);
     let slope = gradient.component_mul(&scale);
-    let mut longest = slope.amax();
-    if let Some(factor) = scaled.clone().cholesky() {
-        let step = -factor.solve(&slope);
-        longest = step.amax();
-        let step = step.component_mul(&scale);
-        if within(region, x, &step) {
+    let found = match scaled.clone().cholesky() {
+        Some(factor) => by_violated(&factor.unpack(), &slope, region, x, &scale)?,
+        None => {
+            let limits = constraints(region, x, &scale, FARTHEST * slope.amax().max(1.0));
+            let all: Vec<&Constraint> = limits.iter().collect();
+            programme(&upper_triangle(&scaled), slope.as_slice(), n, &all)?
+        }
+    };
+    // The interior point stops a hair from the bounds, on either side.
+    Some(DVector::from_fn(n, |k, _| (found[k] * scale[k]).clamp(region.lower[k] - x[k], region.upper[k] - x[k])))
+}
+
+/// The scaled step where the Hessian is `L L'`: in `z = L'y` the cost is a distance, and a constraint has a part only once a step
+/// breaks it, which few do.
+fn by_violated(
+    lower: &DMatrix<f64>,
+    slope: &DVector<f64>,
+    region: &Region,
+    x: &[f64],
+    scale: &DVector<f64>,
+) -> Option<DVector<f64>> {
+    let n = x.len();
+    let target = lower.solve_lower_triangular(slope)?;
+    let step_of = |z: &DVector<f64>| lower.tr_solve_lower_triangular(z);
+    let mut step = step_of(&-&target)?;
+    if within(region, x, &step.component_mul(scale)) {
+        return Some(step);
+    }
+    let limits = constraints(region, x, scale, FARTHEST * step.amax().max(1.0));
+    let identity = CscMatrix::identity(n);
+    let mut is_kept = vec![false; limits.len()];
+    let mut kept: Vec<Constraint> = Vec::new();
+    loop {
+        let known = kept.len();
+        for (limit, is_kept) in limits.iter().zip(&mut is_kept) {
+            if !*is_kept && limit.excess(&step) > BROKEN {
+                *is_kept = true;
+                let mut row = DVector::zeros(n);
+                limit.terms.iter().for_each(|(index, factor)| row[*index] += factor);
+                let row = lower.solve_lower_triangular(&row)?;
+                let length = row.norm().max(f64::MIN_POSITIVE);
+                let terms = row.iter().map(|entry| entry / length).enumerate().collect();
+                kept.push(Constraint { terms, limit: limit.limit / length });
+            }
+        }
+        if kept.len() == known {
             return Some(step);
         }
+        let all: Vec<&Constraint> = kept.iter().collect();
+        step = step_of(&programme(&identity, target.as_slice(), n, &all)?)?;
     }
-    let (matrix, limits) = constraints(region, x, &scale, FARTHEST * longest.max(1.0));
-    let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
-    let cones = [SupportedConeT::NonnegativeConeT(limits.len())];
-    let mut solver =
-        DefaultSolver::new(&upper_triangle(&scaled), slope.as_slice(), &matrix, &limits, &cones, settings).ok()?;
-    solver.solve();
-    if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
-        return None;
-    }
-    // The interior point stops a hair from the bounds, on either side.
-    Some(DVector::from_fn(n, |k, _| {
-        (solver.solution.x[k] * scale[k]).clamp(region.lower[k] - x[k], region.upper[k] - x[k])
-    }))
 }
 
-fn within(region: &Region, x: &[f64], step: &DVector<f64>) -> bool {
-    let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
-    let bounded = trial.iter().zip(&region.lower).zip(&region.upper).all(|((x, low), high)| low <= x && x <= high);
-    bounded && region.half_spaces.iter().all(|half_space| half_space.excess(&trial) <= 1e-12 * half_space.size(&trial))
-}
-
-/// `A y <= b` for the scaled step `y = d / scale`, every row scaled to length one and no limit beyond `farthest`.
-fn constraints(region: &Region, x: &[f64], scale: &DVector<f64>, farthest: f64) -> (CscMatrix<f64>, Vec<f64>) {
-    let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); x.len()];
-    let mut limits = Vec::new();
-    let mut add = |terms: &[(usize, f64)], limit: f64| {
-        let length = terms.iter().map(|(index, factor)| (factor * scale[*index]).powi(2)).sum::<f64>().sqrt();
-        if !limit.is_finite() || length == 0.0 {
-            return;
-        }
-        for (index, factor) in terms {
-            columns[*index].push((limits.len(), factor * scale[*index] / length));
-        }
-        limits.push((limit / length).min(farthest));
-    };
-    for k in 0..x.len() {
-        add(&[(k, 1.0)], (region.upper[k] - x[k]).max(0.0));
-        add(&[(k, -1.0)], (x[k] - region.lower[k]).max(0.0));
-    }
-    for half_space in &region.half_spaces {
-        // `x` is allowed up to rounding; the step zero must be feasible.
-        add(&half_space.terms, (-half_space.excess(x)).max(0.0));
+/// `argmin y'Hy / 2 + g'y` within all `limits`.
+fn programme(hessian: &CscMatrix<f64>, gradient: &[f64], n: usize, limits: &[&Constraint]) -> Option<DVector<f64>> {
+    let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); n];
+    for (row, limit) in limits.iter().enumerate() {
+        limit.terms.iter().for_each(|(column, factor)| columns[*column].push((row, *factor)));
     }
     let mut starts = vec![0];
     let (mut rows, mut values) = (Vec::new(), Vec::new());
@@ -340,7 +349,54 @@ fn constraints(region: &Region, x: &[f64], scale: &DVector<f64>, farthest: f64) 
         }
         starts.push(rows.len());
     }
-    (CscMatrix::new(limits.len(), x.len(), starts, rows, values), limits)
+    let matrix = CscMatrix::new(limits.len(), n, starts, rows, values);
+    let bounds: Vec<f64> = limits.iter().map(|limit| limit.limit).collect();
+    let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
+    let cones = [SupportedConeT::NonnegativeConeT(bounds.len())];
+    let mut solver = DefaultSolver::new(hessian, gradient, &matrix, &bounds, &cones, settings).ok()?;
+    solver.solve();
+    let is_solved = matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved);
+    is_solved.then(|| DVector::from_column_slice(&solver.solution.x))
+}
+
+fn within(region: &Region, x: &[f64], step: &DVector<f64>) -> bool {
+    let trial: Vec<f64> = x.iter().zip(step.iter()).map(|(x, step)| x + step).collect();
+    let bounded = trial.iter().zip(&region.lower).zip(&region.upper).all(|((x, low), high)| low <= x && x <= high);
+    bounded && region.half_spaces.iter().all(|half_space| half_space.excess(&trial) <= 1e-12 * half_space.size(&trial))
+}
+
+/// `sum of factor y[index] <= limit`, of a scaled step y.
+struct Constraint {
+    terms: Vec<(usize, f64)>,
+    limit: f64,
+}
+
+impl Constraint {
+    /// By how much a step breaks it.
+    fn excess(&self, step: &DVector<f64>) -> f64 {
+        self.terms.iter().map(|(index, factor)| factor * step[*index]).sum::<f64>() - self.limit
+    }
+}
+
+/// The region for the scaled step `y = d / scale`, every constraint scaled to length one and no limit beyond `farthest`.
+fn constraints(region: &Region, x: &[f64], scale: &DVector<f64>, farthest: f64) -> Vec<Constraint> {
+    let mut all = Vec::new();
+    let mut add = |terms: &[(usize, f64)], limit: f64| {
+        let length = terms.iter().map(|(index, factor)| (factor * scale[*index]).powi(2)).sum::<f64>().sqrt();
+        if limit.is_finite() && length > 0.0 {
+            let terms = terms.iter().map(|(index, factor)| (*index, factor * scale[*index] / length)).collect();
+            all.push(Constraint { terms, limit: (limit / length).min(farthest) });
+        }
+    };
+    for k in 0..x.len() {
+        add(&[(k, 1.0)], (region.upper[k] - x[k]).max(0.0));
+        add(&[(k, -1.0)], (x[k] - region.lower[k]).max(0.0));
+    }
+    for half_space in &region.half_spaces {
+        // `x` is allowed up to rounding; the step zero must be feasible.
+        add(&half_space.terms, (-half_space.excess(x)).max(0.0));
+    }
+    all
 }
 
 fn upper_triangle(matrix: &DMatrix<f64>) -> CscMatrix<f64> {
@@ -488,6 +544,34 @@ mod tests {
     }
 
     /// `x + (lower - x)` is not `lower` for about every other pair of numbers.
+    #[test]
+    fn what_no_step_breaks_has_no_part_in_it() {
+        let mut random = Random::new(7);
+        for n in [1, 3, 8, 20] {
+            for _ in 0..10 {
+                let root = DMatrix::from_vec(n, n, random.vector(n * n, -1.0, 1.0));
+                let hessian = &root * root.transpose() + DMatrix::identity(n, n) * 1e-3;
+                let gradient = DVector::from_vec(random.vector(n, -1.0, 1.0));
+                let x = random.vector(n, -0.2, 0.2);
+                let half_space = |random: &mut Random| {
+                    let terms: Vec<(usize, f64)> = random.vector(n, -1.0, 1.0).into_iter().enumerate().collect();
+                    let limit = terms.iter().map(|(k, factor)| factor * x[*k]).sum::<f64>() + 0.1;
+                    HalfSpace { terms, limit }
+                };
+                let half_spaces = (0..n).map(|_| half_space(&mut random)).collect();
+                let region = Region { lower: vec![-0.5; n], upper: vec![0.7; n], half_spaces };
+                let found = subproblem(&hessian, &gradient, &region, &x).expect("it has a solution");
+                let scale = DVector::from_element(n, 1.0);
+                let limits = constraints(&region, &x, &scale, f64::INFINITY);
+                let all: Vec<&Constraint> = limits.iter().collect();
+                let expected = programme(&upper_triangle(&hessian), gradient.as_slice(), n, &all).expect("a solution");
+                let cost = |step: &DVector<f64>| gradient.dot(step) + 0.5 * step.dot(&(&hessian * step));
+                assert!((cost(&found) - cost(&expected)).abs() < 1e-6 * cost(&expected).abs().max(1e-3));
+                assert!(limits.iter().all(|limit| limit.excess(&found) < 1e-6));
+            }
+        }
+    }
+
     #[test]
     fn a_step_to_a_bound_stays_within_it() {
         let mut random = Random::new(5);

@@ -56,14 +56,28 @@ impl Arithmetic for ByAlgebra {
     }
 }
 
-/// What no longer is a number of 64 bits is 0: [`fraction`] finds none of that size.
+/// None is a number that is too large for a fraction, and so is none again when it is asked for.
 fn rational(fraction: Fraction) -> Rational {
-    let small = |(numerator, denominator)| Some((i64::try_from(numerator).ok()?, i64::try_from(denominator).ok()?));
-    fraction.parts().and_then(small).map_or_else(|| Rational::from(0), Rational::from)
+    let Some((numerator, denominator)) = fraction.parts() else {
+        let large = whole(u128::MAX);
+        return &large * &large;
+    };
+    let size = &whole(numerator.unsigned_abs()) / &whole(denominator.unsigned_abs());
+    if numerator < 0 { -size } else { size }
 }
 
-/// None where it is no fraction of numbers of 64 bits.
+/// Digit by digit: what a number is made of has 64 bits.
+fn whole(value: u128) -> Rational {
+    const BITS: u32 = 32;
+    let base = Rational::from(1_i64 << BITS);
+    let digits = (0..u128::BITS / BITS).rev().map(|place| value >> (place * BITS) & ((1 << BITS) - 1));
+    digits.fold(Rational::from(0), |sum, digit| &(&sum * &base) + &Rational::from(i64::try_from(digit).unwrap_or(0)))
+}
+
+/// None where it is no fraction of numbers of 128 bits.
 fn fraction(rational: &Rational) -> Fraction {
-    let parts = rational.numerator().to_i64().zip(rational.denominator().to_i64());
-    parts.map_or(Fraction::NONE, |(numerator, denominator)| Fraction::new(numerator.into(), denominator.into()))
+    let text = rational.to_string();
+    let (numerator, denominator) = text.split_once('/').unwrap_or((&text, "1"));
+    let parts = numerator.parse().ok().zip(denominator.parse().ok());
+    parts.map_or(Fraction::NONE, |(numerator, denominator)| Fraction::new(numerator, denominator))
 }

@@ -50,6 +50,9 @@ pub struct Algebra<A: Arithmetic> {
 #[derive(Clone, PartialEq)]
 pub struct Polynomial<A>(A);
 
+/// `constant + sum(slope * q)`, the slopes by joint.
+pub type Affine<A> = (Polynomial<A>, BTreeMap<usize, Polynomial<A>>);
+
 /// `sum(factor * q) + constant`, the factors being whole numbers.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct AngleSum {
@@ -266,11 +269,7 @@ impl<A: Arithmetic> Algebra<A> {
 
     /// The polynomial as `constant + sum(slope * q)` over the positions of the joints of `free` that stand outside of
     /// angles; `None` where it is not affine in them.
-    pub fn affine_in_positions(
-        &self,
-        polynomial: &Polynomial<A>,
-        free: &[usize],
-    ) -> Option<(Polynomial<A>, BTreeMap<usize, Polynomial<A>>)> {
+    pub fn affine_in_positions(&self, polynomial: &Polynomial<A>, free: &[usize]) -> Option<Affine<A>> {
         let mut constant = Vec::new();
         let mut slopes: BTreeMap<usize, Vec<(Vec<u8>, Fraction)>> = BTreeMap::new();
         for (coefficient, exponents) in polynomial.terms() {

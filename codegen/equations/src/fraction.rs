@@ -97,8 +97,11 @@ impl Div for Fraction {
     type Output = Self;
 
     fn div(self, other: Self) -> Self {
-        let inverse = other.parts().map(|(numerator, denominator)| (denominator, numerator));
-        self * Self::of(inverse)
+        let quotient = || {
+            let ((a, b), (c, d)) = (self.parts()?, other.parts()?);
+            Some((a.checked_mul(d)?, b.checked_mul(c)?))
+        };
+        Self::of(quotient())
     }
 }
 

@@ -11,7 +11,7 @@ use dynid_model::{Convention, Device};
 
 use crate::{
     DeriveError,
-    algebra::{Algebra, AngleSum, Polynomial, angle_sum},
+    algebra::{Affine, Algebra, AngleSum, Polynomial, angle_sum},
     arithmetic::Arithmetic,
     spatial::{Axis, Matrix, Vector, column, identity, product, rotation, transposed, z_to_x},
 };
@@ -207,13 +207,7 @@ impl<A: Arithmetic> Tree<A> {
     }
 
     /// Moves a frame along one of its axes.
-    fn shift(
-        &self,
-        algebra: &Algebra<A>,
-        cursor: &mut Cursor<A>,
-        axis: Axis,
-        (constant, slides): &(Polynomial<A>, BTreeMap<usize, Polynomial<A>>),
-    ) {
+    fn shift(&self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, axis: Axis, (constant, slides): &Affine<A>) {
         let direction = column(&cursor.rotation, axis.index());
         let along = |amount: &Polynomial<A>| direction.clone().map(|component| algebra.product(&component, amount));
         self.extend(algebra, &mut cursor.place, cursor.turning, None, along(constant));

@@ -179,6 +179,11 @@ fn numbers_that_are_too_large_are_an_error_and_never_wrong() {
     assert!(error.to_string().contains("configuration 1: a number in its equations is too large"), "{error}");
 }
 
+/// Between -1 and 1.
+fn number(random: &mut Random) -> f64 {
+    random.bits() as f64 / u64::MAX as f64 * 2.0 - 1.0
+}
+
 /// A state and a parameter set, drawn at random. Parameters need not be physical: the equations are polynomials.
 struct Sample {
     q: Vec<f64>,
@@ -190,13 +195,13 @@ struct Sample {
 impl Sample {
     fn new(device: &Device, algebra: &Algebra, free: &[usize], random: &mut Random) -> Sample {
         let joints = 0..device.joints.len();
-        let mut moving = |joint: usize| if free.contains(&joint) { 2.0 * random.number() } else { 0.0 };
+        let mut moving = |joint: usize| if free.contains(&joint) { 2.0 * number(random) } else { 0.0 };
         let dq = joints.clone().map(&mut moving).collect();
         let ddq = joints.clone().map(&mut moving).collect();
-        let q = joints.map(|_| 3.0 * random.number()).collect();
+        let q = joints.map(|_| 3.0 * number(random)).collect();
         let parameters = (algebra.symbols().iter())
             .filter_map(|symbol| match symbol {
-                Symbol::Parameter(name, _) => Some((name.clone(), random.number())),
+                Symbol::Parameter(name, _) => Some((name.clone(), number(random))),
                 _ => None,
             })
             .collect();

@@ -16,11 +16,6 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Between -1 and 1.
-    pub fn number(&mut self) -> f64 {
-        self.bits() as f64 / u64::MAX as f64 * 2.0 - 1.0
-    }
-
     pub fn below(&mut self, n: usize) -> usize {
         (self.bits() % n as u64) as usize
     }

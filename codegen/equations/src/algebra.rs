@@ -19,7 +19,7 @@ use dynid_model::{
 pub enum Angle {
     /// A joint variable.
     Joint(usize),
-    /// A constant that is no multiple of a quarter turn [rad].
+    /// A constant that is no multiple of a quarter turn (rad).
     Constant(f64),
 }
 

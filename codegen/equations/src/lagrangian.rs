@@ -19,7 +19,7 @@ use crate::{
 pub struct Lagrangian<A: Arithmetic> {
     /// Inertia matrix: (i, j), i <= j; what vanishes is missing [kg m^2].
     pub inertia: BTreeMap<(usize, usize), Polynomial<A>>,
-    /// Potential energy [J].
+    /// Potential energy (J).
     pub potential: Polynomial<A>,
 }
 

@@ -55,7 +55,7 @@ pub struct Coupling {
     pub first: Vector<Node>,
     /// In whose axes the offset is fixed.
     pub carrier: usize,
-    /// From the regular place to the actual one [m].
+    /// From the regular place to the actual one (m).
     pub offset: Vector<Node>,
 }
 
@@ -67,7 +67,7 @@ pub struct Lumps<A: Arithmetic> {
     pub second: Vec<Symmetric>,
     /// First moments [kg m] by turning and place.
     pub first: BTreeMap<(usize, usize), Vector<Node>>,
-    /// Masses [kg] by place: only at places that slide.
+    /// Masses (kg) by place: only at places that slide.
     pub mass: BTreeMap<usize, Node>,
     /// First moments at places that turn with something else.
     pub couplings: Vec<Coupling>,

@@ -32,7 +32,7 @@ pub struct Turning<A: Arithmetic> {
 /// A vector in the axes of one turning: `constant + sum(slope * q)`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment<A: Arithmetic> {
-    /// The part that does not change [m].
+    /// The part that does not change (m).
     pub constant: Vector<Polynomial<A>>,
     /// By free joint; none is zero.
     pub slides: BTreeMap<usize, Vector<Polynomial<A>>>,

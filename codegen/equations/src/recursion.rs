@@ -59,7 +59,7 @@ struct Recursion<'a, 'b, A: Arithmetic> {
     rates: Vec<Rates>,
     /// Acceleration of a place in the axes of a turning [m/s^2].
     accelerations: BTreeMap<(usize, usize), Vector<Node>>,
-    /// Forces at places, in the axes of turnings [N].
+    /// Forces at places, in the axes of turnings (N).
     forces: BTreeMap<(usize, usize), Vector<Node>>,
     /// Moments on turnings, in their axes [N m].
     moments: Vec<Vector<Node>>,

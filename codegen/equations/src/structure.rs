@@ -17,7 +17,7 @@
 //! It is written beside the `.kir` files; `dynid-generated` makes its table `Structure` of it.
 //!
 //! A locked joint's angle stays a symbol, so the entries of a configuration are those of the whole device: the
-//! parameters of any set F of free joints are those of D[i][j] and phi[i] with i, j in F.
+//! parameters of any set F of free joints are those of `D[i][j]` and `phi[i]` with i, j in F.
 
 use std::{collections::BTreeSet, fmt::Write};
 

@@ -42,12 +42,12 @@ impl Case {
         let parameters: Vec<f64> = kernel.parameters.iter().map(|name| value(device, name)).collect();
         let locked: Vec<f64> = kernel.locked.iter().map(|&joint| 0.3 + 0.1 * joint as f64).collect();
         let mut prepared = vec![0.0; kernel.prepared.len()];
-        (kernel.prepare)(&parameters, &locked, &mut prepared);
+        kernel.functions.prepare(&parameters, &locked, &mut prepared);
         let per_joint = |of: fn(f64) -> f64| -> Vec<f64> { free.iter().map(|&joint| of(joint as f64)).collect() };
         let (q, dq, tau) =
             (per_joint(|joint| 0.4 - 0.15 * joint), per_joint(|joint| 0.7 - 0.2 * joint), per_joint(f64::sin));
         let mut ddq = vec![f64::NAN; free.len()];
-        (kernel.forward_dynamics)(&prepared, &q, &dq, &tau, &mut ddq);
+        kernel.functions.forward_dynamics(&prepared, &q, &dq, &tau, &mut ddq);
         assert!(ddq.iter().all(|ddq| ddq.is_finite()), "{id}, joints {free:?}: ddq {ddq:?}");
         Case { kernel, parameters, prepared, q, dq, tau }
     }
@@ -89,7 +89,7 @@ fn kernels(criterion: &mut Criterion) {
         let mut q = case.q.clone();
         criterion.bench_function(&format!("forward_dynamics/{id}/{set}"), |bencher| {
             bencher.iter(|| {
-                (kernel.forward_dynamics)(&prepared, &q, &case.dq, &case.tau, &mut vector);
+                kernel.functions.forward_dynamics(&prepared, &q, &case.dq, &case.tau, &mut vector);
                 // The posture hardly moves, but the next call has to wait for this one.
                 for ((q, start), ddq) in q.iter_mut().zip(&case.q).zip(&vector) {
                     *q = start + 1e-9 * ddq;
@@ -98,58 +98,66 @@ fn kernels(criterion: &mut Criterion) {
         });
         criterion.bench_function(&format!("forward_dynamics/{id}/{set}_throughput"), |bencher| {
             bencher.iter(|| {
-                (kernel.forward_dynamics)(&prepared, black_box(&case.q), &case.dq, &case.tau, &mut vector);
+                kernel.functions.forward_dynamics(&prepared, black_box(&case.q), &case.dq, &case.tau, &mut vector);
             });
         });
         criterion.bench_function(&format!("inertia/{id}/{set}"), |bencher| {
             bencher.iter(|| {
-                (kernel.inertia)(&prepared, black_box(&case.q), &mut matrix);
+                kernel.functions.inertia(&prepared, black_box(&case.q), &mut matrix);
             });
         });
         criterion.bench_function(&format!("bias/{id}/{set}"), |bencher| {
             bencher.iter(|| {
-                (kernel.bias)(&prepared, black_box(&case.q), &case.dq, &mut vector);
+                kernel.functions.bias(&prepared, black_box(&case.q), &case.dq, &mut vector);
             });
         });
         criterion.bench_function(&format!("inertia_and_bias/{id}/{set}"), |bencher| {
             bencher.iter(|| {
-                (kernel.inertia_and_bias)(&prepared, black_box(&case.q), &case.dq, &mut matrix, &mut vector);
+                kernel.functions.inertia_and_bias(&prepared, black_box(&case.q), &case.dq, &mut matrix, &mut vector);
             });
         });
         criterion.bench_function(&format!("regressor/{id}/{set}"), |bencher| {
             bencher.iter(|| {
-                (kernel.regressor)(&prepared, black_box(&case.q), &case.dq, &case.tau, &mut regressor);
+                kernel.functions.regressor(&prepared, black_box(&case.q), &case.dq, &case.tau, &mut regressor);
             });
         });
         criterion.bench_function(&format!("inverse_dynamics_gradient/{id}/{set}"), |bencher| {
             bencher.iter(|| {
-                let gradient = kernel.inverse_dynamics_gradient;
-                gradient(&prepared, black_box(&case.q), &case.dq, &case.tau, &mut vector, &mut matrix, &mut second);
+                let (q, dq, ddq) = (black_box(&case.q), &case.dq, &case.tau);
+                kernel.functions.inverse_dynamics_gradient(
+                    &prepared,
+                    q,
+                    dq,
+                    ddq,
+                    &mut vector,
+                    &mut matrix,
+                    &mut second,
+                );
             });
         });
         let locked = vec![0.3; kernel.locked.len()];
         let mut jacobian = vec![0.0; kernel.prepared.len() * case.parameters.len()];
         criterion.bench_function(&format!("prepare_gradient/{id}/{set}"), |bencher| {
-            bencher.iter(|| (kernel.prepare_gradient)(black_box(&case.parameters), &locked, &mut jacobian));
+            bencher.iter(|| kernel.functions.prepare_gradient(black_box(&case.parameters), &locked, &mut jacobian));
         });
     }
 }
 
 /// The friction law that a simulation evaluates at every stage of every step.
 fn effects(criterion: &mut Criterion) {
-    let Some(EffectKernel { eval, eval_gradient, .. }) = effect("lugre") else { panic!("the library has no `lugre`") };
+    let Some(EffectKernel { functions, .. }) = effect("lugre") else { panic!("the library has no `lugre`") };
     // sigma0, sigma1, sigma2, vs, Fs, Fc
     let parameters = black_box([6.7, 0.05, 0.01, 0.1, 0.06, 0.04]);
     let (signals, states) = ([0.1; N_SIGNALS], [1e-3]);
     let (mut outputs, mut rates, mut jacobian) = ([0.0], [0.0], [0.0; 2 * (6 + N_SIGNALS + 1)]);
     criterion.bench_function("effect/lugre", |bencher| {
         bencher.iter(|| {
-            eval(&parameters, black_box(&signals), &states, &mut outputs, &mut rates);
+            functions.eval(&parameters, black_box(&signals), &states, &mut outputs, &mut rates);
         });
     });
     criterion.bench_function("effect_gradient/lugre", |bencher| {
         bencher.iter(|| {
-            eval_gradient(&parameters, black_box(&signals), &states, &mut outputs, &mut rates, &mut jacobian);
+            functions.eval_gradient(&parameters, black_box(&signals), &states, &mut outputs, &mut rates, &mut jacobian);
         });
     });
 }

@@ -32,7 +32,7 @@ fn build() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=build");
 
     let mut library = String::new();
-    let (mut table, mut structures, mut end_points) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut table, mut end_points) = (Vec::new(), Vec::new());
     for device in dynid_model::devices() {
         let folder = equations.join(&device.id);
         // Cargo takes a missing path for changed, every time; a folder that appears changes the one above.
@@ -41,12 +41,12 @@ fn build() -> Result<(), Box<dyn Error>> {
         writeln!(library, "/// Kernels of `{}`, a module per configuration.", device.id)?;
         writeln!(library, "pub mod {} {{", device.id)?;
         let derived = device_equations(device, &folder)?;
-        structures.push(structure::entry(device, &derived.structure)?);
-        for kir in &derived.equations {
+        let appearing = structure::appearing(device, &derived.structure)?;
+        for (kir, appearing) in derived.equations.iter().zip(&appearing) {
             let configuration = Configuration::new(kir)?;
             let name = format!("c{:02}", configuration.number);
             let path = out.join(format!("{}_{name}.rs", device.id));
-            fs::write(&path, configuration_module(&configuration)?)?;
+            fs::write(&path, configuration_module(&configuration, appearing)?)?;
             writeln!(library, "#[allow(non_snake_case, unused_variables, clippy::all)]")?;
             writeln!(library, "#[path = {path:?}]\npub mod {name};")?;
             table.push(format!("&{}::{name}::KERNEL", device.id));
@@ -64,7 +64,6 @@ fn build() -> Result<(), Box<dyn Error>> {
     }
     writeln!(library, "static KERNELS: &[&Kernel] = &[{}];", table.join(", "))?;
     writeln!(library, "static END_POINTS: &[&EndPoint] = &[{}];", end_points.join(", "))?;
-    writeln!(library, "static STRUCTURES: &[Structure] = &[{}];", structures.join(", "))?;
 
     let effects = dynid_model::effects().iter().map(EffectKernels::new).collect::<Result<Vec<_>, _>>()?;
     let path = out.join("effect_library.rs");

@@ -1,6 +1,5 @@
 //! Embeds `devices/*.toml`, `effects/*.toml` and `inputs/*.toml` after reading them with the crate's own readers: a shipped file that
-//! is wrong fails the build, with an error that points at the line. A user's own effects may stand in another folder, which
-//! the environment variable `DYNID_EFFECTS` names; they are held to the same.
+//! is wrong fails the build, with an error that points at the line.
 
 // The readers are compiled here a second time; what only the library offers is unused.
 #![allow(dead_code, unused_imports, missing_docs)]
@@ -42,14 +41,10 @@ use device::{Device, Link};
 use expression::Expression;
 use parameter::Parameter;
 
-/// Names the folder of a user's own effects.
-const OWN_EFFECTS: &str = "DYNID_EFFECTS";
-
 fn main() -> ExitCode {
     println!("cargo::rerun-if-changed=devices");
     println!("cargo::rerun-if-changed=effects");
     println!("cargo::rerun-if-changed=inputs");
-    println!("cargo::rerun-if-env-changed={OWN_EFFECTS}");
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
@@ -68,9 +63,7 @@ fn run() -> Result<(), String> {
         let shown = format!("model/{folder}");
         files(&Path::new(&root).join(folder), &shown).map_err(|error| format!("reading {shown}: {error}"))
     };
-    let (device_files, mut effect_files, input_files) = (read("devices")?, read("effects")?, read("inputs")?);
-    effect_files.extend(own_effects(&root, &effect_files)?);
-    effect_files.sort_by(|a, b| a.name().cmp(b.name()));
+    let (device_files, effect_files, input_files) = (read("devices")?, read("effects")?, read("inputs")?);
     let pairs: Vec<(&str, &str)> = effect_files.iter().map(|file| (file.shown.as_str(), file.text.as_str())).collect();
     let effects = shipped::read_effects(&pairs).map_err(|error| error.to_string())?;
     let mut devices = Vec::new();
@@ -99,32 +92,12 @@ fn run() -> Result<(), String> {
     fs::write(Path::new(&out).join("library.rs"), code).map_err(|error| format!("writing library.rs: {error}"))
 }
 
-/// The effects of the folder that the user names, if any; from the repository's root where the path is relative.
-fn own_effects(root: &str, library: &[File]) -> Result<Vec<File>, String> {
-    let Some(folder) = env::var(OWN_EFFECTS).ok().filter(|folder| !folder.is_empty()) else { return Ok(Vec::new()) };
-    let path = Path::new(root).join("..").join(&folder);
-    println!("cargo::rerun-if-changed={}", path.display());
-    let own = files(&path, folder.trim_end_matches('/'))
-        .map_err(|error| format!("reading the effects of {OWN_EFFECTS}={folder}: {error}; name an existing folder"))?;
-    match own.iter().find(|file| library.iter().any(|other| other.name() == file.name())) {
-        Some(file) => Err(format!("{}: the library has an effect of this name; rename the file", file.shown)),
-        None => Ok(own),
-    }
-}
-
 struct File {
     /// Absolute.
     path: String,
-    /// From the repository's root, or as the user gave it, for messages.
+    /// From the repository's root, for messages.
     shown: String,
     text: String,
-}
-
-impl File {
-    /// Without its folder.
-    fn name(&self) -> &str {
-        self.shown.rsplit('/').next().unwrap_or_default()
-    }
 }
 
 /// The TOML files of a folder, by name. Messages show it as `shown`.

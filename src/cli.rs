@@ -22,7 +22,9 @@ mod tabulate;
 mod tour;
 mod wall;
 
+use std::env;
 use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -36,6 +38,10 @@ struct Arguments {
     /// Print one JSON object on stdout, and nothing else there.
     #[arg(long, global = true)]
     json: bool,
+    /// A folder of effect files of your own, which join the library. Without it, that of the environment variable
+    /// DYNID_EFFECTS; without that, `effects` beside the model or the experiment, where there is one.
+    #[arg(long, global = true, value_name = "DIR")]
+    effects: Option<PathBuf>,
 }
 
 const HELP: &str = "\
@@ -107,10 +113,42 @@ enum Answer {
     Interrupted,
 }
 
-/// Reads the arguments, runs the verb, prints and returns the exit status.
-pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
-    let result = match &arguments.verb {
+impl Verb {
+    /// The models that it reads, then the experiments.
+    fn inputs(&self) -> Vec<&PathBuf> {
+        match self {
+            Verb::Devices(_) | Verb::Tour(_) => Vec::new(),
+            Verb::Plan(own) => own.model.iter().collect(),
+            Verb::Excite(own) => own.model.iter().chain(&own.between).collect(),
+            Verb::Simulate(own) => own.model.iter().chain([&own.experiment]).collect(),
+            Verb::Check(own) => own.model.iter().chain([&own.experiment]).collect(),
+            Verb::Fit(own) => own.model.iter().chain([&own.experiment]).collect(),
+            Verb::Compare(own) => own.model.iter().chain([&own.experiment]).collect(),
+            Verb::Diagnose(own) => own.model.iter().chain([&own.experiment]).collect(),
+            Verb::Add(own) => vec![&own.model],
+            Verb::Ladder(own) => own.models.iter().chain([&own.experiment]).collect(),
+            Verb::Report(own) => own.models.iter().chain([&own.experiment]).collect(),
+            Verb::Table(own) => own.models.iter().collect(),
+            Verb::Wall(own) => own.models(),
+        }
+    }
+}
+
+/// Lets a user's effects join the library.
+fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
+    let named = || env::var_os("DYNID_EFFECTS").filter(|folder| !folder.is_empty()).map(PathBuf::from);
+    let beside = || {
+        let folders = arguments.verb.inputs().into_iter().map(|path| path.with_file_name("effects"));
+        folders.into_iter().find(|folder| folder.is_dir())
+    };
+    if let Some(folder) = arguments.effects.clone().or_else(named).or_else(beside) {
+        dynid_model::add_effects(&folder)?;
+    }
+    Ok(())
+}
+
+fn run(verb: &Verb) -> anyhow::Result<Outcome> {
+    match verb {
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Plan(arguments) => plan::run(arguments),
         Verb::Excite(arguments) => excite::run(arguments),
@@ -125,7 +163,13 @@ pub fn main() -> ExitCode {
         Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),
-    };
+    }
+}
+
+/// Reads the arguments, runs the verb, prints and returns the exit status.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = read_effects(&arguments).and_then(|()| run(&arguments.verb));
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,
         Ok(Answer::No) => ExitCode::from(1),
@@ -137,9 +181,19 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Says where kernels are interpreted, which is slower.
+fn with_kernels(json: &serde_json::Value) -> serde_json::Value {
+    let mut json = json.clone();
+    if let (true, Some(object)) = (dynid_kernels::are_interpreted(), json.as_object_mut()) {
+        object.insert("kernels".to_owned(), "interpreted".into());
+    }
+    json
+}
+
 fn print(outcome: &Outcome, json: bool) -> anyhow::Result<()> {
     let mut stdout = std::io::stdout().lock();
-    let written = if json { writeln!(stdout, "{}", outcome.json) } else { write!(stdout, "{}", outcome.text) };
+    let written =
+        if json { writeln!(stdout, "{}", with_kernels(&outcome.json)) } else { write!(stdout, "{}", outcome.text) };
     match written.and_then(|()| stdout.flush()) {
         // whoever reads has read enough, e.g. `dynid devices | head -1`
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),

@@ -72,7 +72,7 @@ pub use dynid_user_model::{Added, Model};
 
 /// That a model and an experiment are of one device.
 fn check_device(model: &Model, experiment: &Experiment) -> Result<(), Error> {
-    if model.device.id == experiment.device.id {
+    if model.device.is_same_as(experiment.device) {
         return Ok(());
     }
     Err(Error::OtherDevice {

@@ -160,10 +160,24 @@ fn a_log_that_is_a_header_only() {
 }
 
 #[test]
-fn a_run_whose_free_joints_are_no_configuration() {
+fn a_run_that_names_a_free_joint_twice() {
     let folder = folder();
-    put(&folder, "experiment.toml", &EXPERIMENT.replace("planar2r", "freedom6s").replace("[1]", "[2, 4]"));
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("[1]", "[1, 1]"));
     insta::assert_snapshot!(refused(&folder, &["fit", "experiment.toml", "--out", "fitted.toml"]));
+}
+
+#[test]
+fn a_device_file_that_is_not_there() {
+    let folder = folder();
+    put(&folder, "experiment.toml", &EXPERIMENT.replace("planar2r", "my_arm.toml"));
+    insta::assert_snapshot!(refused(&folder, &["fit", "experiment.toml", "--out", "fitted.toml"]));
+}
+
+#[test]
+fn a_device_file_that_is_wrong() {
+    let folder = device_with("theta = \"q1\"", "theta = \"q2\"");
+    put(&folder, "model.toml", "device = \"arm.toml\"\n");
+    insta::assert_snapshot!(refused(&folder, &["plan", "--model", "model.toml"]));
 }
 
 #[test]

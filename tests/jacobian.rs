@@ -113,7 +113,7 @@ impl Case {
         .expect("it stays bounded");
         let n_links = kernel.parameters.len();
         let mut by_link = vec![0.0; kernel.prepared.len() * n_links];
-        (kernel.prepare_gradient)(system.link_parameters(), system.locked(), &mut by_link);
+        kernel.functions.prepare_gradient(system.link_parameters(), system.locked(), &mut by_link);
         let link = |index: usize| -> Vec<f64> {
             let chain = |row: &Vec<f64>| {
                 columns.lumps().enumerate().map(|(lump, column)| row[column] * by_link[lump * n_links + index]).sum()

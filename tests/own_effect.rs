@@ -1,77 +1,62 @@
-//! A user's own effect: one file in a folder of theirs, and the program built with it simulates, adds, fits and diagnoses it.
-//!
-//! These build the program once more, in a target directory of its own, so `cargo xtask ci` runs them by themselves:
-//! `cargo test --release --test own_effect -- --ignored`.
+//! A user's own effect: one file in a folder of theirs, and the program simulates, adds, fits and diagnoses it.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 use dynid_plant::recipe::{self, Recipe};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// From the repository's root.
-const EFFECTS: &str = "tests/own_effect";
-
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-fn target() -> PathBuf {
-    root().join("target/own-effect")
-}
-
-/// Cargo, in the target directory of these tests, with the effects of a folder.
-fn cargo(arguments: &[&str], effects: &Path) -> Output {
-    Command::new(env!("CARGO"))
-        .args(arguments)
-        .args(["--release", "--locked", "--target-dir"])
-        .arg(target())
-        .env("DYNID_EFFECTS", effects)
-        .current_dir(root())
-        .output()
-        .expect("cargo runs")
-}
-
-/// What the build says of a folder with one effect of that name and text.
-fn refused(name: &str, text: &str) -> String {
-    let folder = TempDir::new().unwrap();
-    fs::write(folder.path().join(name), text).unwrap();
-    let output = cargo(&["check", "--package", "dynid-model"], folder.path());
-    assert!(!output.status.success(), "a wrong effect file must not build");
-    String::from_utf8(output.stderr).unwrap()
+/// Without the environment: no compiler, and no effects but those of the folder.
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    let program = Command::new(env!("CARGO_BIN_EXE_dynid")).args(arguments).current_dir(folder).env_clear().output();
+    program.expect("it runs")
 }
 
 fn dynid(folder: &Path, arguments: &[&str]) -> Value {
-    let program = target().join("release/dynid");
-    let output =
-        Command::new(program).args(arguments).arg("--json").current_dir(folder).output().expect("it was built");
+    let output = run(folder, &[arguments, &["--json"]].concat());
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).expect("one JSON object")
 }
 
-/// One after the other: they share a target directory.
+fn text() -> String {
+    fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/own_effect/end_stops.toml")).unwrap()
+}
+
+/// What a command says of a folder with one effect of that name and text.
+fn refused(name: &str, text: &str) -> String {
+    let folder = TempDir::new().unwrap();
+    fs::write(folder.path().join(name), text).unwrap();
+    let output = run(folder.path(), &["plan", "planar2r", "--effects", "."]);
+    assert_eq!(output.status.code(), Some(2), "a wrong effect file is an error");
+    String::from_utf8(output.stderr).unwrap()
+}
+
 #[test]
-#[ignore = "builds the program once more; `cargo xtask ci` runs it"]
-fn a_made_up_effect_is_one_file() {
-    let text = fs::read_to_string(root().join(EFFECTS).join("end_stops.toml")).unwrap();
-    let wrong = refused("end_stops.toml", &text.replacen("\"Ke * (max(q - q_end", "\"Ke * (max(q - q_ned", 1));
+fn a_wrong_file_is_one_pointed_error() {
+    let wrong = refused("end_stops.toml", &text().replacen("\"Ke * (max(q - q_end", "\"Ke * (max(q - q_ned", 1));
     for part in ["unknown symbol `q_ned`", "end_stops.toml:29:", "did you mean `q_end`"] {
         assert!(wrong.contains(part), "`{part}` is not in:\n{wrong}");
     }
-    let remains = refused("end_stops.toml", &text.replacen("null = 0.0", "null = 1.0", 1));
+    let remains = refused("end_stops.toml", &text().replacen("null = 0.0", "null = 1.0", 1));
     for part in ["`torque` does not vanish at the null values (Ke = 1)", "end_stops.toml:29:"] {
         assert!(remains.contains(part), "`{part}` is not in:\n{remains}");
     }
-    let taken = refused("coulomb.toml", &text);
+    let taken = refused("coulomb.toml", &text());
     assert!(taken.contains("the library has an effect of this name"), "{taken}");
+    let folder = TempDir::new().unwrap();
+    let missing = run(folder.path(), &["plan", "planar2r", "--effects", "nowhere"]);
+    assert!(String::from_utf8_lossy(&missing.stderr).contains("nowhere: cannot be read"), "{missing:?}");
+}
 
-    let built = cargo(&["build", "--bin", "dynid"], Path::new(EFFECTS));
-    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
-
+/// A folder `effects` beside the model.
+#[test]
+fn a_made_up_effect_is_one_file() {
     let folder = TempDir::new().unwrap();
     let at = |name: &str| folder.path().join(name);
+    fs::create_dir(at("effects")).unwrap();
+    fs::write(at("effects/end_stops.toml"), text()).unwrap();
     let run = |file: &str, role: &str, amplitude: f64, hz: f64| {
         format!(
             "[[run]]\nfile = \"{file}\"\nfree = [1]\nrole = \"{role}\"\nduration_s = 6.0\n\

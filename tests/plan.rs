@@ -23,11 +23,11 @@ const ROUNDING: f64 = 1e-9;
 fn by_parameter(kernel: &Kernel, parameters: &[f64], locked: &[f64], [q, dq, ddq]: &[Vec<f64>; 3]) -> DMatrix<f64> {
     let (n, n_lumps, n_parameters) = (kernel.free.len(), kernel.n_lumps, kernel.parameters.len());
     let mut prepared = vec![0.0; kernel.prepared.len()];
-    (kernel.prepare)(parameters, locked, &mut prepared);
+    kernel.functions.prepare(parameters, locked, &mut prepared);
     let mut lumps = vec![0.0; kernel.prepared.len() * n_parameters];
-    (kernel.prepare_gradient)(parameters, locked, &mut lumps);
+    kernel.functions.prepare_gradient(parameters, locked, &mut lumps);
     let mut regressor = vec![0.0; n * n_lumps];
-    (kernel.regressor)(&prepared, q, dq, ddq, &mut regressor);
+    kernel.functions.regressor(&prepared, q, dq, ddq, &mut regressor);
     let lumps = DMatrix::from_row_slice(n_lumps, n_parameters, &lumps[..n_lumps * n_parameters]);
     DMatrix::from_row_slice(n, n_lumps, &regressor) * lumps
 }
@@ -62,7 +62,7 @@ fn algebra_and_numbers_agree_on_what_appears() {
     for kernel in dynid_generated::kernels() {
         let by_numbers = appearing(kernel);
         let by_algebra = dynid_plan::appearing(kernel);
-        assert_eq!(by_numbers, by_algebra, "{} configuration {}", kernel.device, kernel.configuration);
+        assert_eq!(by_numbers, by_algebra, "{} {:?}", kernel.device, kernel.free);
     }
 }
 
@@ -74,8 +74,8 @@ fn base_parameters_are_as_many_as_independent_torques() {
         let mut model = Model::of_device(device);
         model.effects.clear();
         for kernel in dynid_generated::kernels().iter().filter(|kernel| kernel.device == device.id) {
-            let base = base_parameters(&model, &[kernel.configuration]).unwrap();
-            assert_eq!(rank(&model, kernel), base.rank(), "{} configuration {}", device.id, kernel.configuration);
+            let base = base_parameters(&model, &[kernel.free.to_vec()]).unwrap();
+            assert_eq!(rank(&model, kernel), base.rank(), "{} {:?}", device.id, kernel.free);
         }
     }
 }

@@ -1,13 +1,14 @@
 //! [`EffectKernel`]: the table entry of one effect, and [`Signal`]: what its formulas may read.
 
-use crate::Lanes;
+use core::fmt::Debug;
 
-/// The kernels of one effect, for `f64`; generic ones are in the effect's module, e.g.
+use crate::{Lanes, kernel::functions};
+
+/// The kernels of one effect. The generic functions behind one that is compiled in are in the effect's module, e.g.
 /// `dynid_generated::effect_library::lugre::eval`.
 ///
 /// A slice of a length other than stated makes a kernel return without writing (a debug build asserts).
 #[derive(Debug, Clone, Copy)]
-#[allow(clippy::type_complexity)]
 pub struct EffectKernel {
     /// Id of the effect.
     pub id: &'static str,
@@ -17,30 +18,23 @@ pub struct EffectKernel {
     pub n_states: usize,
     /// Number of outputs.
     pub n_outputs: usize,
-    /// Outputs and state rates from signals in the order of [`Signal`].
-    pub eval: fn(parameters: &[f64], signals: &[f64], states: &[f64], outputs: &mut [f64], rates: &mut [f64]),
-    /// As `eval`, and the Jacobian of (outputs, rates) by (parameters, signals, states), row-major. At a kink it is
-    /// the derivative of the branch taken.
-    pub eval_gradient: fn(
-        parameters: &[f64],
-        signals: &[f64],
-        states: &[f64],
-        outputs: &mut [f64],
-        rates: &mut [f64],
-        jacobian: &mut [f64],
-    ),
-    /// As `eval`, of several joints or states at once.
-    pub eval_lanes:
-        fn(parameters: &[Lanes], signals: &[Lanes], states: &[Lanes], outputs: &mut [Lanes], rates: &mut [Lanes]),
-    /// As `eval_gradient`, of several joints or states at once.
-    pub eval_gradient_lanes: fn(
-        parameters: &[Lanes],
-        signals: &[Lanes],
-        states: &[Lanes],
-        outputs: &mut [Lanes],
-        rates: &mut [Lanes],
-        jacobian: &mut [Lanes],
-    ),
+    /// The functions themselves.
+    pub functions: &'static dyn EffectFunctions,
+}
+
+functions! {
+    /// The functions of an [`EffectKernel`]: compiled in, or made while the program runs.
+    EffectFunctions, EffectTable {
+        /// Outputs and state rates from signals in the order of [`Signal`].
+        eval(parameters: &[f64], signals: &[f64], states: &[f64], outputs: &mut [f64], rates: &mut [f64]);
+        /// As `eval`, and the Jacobian of (outputs, rates) by (parameters, signals, states), row-major. At a kink it is
+        /// the derivative of the branch taken.
+        eval_gradient(parameters: &[f64], signals: &[f64], states: &[f64], outputs: &mut [f64], rates: &mut [f64], jacobian: &mut [f64]);
+        /// As `eval`, of several joints or states at once.
+        eval_lanes(parameters: &[Lanes], signals: &[Lanes], states: &[Lanes], outputs: &mut [Lanes], rates: &mut [Lanes]);
+        /// As `eval_gradient`, of several joints or states at once.
+        eval_gradient_lanes(parameters: &[Lanes], signals: &[Lanes], states: &[Lanes], outputs: &mut [Lanes], rates: &mut [Lanes], jacobian: &mut [Lanes]);
+    }
 }
 
 /// Number of signals: the length of the slice that effects read.

@@ -5,7 +5,6 @@
 //! | [`Kernel`]: D, C, phi, inverse and forward dynamics, regressor, gradient of one configuration | [`kernel()`], [`kernels`] |
 //! | [`EffectKernel`]: one effect and its Jacobian | [`effect()`], [`effects`] |
 //! | [`EndPoint`]: pose and Jacobian of a device's end point | [`end_point()`] |
-//! | [`Structure`]: which parameters appear in which entry of the equations | [`structure()`] |
 //!
 //! `build.rs` lowers the checked-in equations (`<device>/c<NN>.kir`) and the effects (`model/effects/*.toml`) to
 //! Rust. This crate needs no operating system, allocates nothing and has no panic path in a release build: a slice
@@ -37,18 +36,16 @@ mod gradient;
 mod kernel;
 mod lanes;
 mod scalar;
-mod structure;
 mod trigonometry;
 
 use kernel::checked;
 
 pub use dual::Dual;
-pub use effect::{EffectKernel, N_SIGNALS, Signal};
-pub use end_point::EndPoint;
-pub use kernel::{Kernel, Operations};
+pub use effect::{EffectFunctions, EffectKernel, EffectTable, N_SIGNALS, Signal};
+pub use end_point::{EndPoint, EndPointFunctions, EndPointTable};
+pub use kernel::{Kernel, KernelFunctions, KernelTable, Operations};
 pub use lanes::{LANES, Lanes};
 pub use scalar::Scalar;
-pub use structure::Structure;
 
 include!(concat!(env!("OUT_DIR"), "/library.rs"));
 
@@ -59,17 +56,12 @@ pub fn kernels() -> &'static [&'static Kernel] {
 
 /// The kernel of a device's configuration, numbered from 1.
 pub fn kernel(device: &str, configuration: usize) -> Option<&'static Kernel> {
-    KERNELS.iter().copied().find(|kernel| kernel.device == device && kernel.configuration == configuration)
+    KERNELS.iter().copied().find(|kernel| kernel.device == device && kernel.configuration == Some(configuration))
 }
 
 /// Where the end point of a device is and how it moves, where the device's file names one.
 pub fn end_point(device: &str) -> Option<&'static EndPoint> {
     END_POINTS.iter().copied().find(|end_point| end_point.device == device)
-}
-
-/// Which parameters appear where in the equations of a device.
-pub fn structure(device: &str) -> Option<&'static Structure> {
-    STRUCTURES.iter().find(|structure| structure.device == device)
 }
 
 /// All effects, by id.

@@ -35,7 +35,7 @@ impl Point<'_> {
     fn eval(&self) -> Vec<f64> {
         let (parameters, signals, states) = self.split();
         let (mut outputs, mut rates) = (vec![f64::NAN; self.kernel.n_outputs], vec![f64::NAN; self.kernel.n_states]);
-        (self.kernel.eval)(parameters, signals, states, &mut outputs, &mut rates);
+        self.kernel.functions.eval(parameters, signals, states, &mut outputs, &mut rates);
         outputs.extend(rates);
         outputs
     }
@@ -44,7 +44,7 @@ impl Point<'_> {
         let (parameters, signals, states) = self.split();
         let (mut outputs, mut rates) = (vec![f64::NAN; self.kernel.n_outputs], vec![f64::NAN; self.kernel.n_states]);
         let mut jacobian = vec![f64::NAN; (outputs.len() + rates.len()) * self.values.len()];
-        (self.kernel.eval_gradient)(parameters, signals, states, &mut outputs, &mut rates, &mut jacobian);
+        self.kernel.functions.eval_gradient(parameters, signals, states, &mut outputs, &mut rates, &mut jacobian);
         outputs.extend(rates);
         (outputs, jacobian)
     }
@@ -241,9 +241,9 @@ fn a_slice_of_a_wrong_length_changes_nothing() {
     }
     let kernel = effect("viscous").unwrap();
     let mut outputs = [7.0];
-    (kernel.eval)(&[], &[1.0; N_SIGNALS], &[], &mut outputs, &mut []);
+    kernel.functions.eval(&[], &[1.0; N_SIGNALS], &[], &mut outputs, &mut []);
     assert_eq!(outputs, [7.0]);
-    (kernel.eval)(&[0.5], &[1.0; N_SIGNALS], &[], &mut outputs, &mut []);
+    kernel.functions.eval(&[0.5], &[1.0; N_SIGNALS], &[], &mut outputs, &mut []);
     assert_eq!(outputs, [0.5]);
 }
 

@@ -11,7 +11,7 @@ fn emitted(file: &str) -> String {
 }
 
 fn module(kernel: &Kernel) -> String {
-    format!("{}_c{:02}", kernel.device, kernel.configuration)
+    format!("{}_c{:02}", kernel.device, kernel.configuration.unwrap_or_default())
 }
 
 /// Modules of one or two free joints whole; of others what tells a change: documentation (with operation counts,

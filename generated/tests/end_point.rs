@@ -70,12 +70,12 @@ fn kernels_match_the_plant() {
             let value = |name: &str| lengths[kernel.parameters.iter().position(|own| *own == name).expect("a length")];
             let [position, rotation, jacobian] = by_plant(device, &value, &q);
             let [mut own_position, mut own_rotation] = [vec![f64::NAN; 3], vec![f64::NAN; 9]];
-            (kernel.pose)(&lengths, &q, &mut own_position, &mut own_rotation);
+            kernel.functions.pose(&lengths, &q, &mut own_position, &mut own_rotation);
             assert_close(&own_position, &position, TOLERANCE, &device.id);
             assert_close(&own_rotation, &rotation, TOLERANCE, &device.id);
             let mut own_jacobian = vec![f64::NAN; 6 * q.len()];
             let [mut again, mut turned] = [vec![f64::NAN; 3], vec![f64::NAN; 9]];
-            (kernel.motion)(&lengths, &q, &mut again, &mut turned, &mut own_jacobian);
+            kernel.functions.motion(&lengths, &q, &mut again, &mut turned, &mut own_jacobian);
             assert_eq!((&again, &turned), (&own_position, &own_rotation));
             assert_close(&own_jacobian, &jacobian, TOLERANCE, &device.id);
             // and the velocity is that of the plant's position
@@ -102,7 +102,7 @@ fn at_zero_the_handle_is_at_the_origin_of_appendix_a() {
     let lengths: Vec<f64> = device.lengths.iter().map(|length| length.value).collect();
     let sdk = |q: &[f64; 6]| {
         let (mut position, mut rotation) = ([f64::NAN; 3], [f64::NAN; 9]);
-        (kernel.pose)(&lengths, q, &mut position, &mut rotation);
+        kernel.functions.pose(&lengths, q, &mut position, &mut rotation);
         [-(position[1] + 0.23), position[0] + 0.2, position[2]]
     };
     assert_close(&sdk(&[0.0; 6]), &[0.0; 3], 1e-15, "Eqs. A.1 to A.3");

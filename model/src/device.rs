@@ -1,5 +1,7 @@
 //! A mechanism: joints, Denavit-Hartenberg frames, links and the configurations in which it is identified.
 
+use std::path::PathBuf;
+
 use sha2::{Digest, Sha256};
 
 use crate::{Expression, Parameter};
@@ -15,6 +17,8 @@ use crate::{Expression, Parameter};
 pub struct Device {
     /// The file's stem, e.g. `freedom6s`.
     pub id: String,
+    /// Where its file lies, for a device that is not one of the library's.
+    pub file: Option<PathBuf>,
     /// One line for people.
     pub title: String,
     /// Where the numbers come from.
@@ -118,6 +122,11 @@ impl Device {
         let mut sorted = free.to_vec();
         sorted.sort_unstable();
         self.configurations.iter().position(|configuration| configuration.free == sorted).map(|index| index + 1)
+    }
+
+    /// Whether both are one mechanism: the same device, or files of one name with the same structure.
+    pub fn is_same_as(&self, other: &Device) -> bool {
+        std::ptr::eq(self, other) || (self.id == other.id && self.structure_digest() == other.structure_digest())
     }
 
     /// SHA-256 (hex) of what the equations of motion depend on: convention, which components of `up` vanish, joint

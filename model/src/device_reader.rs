@@ -29,10 +29,19 @@ impl Device {
     /// # Errors
     /// The first thing that is wrong, with its place.
     pub fn parse_with(text: &str, path: &Path, effects: &[Effect]) -> Result<Self, ModelError> {
+        Self::parse_as(text, path, effects, |root| read_id(root, path))
+    }
+
+    pub(crate) fn parse_as(
+        text: &str,
+        path: &Path,
+        effects: &[Effect],
+        id: impl FnOnce(&Table) -> Result<String, ModelError>,
+    ) -> Result<Self, ModelError> {
         let source = Source::new(path, text);
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
-        let id = read_id(&root, path)?;
+        let id = id(&root)?;
         root.only(&[
             "title",
             "source",
@@ -75,6 +84,7 @@ impl Device {
         check_instances(&effect_tables, &defaults, effects)?;
         let device = Self {
             id,
+            file: None,
             title: root.required("title", "\"<one line for people>\"")?.text()?.to_owned(),
             source: root.required("source", "\"<where the numbers come from>\"")?.text()?.to_owned(),
             convention,

@@ -38,6 +38,8 @@ mod identifier;
 pub mod input;
 pub mod instance;
 pub mod library;
+pub mod own_device;
+pub mod own_effects;
 pub mod parameter;
 pub mod parser;
 pub mod physical_consistency;
@@ -51,5 +53,7 @@ pub use effect::{Effect, EffectParameter, EffectState, Origin, Place, Replacemen
 pub use error::{ModelError, Source, did_you_mean, nearest};
 pub use expression::Expression;
 pub use input::{JointInput, NamedInput, Quantity};
-pub use library::{device, devices, effect, effects, inputs};
+pub use library::{add_effects, device, devices, effect, effects, inputs};
+pub use own_device::{NoDevice, device_named};
+pub use own_effects::NoEffects;
 pub use parameter::Parameter;

@@ -35,7 +35,7 @@ pub struct Arguments {
     from: Option<usize>,
     /// The model to add it to.
     #[arg(long)]
-    model: PathBuf,
+    pub model: PathBuf,
     /// Where to write the model with it.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         reported.push(json!({ "added": added.label, "replaced": added.replaced, "parameters": parameters }));
     }
-    write_new(&arguments.out, &model.to_toml(), overwrite)?;
+    write_new(&arguments.out, &model.to_toml_at(&arguments.out), overwrite)?;
     let _ = writeln!(text, "written: {}; `dynid fit` finds its values", arguments.out.display());
     let json = json!({ "added": reported, "out": arguments.out.display().to_string() });
     Ok(Outcome { text, json, answer: Answer::Yes })

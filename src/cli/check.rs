@@ -23,10 +23,10 @@ encoders that wrap, coarse digits, torques that are missing, runs that contradic
 only be of the right size. Exit status 0: checked, whatever it says; 1: these logs answer nothing at all.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// The model; without it, the device's default.
     #[arg(long)]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,

@@ -36,10 +36,10 @@ lacks nothing needs no correction and leaves the noise.
 Judge a fitted model by the runs whose role is `validate`: it has not seen them.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// The model; without it, the device's default.
     #[arg(long)]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,

@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail};
-use dynid_model::{Device, JointKind};
+use anyhow::anyhow;
+use dynid_model::{Device, JointKind, device_named, library::device_text};
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};
@@ -17,13 +17,17 @@ use super::{Answer, Outcome};
 Examples:
   dynid devices                        the list
   dynid devices freedom6s              joints, links, configurations and default effects of one
-  dynid devices --check my-arm.toml    is this device file right? what is in it?
+  dynid devices my_arm.toml            the same of a device file of yours: is it right? what is in it?
 
-A device is one TOML file in model/devices/. Put yours there and build: its equations are derived and its kernels
-built in. model/devices/planar2r.toml is the smallest, commented.")]
+A device of your own is one TOML file: wherever a device is named, in an experiment, a model or a command, the path of
+its file does as well. Its equations are formed when they are first asked for. `dynid devices planar2r --file` prints
+the smallest, commented, to start from.")]
 pub struct Arguments {
-    /// Id of a device, e.g. `freedom6s`.
+    /// Id of a device, e.g. `freedom6s`, or the path of a device file.
     device: Option<String>,
+    /// Print the device's file, to start one of your own from.
+    #[arg(long, requires = "device")]
+    file: bool,
     /// Read and check this device file instead; nothing is built.
     #[arg(long, value_name = "FILE", conflicts_with = "device")]
     check: Option<PathBuf>,
@@ -31,6 +35,9 @@ pub struct Arguments {
 
 /// Lists them.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    if let Some(text) = arguments.device.as_deref().filter(|_| arguments.file).map(file).transpose()? {
+        return Ok(Outcome { json: json!({ "file": text }), text, answer: Answer::Yes });
+    }
     let checked = arguments.check.as_deref().map(read).transpose()?;
     let devices: Vec<&Device> = match (&checked, &arguments.device) {
         (Some(device), _) => vec![device],
@@ -45,14 +52,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
-/// The device with that id, or an error that offers the nearest.
-pub fn find(id: &str) -> anyhow::Result<&'static Device> {
-    match dynid_model::device(id) {
-        Some(device) => Ok(device),
-        None => {
-            let known = dynid_model::devices().iter().map(|device| device.id.as_str());
-            bail!("there is no device `{id}`; {}", dynid_model::did_you_mean(id, known))
-        }
+/// The device with that id or of that file, or an error that says what to do.
+pub fn find(name: &str) -> anyhow::Result<&'static Device> {
+    device_named(name, Path::new("")).map_err(|error| anyhow!("{error}; {}", error.remedy()))
+}
+
+fn file(name: &str) -> anyhow::Result<String> {
+    let device = find(name)?;
+    match &device.file {
+        Some(path) => Ok(fs::read_to_string(path)?),
+        None => Ok(device_text(&device.id).unwrap_or_default().to_owned()),
     }
 }
 

@@ -39,10 +39,10 @@ Verdicts: missing_effect, nothing_missing (what is left is noise), unexplained (
 delta BIC below 0 means that an effect is worth its parameters.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// The model; without it, the device's default.
     #[arg(long)]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
@@ -130,7 +130,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut text = as_text(&found, wall_seconds);
     if let Some(out) = &arguments.out {
         if let Some(better) = &found.better {
-            write_new(out, &better.to_toml(), overwrite)?;
+            write_new(out, &better.to_toml_at(out), overwrite)?;
             let _ = writeln!(text, "written: {}", out.display());
         } else {
             let _ = writeln!(text, "nothing to add, so {} was not written", out.display());
@@ -327,13 +327,14 @@ fn after_discovery(arguments: &Arguments, discovered: &Discovered) -> String {
     let Some(path) = &arguments.discovered else {
         return format!("\nNext:\n  dynid diagnose {experiment}{asked} --model {model} --discovered discovered.toml\n");
     };
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.map_or(".".to_owned(), |folder| folder.display().to_string());
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let beside = arguments.model.as_ref().unwrap_or(&arguments.experiment).with_file_name("effects");
+    let effects = if folder == beside { String::new() } else { format!(" --effects {}", folder.display()) };
     let id = path.file_stem().unwrap_or_default().to_string_lossy();
     let from = discovered.from.map_or(String::new(), |from| format!(" --from {from}"));
     format!(
-        "\nNext:\n  DYNID_EFFECTS={folder} cargo build --release\n  dynid add {id} --joint {}{from} --model {model} --out \
-         better.toml\n  dynid fit {experiment}{asked} --model better.toml --out better-fitted.toml\n",
+        "\nNext:\n  dynid add {id} --joint {}{from} --model {model}{effects} --out better.toml\n  dynid fit {experiment}{asked} \
+         --model better.toml{effects} --out better-fitted.toml\n",
         discovered.joint
     )
 }

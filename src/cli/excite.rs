@@ -50,10 +50,10 @@ pub struct Arguments {
     device: Option<String>,
     /// A model whose values and effects count instead of the device's default ones.
     #[arg(long)]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// Two rival models: play the torques that tell the first, if it is true, from the second.
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with_all = ["model", "list", "input", "signal", "amplitude", "frequency", "from", "to", "noise"])]
-    between: Vec<PathBuf>,
+    pub between: Vec<PathBuf>,
     /// Standard deviation of the position noise [rad or m], for --between. Without it, a ten-thousandth of each joint's range, or
     /// of 1.
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "LIST", requires = "between")]
@@ -186,7 +186,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         (None, Some(device)) => Model::of_device(device),
         (None, None) => bail!("nothing to excite; name a device, or give a model with `--model`"),
     };
-    if let Some(device) = device.filter(|device| model.device.id != device.id) {
+    if let Some(device) = device.filter(|device| !model.device.is_same_as(device)) {
         bail!("the model is of device `{}`, not of `{}`; give a model of that device", model.device.id, device.id);
     }
     if arguments.list {
@@ -215,7 +215,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 fn list(device: &Device) -> Outcome {
-    let known = inputs(&device.id);
+    let known = inputs(device);
     let mut table = Table::new(&[
         ("input", Align::Left),
         ("free", Align::Left),
@@ -339,7 +339,7 @@ fn plan(arguments: &Arguments, model: &Model, rivals: Option<&[Model; 2]>) -> an
 }
 
 fn find_input<'a>(device: &'a Device, name: &str) -> anyhow::Result<&'a NamedInput> {
-    let known = inputs(&device.id);
+    let known = inputs(device);
     known.iter().find(|input| input.name == name).ok_or_else(|| {
         if known.is_empty() {
             anyhow!("there is no input `{name}`: none of `{}` is known; use --signal", device.id)
@@ -362,17 +362,9 @@ fn free_joints(device: &Device, wanted: &[usize]) -> anyhow::Result<Vec<usize>> 
     if let Some(joint) = free.iter().find(|joint| **joint >= n_joints) {
         bail!("--free {joint}: `{}` has the joints 0 to {}", device.id, n_joints - 1);
     }
-    let known = || device.configurations.iter().map(|known| joints(&known.free)).collect::<Vec<_>>().join("; ");
     if free.is_empty() {
-        bail!("the free joints are not said; give one of the configurations with --free: {}", known());
-    }
-    if device.configuration_of(&free).is_none() {
-        bail!(
-            "--free {}: no configuration of `{}` has just these joints free; it has {}",
-            joints(&free),
-            device.id,
-            known()
-        );
+        let known = device.configurations.iter().map(|known| joints(&known.free)).collect::<Vec<_>>().join("; ");
+        bail!("the free joints are not said; give them with --free, e.g. those of a configuration: {known}");
     }
     Ok(free)
 }

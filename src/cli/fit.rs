@@ -46,10 +46,10 @@ A log is taken to begin at rest. One that does not, e.g. a part of a longer one,
 beside its file; then its initial speeds are estimated with its initial positions.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// The model to start from; without it, the device's default.
     #[arg(long)]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// Where to write the fitted model.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -165,7 +165,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
     let may_write = found.status.may_update_model();
     if may_write {
-        write_new(&arguments.out, &found.model.to_toml(), overwrite)?;
+        write_new(&arguments.out, &found.model.to_toml_at(&arguments.out), overwrite)?;
     }
     checkpoint::remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
     let wall_seconds = started.elapsed().as_secs_f64();

@@ -46,7 +46,7 @@ pub fn start(path: Option<&Path>, experiment: &Experiment, outside: Outside) -> 
 
 /// Sees to it that the model in `path` is of the device of something else, and tells what its reader noted.
 pub fn of_device(model: &Model, path: &Path, device: &Device, other: &str) -> anyhow::Result<()> {
-    if model.device.id != device.id {
+    if !model.device.is_same_as(device) {
         bail!(
             "{}: the model is of device `{}`, {other} of `{}`; use files of one device",
             path.display(),

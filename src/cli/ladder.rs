@@ -28,10 +28,10 @@ falls and its BIC (smaller is better, differences below -10 are strong) falls to
 fitted from; a rung that is not the child of the one before it is said.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// The models, first to last.
     #[arg(required = true)]
-    models: Vec<PathBuf>,
+    pub models: Vec<PathBuf>,
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_name = "JOINTS", value_delimiter = ',')]
     free: Option<Vec<usize>>,

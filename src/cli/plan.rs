@@ -39,7 +39,7 @@ pub struct Arguments {
     method: Option<String>,
     /// A model whose effects and fixed parameters count instead of the device's default ones.
     #[arg(long)]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// Write every base parameter out.
     #[arg(long)]
     base: bool,
@@ -52,9 +52,9 @@ struct Reach {
 }
 
 impl Reach {
-    fn of(model: &Model, configurations: &[usize]) -> anyhow::Result<Self> {
-        let base = base_parameters(model, configurations)?;
-        let directions = unidentifiable_directions(model, configurations, &base)?;
+    fn of(model: &Model, free: &[Vec<usize>]) -> anyhow::Result<Self> {
+        let base = base_parameters(model, free)?;
+        let directions = unidentifiable_directions(model, free, &base)?;
         Ok(Self { base, directions })
     }
 
@@ -90,14 +90,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         (None, Some(device)) => Model::of_device(device),
         (None, None) => bail!("nothing to plan for; name a device, or give a model with `--model`"),
     };
-    if let Some(device) = device.filter(|device| model.device.id != device.id) {
+    if let Some(device) = device.filter(|device| !model.device.is_same_as(device)) {
         bail!("the model is of device `{}`, not of `{}`; give a model of that device", model.device.id, device.id);
     }
     let method = arguments.method.as_deref().unwrap_or(plan::default_method(&model));
     let plan = plan::plan(&model, method)?;
-    let sequence: Vec<usize> = plan.steps.iter().map(|step| step.configuration).collect();
-    let steps = sequence.iter().map(|&number| Reach::of(&model, &[number])).collect::<anyhow::Result<Vec<_>>>()?;
-    let together = Reach::of(&model, &sequence)?;
+    let free: Vec<Vec<usize>> = plan.steps.iter().map(|step| step.free.clone()).collect();
+    let steps = free.chunks(1).map(|alone| Reach::of(&model, alone)).collect::<anyhow::Result<Vec<_>>>()?;
+    let together = Reach::of(&model, &free)?;
     let configurations: Vec<Value> = plan
         .steps
         .iter()

@@ -23,10 +23,10 @@ and logs part, measured against simulated (zoom and pan), the torque by physical
 quality of the logs, and where everything came from.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// The models of a lineage, first to last; the page is about the last.
     #[arg(required = true)]
-    models: Vec<PathBuf>,
+    pub models: Vec<PathBuf>,
     /// The page to write (HTML).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,

@@ -25,10 +25,10 @@ with a controller starts at the log's first position, and what its controller co
 torques.")]
 pub struct Arguments {
     /// The experiment: which logs there are and what was free in each.
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// The model; without it, the device's default.
     #[arg(long)]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// Folder for the simulated logs; it is made if it is not there.
     #[arg(long, value_name = "FOLDER")]
     out_dir: PathBuf,

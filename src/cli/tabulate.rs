@@ -25,7 +25,7 @@ only together with others; `at its bound`, the bound holds it. Error budgets tha
 pub struct Arguments {
     /// Models of one device, in the order of the columns.
     #[arg(required = true)]
-    models: Vec<PathBuf>,
+    pub models: Vec<PathBuf>,
     /// Write a page (HTML) that opens with no network.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -46,7 +46,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .map(|path| Ok((label(path, &arguments.models), Model::load(path)?)))
         .collect::<anyhow::Result<_>>()?;
     let device = models[0].1.device;
-    if let Some((place, (_, other))) = models.iter().enumerate().find(|(_, (_, model))| model.device.id != device.id) {
+    if let Some((place, (_, other))) =
+        models.iter().enumerate().find(|(_, (_, model))| !model.device.is_same_as(device))
+    {
         bail!(
             "{}: the model is of device `{}`, {} of `{}`; tabulate models of one device",
             arguments.models[place].display(),

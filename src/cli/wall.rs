@@ -172,6 +172,21 @@ struct ShowArguments {
     name: String,
 }
 
+impl Arguments {
+    /// The models that are read.
+    pub fn models(&self) -> Vec<&PathBuf> {
+        match &self.verb {
+            Verb::Compare(own) => own.place.model.iter().collect(),
+            Verb::Run(own) => own.place.model.iter().collect(),
+            Verb::Tune(own) => own.place.model.iter().collect(),
+            Verb::Report(own) => own.place.model.iter().collect(),
+            Verb::Space(own) => own.place.model.iter().collect(),
+            Verb::Feel(own) => own.model.iter().chain(&own.plant).collect(),
+            Verb::Show(_) => Vec::new(),
+        }
+    }
+}
+
 /// Does what is asked.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     match &arguments.verb {

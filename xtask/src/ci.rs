@@ -12,7 +12,7 @@ use crate::{api, crate_order, dependency_cycles, licences, shell, size, snapshot
 /// Runs every check.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Leave out what compiles the program anew, or Symbolica: a user's own effect, the tests of `derive`, and that
+    /// Leave out what compiles Symbolica: the tests of `derive`, and that
     /// `generated/` is what it writes.
     #[arg(long)]
     quick: bool,
@@ -42,7 +42,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("licences", licences::check),
     ];
     if !arguments.quick {
-        checks.push(("a user's own effect", own_effect));
         checks.push(("lints of derive", derive_lints));
         checks.push(("tests of derive", derive_tests));
         checks.push(("equations are what derive writes", equations_are_fresh));
@@ -119,22 +118,6 @@ fn tests() -> anyhow::Result<()> {
     shell::succeed(&mut command)?;
     // derive's own snapshots are looked at by its own tests
     snapshots::check(&shell::root(), &references)
-}
-
-/// The program, built with an effect that is not the library's.
-fn own_effect() -> anyhow::Result<()> {
-    let mut command = shell::cargo(&[
-        "test",
-        "--release",
-        "--package",
-        "dynid",
-        "--test",
-        "own_effect",
-        "--locked",
-        "--",
-        "--ignored",
-    ]);
-    shell::succeed(command.env("INSTA_UPDATE", "no"))
 }
 
 fn documentation() -> anyhow::Result<()> {

@@ -29,7 +29,11 @@ const LAYERS: &[&[(&str, &str)]] = &[
     ],
     &[("dynid-equations", "a device to its equations, over any exact arithmetic")],
     &[("dynid-derive", "the same by computer algebra"), ("dynid-generated", "the kernels of every device and effect")],
-    &[("dynid-dynamics", "equations with numbers: motion, torque, end point")],
+    &[
+        ("dynid-compile", "programs to machine code, while the process runs"),
+        ("dynid-dynamics", "equations with numbers: motion, torque, end point"),
+    ],
+    &[("dynid-kernels", "the kernels of any device, free joints and effect: compiled in, or made")],
     &[
         ("dynid-control", "what a real-time loop links"),
         ("dynid-logs", "experiments and their logs"),

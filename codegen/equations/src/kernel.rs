@@ -1,5 +1,6 @@
 //! One configuration's equations: each form of them, and the cheapest kept.
 
+use dynid_lower::kir::NO_CONFIGURATION;
 use dynid_lower::{Form, Kir, Node, OperationCounts, Program};
 use dynid_model::Device;
 
@@ -76,17 +77,18 @@ impl Candidate {
     }
 }
 
-/// The equations of the free joints of one configuration, each group in its cheapest form.
+/// The equations of a set of free joints, ascending, each group in its cheapest form: the recursion or, given the Lagrangian,
+/// what Lagrange's equations come to.
 ///
 /// # Errors
 /// A frames table that no mechanism can be made of, or whose equations have numbers that are too large.
 pub fn derive<A: Arithmetic>(
     algebra: &Algebra<A>,
-    lagrangian: &Lagrangian<A>,
+    lagrangian: Option<&Lagrangian<A>>,
     device: &Device,
-    number: usize,
+    free: &[usize],
 ) -> Result<Kir, DeriveError> {
-    let free = device.configurations[number - 1].free.clone();
+    let free = free.to_vec();
     let locked = (0..device.joints.len()).filter(|joint| !free.contains(joint)).collect();
     let context = Context { algebra, device, free: &free };
     let tree = Tree::new(algebra, device, &free)?;
@@ -96,7 +98,7 @@ pub fn derive<A: Arithmetic>(
         let mut candidates = vec![candidate("recursion", recursion(&context, &tree, group))];
         // A sum of many more products than the recursion has operations is not worth forming.
         let limit = candidates[0].counts.arithmetic().max(ALWAYS_FORMED);
-        if let Some(subset) = Subset::new(&context, lagrangian, limit) {
+        if let Some(subset) = lagrangian.and_then(|lagrangian| Subset::new(&context, lagrangian, limit)) {
             let n_angles = algebra.pairs().iter().filter(|(cosine, _)| algebra.moves(*cosine, &free)).count();
             let variants = (0..1usize << n_angles.min(MAX_CHOICES))
                 .map(|kept_sines| candidate("lagrangian", subset.program(&context, group, kept_sines)));
@@ -105,7 +107,7 @@ pub fn derive<A: Arithmetic>(
         let costs: Vec<String> =
             candidates.iter().map(|known| format!("{} {}", known.form, known.counts.arithmetic())).collect();
         let best = candidates.into_iter().filter(Candidate::is_exact).min_by_key(Candidate::cost);
-        let best = best.ok_or_else(|| DeriveError::TooLarge { device: device.id.clone(), configuration: number })?;
+        let best = best.ok_or_else(|| DeriveError::TooLarge { device: device.id.clone(), free: free.clone() })?;
         program.append(&best.program);
         forms.push(Form {
             outputs: group.symbol().to_owned(),
@@ -115,7 +117,7 @@ pub fn derive<A: Arithmetic>(
     }
     Ok(Kir {
         device: device.id.clone(),
-        configuration: number,
+        configuration: device.configuration_of(&free).unwrap_or(NO_CONFIGURATION),
         free,
         locked,
         model_sha256: device.structure_digest(),

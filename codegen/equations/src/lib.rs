@@ -23,10 +23,12 @@ pub mod tree;
 use std::{collections::BTreeMap, path::PathBuf};
 
 use arithmetic::Arithmetic;
+use dynid_lower::Kir;
 use dynid_model::{Device, Frame};
+use exact::Exact;
 
 /// Why a device's equations cannot be formed.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, thiserror::Error)]
 pub enum DeriveError {
     /// A row of the frames table.
     #[error("device `{device}`, frame `{frame}`: {what}")]
@@ -40,14 +42,14 @@ pub enum DeriveError {
     },
     /// Whole numbers of the equations that the arithmetic cannot hold.
     #[error(
-        "device `{device}`, configuration {configuration}: a number in its equations is too large to be exact; \
+        "device `{device}`, joints {free:?} free: a number in its equations is too large to be exact; \
          a large whole factor of a joint variable in an angle makes such numbers"
     )]
     TooLarge {
         /// Device id.
         device: String,
-        /// Number of the configuration, from 1.
-        configuration: usize,
+        /// The free joints.
+        free: Vec<usize>,
     },
 }
 
@@ -55,6 +57,15 @@ impl DeriveError {
     fn frame(device: &Device, frame: &Frame, what: impl Into<String>) -> DeriveError {
         DeriveError::Frame { device: device.id.clone(), frame: frame.name.clone(), what: what.into() }
     }
+}
+
+/// The equations of any set of free joints, ascending, by the recursion alone: in milliseconds, where Lagrange's equations of a
+/// robot whose axes stand at general angles take seconds.
+///
+/// # Errors
+/// A frames table that no mechanism can be made of, or whose equations have numbers that are too large.
+pub fn by_recursion(device: &Device, free: &[usize]) -> Result<Kir, DeriveError> {
+    kernel::derive(&algebra::Algebra::<Exact>::new(device)?, None, device, free)
 }
 
 /// What to generate.
@@ -74,7 +85,8 @@ pub fn generate<A: Arithmetic>(device: &Device, options: &Options) -> Result<BTr
     let mut files = BTreeMap::new();
     for number in 1..=device.configurations.len() {
         if options.configuration.is_none_or(|wanted| wanted == number) {
-            let kir = kernel::derive(&algebra, &lagrangian, device, number)?;
+            let free = &device.configurations[number - 1].free;
+            let kir = kernel::derive(&algebra, Some(&lagrangian), device, free)?;
             files.insert(PathBuf::from(&device.id).join(format!("c{number:02}.kir")), kir.to_string());
         }
     }

@@ -14,7 +14,7 @@
 //! parameters = [..]          # those of D and phi of the free joints, in the device's order
 //! ```
 //!
-//! It is written beside the `.kir` files; `dynid-generated` makes its table `Structure` of it.
+//! It is written beside the `.kir` files; `dynid-generated` tells the parameters of each configuration with its kernel.
 //!
 //! A locked joint's angle stays a symbol, so the entries of a configuration are those of the whole device: the
 //! parameters of any set F of free joints are those of `D[i][j]` and `phi[i]` with i, j in F.

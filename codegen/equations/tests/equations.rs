@@ -47,12 +47,12 @@ fn every_form_agrees(device: &Device, n_samples: usize, told: bool) {
     let algebra = Algebra::new(device).expect("it has equations");
     let lagrangian = Lagrangian::new(&algebra, device).expect("it has equations");
     let mut random = Random(7);
-    for (configuration, number) in device.configurations.iter().zip(1..) {
+    for configuration in &device.configurations {
         let free = &configuration.free;
         let context = Context { algebra: &algebra, device, free };
         let tree = Tree::new(&algebra, device, free).expect("it has equations");
         let mut programs =
-            vec![kernel::derive(&algebra, &lagrangian, device, number).expect("it has equations").program];
+            vec![kernel::derive(&algebra, Some(&lagrangian), device, free).expect("it has equations").program];
         programs.extend(Group::ALL.map(|group| kernel::recursion(&context, &tree, group)));
         if let Some(subset) = Subset::new(&context, &lagrangian, 40) {
             programs.extend([0, 1].map(|kept_sines| subset.program(&context, Group::Torque, kept_sines)));
@@ -66,13 +66,13 @@ fn every_form_agrees(device: &Device, n_samples: usize, told: bool) {
                 _ => names(&[Group::Torque]),
             };
             let found: BTreeSet<String> = program.outputs().iter().map(|(name, _)| name.clone()).collect();
-            assert_eq!(found, expected, "{} configuration {number}: outputs of form {at}", device.id);
+            assert_eq!(found, expected, "{} {free:?}: outputs of form {at}", device.id);
             assert_eq!(program.outputs().len(), expected.len(), "an output stands twice");
         }
         let mut worst: f64 = 0.0;
         let mut agree = |name: &str, difference: f64| {
             // Not a number is no agreement.
-            assert!(difference <= AGREEMENT, "{} configuration {number}: {name} differs by {difference:e}", device.id);
+            assert!(difference <= AGREEMENT, "{} {free:?}: {name} differs by {difference:e}", device.id);
             worst = worst.max(difference);
         };
         for _ in 0..n_samples {
@@ -89,7 +89,7 @@ fn every_form_agrees(device: &Device, n_samples: usize, told: bool) {
             }
         }
         if told {
-            println!("{} configuration {number}, free {free:?}: largest relative difference {worst:.1e}", device.id);
+            println!("{} {free:?}: largest relative difference {worst:.1e}", device.id);
         }
     }
 }
@@ -137,7 +137,9 @@ fn few_operations() {
     let lagrangian = Lagrangian::new(&algebra, device).expect("it has equations");
     for (free, most) in [(vec![0, 1, 2, 3, 4, 5], 760), (vec![0, 1], 40), (vec![4], 4)] {
         let at = device.configurations.iter().position(|known| known.free == free).expect("a configuration");
-        let program = kernel::derive(&algebra, &lagrangian, device, at + 1).expect("it has equations").program;
+        let program = kernel::derive(&algebra, Some(&lagrangian), device, &device.configurations[at].free)
+            .expect("it has equations")
+            .program;
         let cost: usize = [Group::Inertia, Group::Bias]
             .map(|group| {
                 let names = group.outputs(&free);
@@ -176,7 +178,7 @@ fn numbers_that_are_too_large_are_an_error_and_never_wrong() {
     };
     assert!(generated(2).is_ok());
     let error = generated(150).expect_err("a number of 45 digits");
-    assert!(error.to_string().contains("configuration 1: a number in its equations is too large"), "{error}");
+    assert!(error.to_string().contains("free: a number in its equations is too large"), "{error}");
 }
 
 /// Between -1 and 1.

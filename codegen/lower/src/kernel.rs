@@ -64,7 +64,7 @@ pub struct Configuration {
     /// Operations of `prepare`.
     pub prepare_counts: OperationCounts,
     /// `prepare` and then the kernels, in the order of `dynid_generated::Kernel`.
-    pub functions: Vec<Function>,
+    pub functions: [Function; 10],
 }
 
 /// What is missing in a `.kir` to make kernels from it.
@@ -88,8 +88,19 @@ impl Configuration {
         }
         let split = kir.program.split();
         let parameters = parameters(&split.prepare);
-        let mut functions = vec![prepare(&split, &parameters, &kir.locked)];
-        functions.extend(Builder { kir, split: &split }.functions());
+        let builder = Builder { kir, split: &split };
+        let functions = [
+            prepare(&split, &parameters, &kir.locked),
+            builder.inertia(),
+            builder.coriolis(),
+            builder.gravity(),
+            builder.bias(),
+            builder.inertia_and_bias(),
+            builder.inverse_dynamics(),
+            builder.forward_dynamics(),
+            builder.regressor(),
+            builder.inverse_dynamics_gradient(),
+        ];
         Ok(Configuration {
             device: kir.device.clone(),
             number: kir.configuration,
@@ -139,20 +150,6 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn functions(&self) -> Vec<Function> {
-        vec![
-            self.inertia(),
-            self.coriolis(),
-            self.gravity(),
-            self.bias(),
-            self.inertia_and_bias(),
-            self.inverse_dynamics(),
-            self.forward_dynamics(),
-            self.regressor(),
-            self.inverse_dynamics_gradient(),
-        ]
-    }
-
     fn inertia(&self) -> Function {
         let title = "Inertia matrix `D`.";
         self.function("inertia", title, &["D"], &["q"], vec![self.inertia_results()], self.eval())

@@ -30,12 +30,15 @@ pub use parse::KirError;
 
 use crate::Program;
 
+/// The number of what is no configuration of a device.
+pub const NO_CONFIGURATION: usize = 0;
+
 /// A configuration's equations and where they come from.
 #[derive(Debug, Clone)]
 pub struct Kir {
     /// Id of the device.
     pub device: String,
-    /// Number of the configuration, from 1.
+    /// Number of the configuration, from 1; [`NO_CONFIGURATION`] for joints that are free together in none, which no file holds.
     pub configuration: usize,
     /// Free joints, ascending.
     pub free: Vec<usize>,

@@ -87,16 +87,16 @@ enum Source {
 /// `None` without a balance or an unknown.
 ///
 /// # Errors
-/// Configurations whose directions cannot be analysed.
+/// Free joints whose directions cannot be analysed.
 pub fn of(model: &Model, balances: &[Balance<'_>]) -> Result<Option<Identifiability>, PlanError> {
     if balances.is_empty() {
         return Ok(None);
     }
-    let mut configurations: Vec<usize> = balances.iter().map(|own| own.run.configuration).collect();
-    configurations.sort_unstable();
-    configurations.dedup();
-    let base = base_parameters(model, &configurations)?;
-    let unidentifiable: Vec<Direction> = unidentifiable_directions(model, &configurations, &base)?
+    let mut free: Vec<Vec<usize>> = balances.iter().map(|own| own.run.free.clone()).collect();
+    free.sort_unstable();
+    free.dedup();
+    let base = base_parameters(model, &free)?;
+    let unidentifiable: Vec<Direction> = unidentifiable_directions(model, &free, &base)?
         .into_iter()
         .map(|own| Direction { is_scale: own.is_scale(), fix_one_of: own.fix_one_of })
         .collect();

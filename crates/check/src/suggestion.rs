@@ -1,6 +1,7 @@
 //! How to excite what the runs leave open: what `dynid excite` should play.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use dynid_logs::experiment::Run;
 use dynid_model::effect::{Place, Stage};
@@ -98,7 +99,7 @@ pub fn suggestions(model: &Model, runs: &[&Run], unanswered: &[Unanswered]) -> V
             let [from_hz, to_hz] = band(&own, &joints, &lines, rate_hz);
             let limit = |joint: &usize| Some(model.device.joints[*joint].speed_limit).filter(|limit| limit.is_finite());
             Suggestion {
-                device: model.device.id.clone(),
+                device: model.device.name_from(Path::new("")),
                 speed: free.iter().map(limit).collect(),
                 signal: signal(model, &own, &free),
                 joints: joints.into_iter().collect(),

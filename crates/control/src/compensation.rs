@@ -239,8 +239,8 @@ impl Compensation {
         system.loads(scratch, t, at_rest, aside);
         let kernel = system.kernel();
         let (q, dq) = (&x[..n], &x[n..2 * n]);
-        (kernel.gravity)(system.prepared(), q, gravity);
-        (kernel.inverse_dynamics)(system.prepared(), q, dq, ddq, rigid);
+        kernel.functions.gravity(system.prepared(), q, gravity);
+        kernel.functions.inverse_dynamics(system.prepared(), q, dq, ddq, rigid);
         system.add_inertia_torque(ddq, rigid);
         for slot in 0..n {
             let at_rest = scratch.load[slot];

@@ -251,7 +251,8 @@ mod tests {
             let own = lengths.iter().find(|length| name.strip_prefix("length.") == Some(&length.symbol))?;
             Some(own.value)
         };
-        Kinematics::new("freedom6s", free, &POSTURE, value).expect("an end point")
+        let end_point = dynid_generated::end_point("freedom6s").expect("an end point");
+        Kinematics::new(end_point, free, &POSTURE, value).expect("a posture")
     }
 
     /// The force that torques at the joints make: `f` with `J^T f = tau`, from the three joints that move the point.

@@ -36,6 +36,12 @@ pub enum KinematicsError {
         /// Its id.
         device: String,
     },
+    /// The device's frames make no chain to it.
+    #[error("{why}")]
+    NoKernel {
+        /// What is wrong.
+        why: String,
+    },
     /// A posture that is not one of the device.
     #[error("the posture has {found} positions, device `{device}` {expected} joints; give one position per joint")]
     Posture {
@@ -67,21 +73,19 @@ pub enum KinematicsError {
 }
 
 impl Kinematics {
-    /// Of a device at a posture of all its joints, of which the `free` ones will move; `length` says what the lengths of its
+    /// Of a device's end point at a posture of all its joints, of which the `free` ones will move; `length` says what the lengths of its
     /// file are.
     ///
     /// # Errors
-    /// A device without an end point; a posture that is not one position per joint; a joint that the device does not have; a
+    /// A posture that is not one position per joint; a joint that the device does not have; a
     /// length that nothing is known of.
     pub fn new(
-        device: &str,
+        end_point: &'static EndPoint,
         free: &[usize],
         posture: &[f64],
         length: impl Fn(&str) -> Option<f64>,
     ) -> Result<Self, KinematicsError> {
-        let named = || device.to_owned();
-        let end_point =
-            dynid_generated::end_point(device).ok_or_else(|| KinematicsError::NoEndPoint { device: named() })?;
+        let named = || end_point.device.to_owned();
         if posture.len() != end_point.n_joints {
             let (found, expected) = (posture.len(), end_point.n_joints);
             return Err(KinematicsError::Posture { device: named(), found, expected });
@@ -116,7 +120,7 @@ impl Kinematics {
 
     fn refresh(&mut self) {
         let Self { end_point, lengths, q, position, rotation, jacobian, .. } = self;
-        (end_point.motion)(lengths, q, position, rotation, jacobian);
+        end_point.functions.motion(lengths, q, position, rotation, jacobian);
     }
 
     /// Its free joints.
@@ -185,7 +189,9 @@ mod tests {
             let own = lengths.iter().find(|length| name.strip_prefix("length.") == Some(&length.symbol))?;
             Some(own.value)
         };
-        Kinematics::new(device, free, posture, value)
+        let no_end_point = || KinematicsError::NoEndPoint { device: device.to_owned() };
+        let end_point = dynid_generated::end_point(device).ok_or_else(no_end_point)?;
+        Kinematics::new(end_point, free, posture, value)
     }
 
     fn arm(posture: &[f64]) -> Kinematics {
@@ -223,7 +229,8 @@ mod tests {
         assert!(matches!(wrong(&[0], &[0.0]), KinematicsError::Posture { found: 1, expected: 2, .. }));
         assert!(matches!(wrong(&[0, 2], &[0.0, 0.0]), KinematicsError::Joint { joint: 2, .. }));
         // what calls itself the device and has not its lengths
-        let error = Kinematics::new("planar2r", &[0, 1], &[0.0, 0.0], |_| None).expect_err("a length is missing");
+        let end_point = dynid_generated::end_point("planar2r").expect("an end point");
+        let error = Kinematics::new(end_point, &[0, 1], &[0.0, 0.0], |_| None).expect_err("a length is missing");
         assert!(matches!(error, KinematicsError::Length { .. }), "{error}");
         assert!(error.to_string().contains("length."), "{error}");
     }

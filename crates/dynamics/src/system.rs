@@ -89,21 +89,11 @@ pub enum SystemError {
         /// Its name.
         name: String,
     },
-    /// No equations for these joints.
-    #[error("device `{device}` has no configuration with the free joints {free:?}; its configurations are {known:?}")]
-    NoConfiguration {
-        /// The device's id.
-        device: String,
-        /// What was asked for.
-        free: Vec<usize>,
-        /// What there is.
-        known: Vec<Vec<usize>>,
-    },
-    /// No compiled formula for this effect.
-    #[error("effect `{id}` has no compiled formula; rebuild after adding `effects/{id}.toml`")]
-    NoEffectKernel {
-        /// Its id.
-        id: String,
+    /// No equations for these joints, or no function for an effect.
+    #[error("{why}")]
+    NoKernel {
+        /// What is wrong, and what to do.
+        why: String,
     },
     /// The effect exists, but not in a simulation.
     #[error("effect `{id}` cannot be simulated: {why}")]
@@ -392,9 +382,9 @@ impl System {
             for (torque, (drive, load)) in bias.iter_mut().zip(drive.iter().zip(&*load)) {
                 *torque = drive - load;
             }
-            return (self.kernel.forward_dynamics)(&self.prepared, q, dq, bias, ddq);
+            return self.kernel.functions.forward_dynamics(&self.prepared, q, dq, bias, ddq);
         }
-        (self.kernel.inertia_and_bias)(&self.prepared, q, dq, inertia, bias);
+        self.kernel.functions.inertia_and_bias(&self.prepared, q, dq, inertia, bias);
         for &(row, column, value) in &self.added_inertia {
             inertia[row * n + column] += value;
         }
@@ -492,16 +482,16 @@ impl System {
         let parameters = &self.effect_parameters[element.p..element.p + element.np];
         let outputs = &mut outputs[..element.kernel.n_outputs];
         if element.nz == 0 {
-            (element.kernel.eval)(parameters, signals, &[], outputs, &mut []);
+            element.kernel.functions.eval(parameters, signals, &[], outputs, &mut []);
         } else {
             let states = element.z..element.z + element.nz;
-            (element.kernel.eval)(parameters, signals, &x[states.clone()], outputs, &mut dx[states]);
+            element.kernel.functions.eval(parameters, signals, &x[states.clone()], outputs, &mut dx[states]);
         }
     }
 
     /// Brings everything that depends only on parameters up to date.
     fn prepare(&mut self) {
-        (self.kernel.prepare)(&self.link_parameters, &self.locked, &mut self.prepared);
+        self.kernel.functions.prepare(&self.link_parameters, &self.locked, &mut self.prepared);
         let mut outputs = [0.0; MAX_OUTPUTS];
         let Self { friction_blocks, load_blocks, effect_parameters, .. } = self;
         for block in friction_blocks.0.iter_mut().chain(&mut load_blocks.0) {
@@ -515,7 +505,7 @@ impl System {
         for element in &self.links {
             let signals = [0.0; N_SIGNALS];
             let parameters = &self.effect_parameters[element.p..element.p + element.np];
-            (element.kernel.eval)(parameters, &signals, &[], &mut outputs[..element.kernel.n_outputs], &mut []);
+            element.kernel.functions.eval(parameters, &signals, &[], &mut outputs[..element.kernel.n_outputs], &mut []);
             let row = element.joint.slot;
             let value = outputs[element.torque];
             if element.from.joint == NONE {

@@ -242,7 +242,7 @@ impl<'a> Information<'a> {
         for sample in 0..path.time.len() {
             let (q, dq, ddq) = (&path.q[sample], &path.dq[sample], &path.ddq[sample]);
             if kernel.n_lumps > 0 {
-                (kernel.regressor)(self.system.prepared(), q, dq, ddq, &mut y);
+                kernel.functions.regressor(self.system.prepared(), q, dq, ddq, &mut y);
             }
             for row in 0..n {
                 for (column, &lump) in self.lumps.iter().enumerate() {
@@ -306,7 +306,7 @@ pub fn needed_torque(system: &System, path: &Path) -> Vec<Vec<f64>> {
         x[2 * n..].copy_from_slice(&states);
         linear.along(system, path.time[sample], &x, None, &command, &mut dx);
         let mut torque = vec![0.0; n];
-        (system.kernel().inverse_dynamics)(system.prepared(), q, dq, ddq, &mut torque);
+        system.kernel().functions.inverse_dynamics(system.prepared(), q, dq, ddq, &mut torque);
         system.add_inertia_torque(ddq, &mut torque);
         torque.iter_mut().zip(linear.load()).for_each(|(torque, load)| *torque += load);
         torques.push(torque);

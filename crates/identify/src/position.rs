@@ -89,12 +89,9 @@ impl FitRun {
     /// Whether the run's equations or effects have a parameter of this name.
     pub fn occurs(&self, name: &str) -> bool {
         let kernel = self.system.kernel();
-        // A recursion may name inertias that cancel in its sums: the structure knows those that are left.
-        let remains = |name| {
-            dynid_generated::structure(kernel.device).is_none_or(|structure| structure.appears(name, kernel.free))
-        };
-        (kernel.parameters.contains(&name) && (!name.starts_with("link.") || remains(name)))
-            || self.system.effect_names().iter().any(|known| known == name)
+        // A recursion may name inertias that cancel in its sums.
+        let takes_part = if name.starts_with("link.") { kernel.appearing } else { kernel.parameters };
+        takes_part.contains(&name) || self.system.effect_names().iter().any(|known| known == name)
     }
 }
 

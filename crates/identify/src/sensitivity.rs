@@ -841,7 +841,7 @@ fn occurring(system: &System) -> Vec<(usize, usize)> {
             (0..n).map(next).collect()
         };
         let (q, dq, ddq) = (vector(), vector(), vector());
-        (system.kernel().regressor)(system.prepared(), &q, &dq, &ddq, &mut regressor);
+        system.kernel().functions.regressor(system.prepared(), &q, &dq, &ddq, &mut regressor);
         seen.iter_mut().zip(&regressor).for_each(|(seen, value)| *seen |= *value != 0.0);
     }
     let all = (0..n_lumps).flat_map(|lump| (0..n).map(move |slot| (lump, slot)));
@@ -1055,7 +1055,7 @@ mod tests {
             }
             let n_links = system.link_parameters().len();
             let mut by_link = vec![0.0; system.kernel().prepared.len() * n_links];
-            (system.kernel().prepare_gradient)(system.link_parameters(), &[], &mut by_link);
+            system.kernel().functions.prepare_gradient(system.link_parameters(), &[], &mut by_link);
             for (index, value) in system.link_parameters().iter().enumerate() {
                 let chain = |row: &Vec<f64>| {
                     columns

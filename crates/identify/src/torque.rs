@@ -745,7 +745,7 @@ fn lumps_by_standard(layout: &Layout, system: &System) -> DMatrix<f64> {
     }
     let n_parameters = parameters.len();
     let mut gradient = vec![0.0; kernel.prepared.len() * n_parameters];
-    (kernel.prepare_gradient)(&parameters, system.locked(), &mut gradient);
+    kernel.functions.prepare_gradient(&parameters, system.locked(), &mut gradient);
     let mut matrix = DMatrix::zeros(kernel.n_lumps, 10 * layout.links.len());
     for lump in 0..kernel.n_lumps {
         for (parameter, place) in places.iter().enumerate() {

@@ -49,7 +49,8 @@ pub struct Run {
     pub role: Role,
     /// Free joints, ascending.
     pub free: Vec<usize>,
-    /// Number of the device's configuration with these free joints, from 1.
+    /// Number of the device's configuration with these free joints, from 1. Sets that are none are numbered on from the last, in the
+    /// order of the runs.
     pub configuration: usize,
     /// Its samples.
     pub log: Log,
@@ -309,6 +310,7 @@ impl Experiment {
         }
         let mut hash = Sha256::new();
         let mut read = Vec::with_capacity(entries.len());
+        let mut numbers = Numbers { device, others: Vec::new() };
         for (index, entry) in entries.iter().enumerate() {
             let table = entry.get_ref().as_table().ok_or_else(|| file.wrong_type(entry, "run", "a [[run]] table"))?;
             file.known_keys(table, &RUN_KEYS)?;
@@ -319,7 +321,7 @@ impl Experiment {
                 return Err(file.invalid(start.span().start, message, remedy));
             }
             let source = RunSource { file: &file, device, top, table, start: entry.span().start, number: index + 1 };
-            let run = source.read()?;
+            let run = source.read(&mut numbers)?;
             hash.update([run.role as u8]);
             hash.update((run.configuration as u64).to_le_bytes());
             run.log.digest(&mut hash);
@@ -354,12 +356,33 @@ struct RunSource<'a> {
     number: usize,
 }
 
+/// Numbers of the sets of free joints: those of the device's configurations, then further ones in the order of the runs.
+struct Numbers {
+    device: &'static Device,
+    others: Vec<Vec<usize>>,
+}
+
+impl Numbers {
+    fn of(&mut self, free: &[usize]) -> usize {
+        if let Some(number) = self.device.configuration_of(free) {
+            return number;
+        }
+        let known = self.others.iter().position(|other| other == free);
+        let place = known.unwrap_or_else(|| {
+            self.others.push(free.to_vec());
+            self.others.len() - 1
+        });
+        self.device.configurations.len() + 1 + place
+    }
+}
+
 impl<'a> RunSource<'a> {
-    fn read(&self) -> Result<Run, ExperimentError> {
+    fn read(&self, numbers: &mut Numbers) -> Result<Run, ExperimentError> {
         let file = self.file;
         let name = file.string(self.required("file", "the path of a CSV file")?, "file")?;
         let free_value = self.required("free", "the free joints, e.g. free = [0, 1]")?;
-        let (free, configuration) = self.free(free_value)?;
+        let free = self.free(free_value)?;
+        let configuration = numbers.of(&free);
         let role_value = self.required("role", "\"fit\" or \"validate\"")?;
         let role = match file.string(role_value, "role")? {
             "fit" => Role::Fit,
@@ -404,8 +427,8 @@ impl<'a> RunSource<'a> {
         Ok(Run { file: name.to_owned(), role, free, configuration, log, settings })
     }
 
-    /// The free joints and the number of the configuration that they make.
-    fn free(&self, value: &Spanned<DeValue<'a>>) -> Result<(Vec<usize>, usize), ExperimentError> {
+    /// The free joints, ascending.
+    fn free(&self, value: &Spanned<DeValue<'a>>) -> Result<Vec<usize>, ExperimentError> {
         let file = self.file;
         let mut free = Vec::new();
         for entry in file.array(value, "free", "joint indices, e.g. free = [0, 1]")? {
@@ -427,21 +450,11 @@ impl<'a> RunSource<'a> {
             return Err(file.invalid(value.span().start, message, remedy));
         }
         free.sort_unstable();
-        let configurations = &self.device.configurations;
-        match configurations.iter().position(|configuration| configuration.free == free) {
-            Some(index) => Ok((free, index + 1)),
-            None => {
-                let message = format!("free = {free:?} is no configuration of `{}`", self.device.id);
-                let known: Vec<String> = configurations
-                    .iter()
-                    .enumerate()
-                    .map(|(index, configuration)| format!("{} {:?}", index + 1, configuration.free))
-                    .collect();
-                let remedy =
-                    format!("its configurations are {}; add one to the device file for another set", known.join(", "));
-                Err(file.invalid(value.span().start, message, &remedy))
-            }
+        if let Some(pair) = free.windows(2).find(|pair| pair[0] == pair[1]) {
+            let message = format!("free: joint {} is named twice", pair[0]);
+            return Err(file.invalid(value.span().start, message, "name each free joint once"));
         }
+        Ok(free)
     }
 
     /// Where all joints of a planned run start.
@@ -643,16 +656,18 @@ impl<'a> File<'a> {
     }
 
     fn device(&self, top: &DeTable<'_>, devices: &'static [Device]) -> Result<&'static Device, ExperimentError> {
-        let ids: Vec<String> = devices.iter().map(|device| device.id.clone()).collect();
         let Some(value) = top.get("device") else {
-            let remedy = format!("add device = \"..\" as the first line: one of {}", ids.join(", "));
+            let ids: Vec<&str> = devices.iter().map(|device| device.id.as_str()).collect();
+            let remedy = format!("add device = \"..\" as the first line: a device file, or one of {}", ids.join(", "));
             return Err(self.invalid(0, "the experiment does not say its device".to_owned(), &remedy));
         };
-        let id = self.string(value, "device")?;
-        devices.iter().find(|device| device.id == id).ok_or_else(|| {
-            let remedy = format!("{}the devices are {}", did_you_mean(id, &ids), ids.join(", "));
-            self.invalid(value.span().start, format!("there is no device `{id}`"), &remedy)
-        })
+        let name = self.string(value, "device")?;
+        if let Some(device) = devices.iter().find(|device| device.id == name) {
+            return Ok(device);
+        }
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        dynid_model::device_named(name, folder)
+            .map_err(|error| self.invalid(value.span().start, error.to_string(), &error.remedy()))
     }
 
     fn known_keys(&self, table: &DeTable<'_>, known: &[&str]) -> Result<(), ExperimentError> {

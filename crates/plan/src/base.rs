@@ -12,7 +12,7 @@ use dynid_model::Parameter;
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    linear::{LinearParameters, Motion, Regressor, system_of},
+    linear::{LinearParameters, Motion, Regressor},
     symbolic::{Factor, Recogniser},
 };
 use crate::PlanError;
@@ -45,7 +45,7 @@ pub struct Combination {
 /// Columns shorter than this share of their length after all earlier ones are projected out depend on those.
 const DEPENDENT: f64 = 1e-8;
 
-/// The systems of these configurations (numbers from 1), and their linear parameters.
+/// The systems with these joints free, and their linear parameters.
 pub struct Analysis {
     pub(crate) parameters: LinearParameters,
     systems: Vec<System>,
@@ -53,9 +53,9 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    /// Of some configurations of the model's device.
-    pub fn new(model: &Model, configurations: &[usize]) -> Result<Self, PlanError> {
-        let systems = configurations.iter().map(|&number| system_of(model, number)).collect::<Result<Vec<_>, _>>()?;
+    /// Of some sets of free joints of the model's device, locked ones at zero.
+    pub fn new(model: &Model, free: &[Vec<usize>]) -> Result<Self, PlanError> {
+        let systems = free.iter().map(|free| model.system(free, |_| 0.0)).collect::<Result<Vec<_>, _>>()?;
         let parameters = LinearParameters::of_model(model, &systems);
         let names = model.device.lengths.iter().map(|length| length.symbol.clone());
         let lengths = names.zip(&model.lengths).map(|(name, length)| (name, length.value)).collect();
@@ -166,12 +166,12 @@ enum Poses {
     Many,
 }
 
-/// What motions of these configurations (numbers from 1) reveal together.
+/// What motions with these sets of joints free reveal together.
 ///
 /// # Errors
-/// A configuration without a kernel, or an effect that cannot be simulated.
-pub fn base_parameters(model: &Model, configurations: &[usize]) -> Result<BaseParameters, PlanError> {
-    Ok(Analysis::new(model, configurations)?.base())
+/// Free joints without a kernel, or an effect that cannot be simulated.
+pub fn base_parameters(model: &Model, free: &[Vec<usize>]) -> Result<BaseParameters, PlanError> {
+    Ok(Analysis::new(model, free)?.base())
 }
 
 /// Indices of the columns that the columns before them do not span.
@@ -298,8 +298,8 @@ mod tests {
         Model::of_device(dynid_model::device(device).unwrap())
     }
 
-    fn all_configurations(model: &Model) -> Vec<usize> {
-        (1..=model.device.configurations.len()).collect()
+    fn all_configurations(model: &Model) -> Vec<Vec<usize>> {
+        model.device.configurations.iter().map(|known| known.free.clone()).collect()
     }
 
     /// Independent closed form (e.g. Siciliano et al. 2009, section 7.3.2): the torques of a planar arm with two links follow
@@ -348,8 +348,7 @@ mod tests {
     fn base_parameters_give_every_torque() {
         for device in dynid_model::devices() {
             let model = Model::of_device(device);
-            let numbers = all_configurations(&model);
-            let analysis = Analysis::new(&model, &numbers).unwrap();
+            let analysis = Analysis::new(&model, &all_configurations(&model)).unwrap();
             let base = analysis.base();
             let reported: Vec<String> = base.combinations.iter().map(|combination| base.formula(combination)).collect();
             assert!(base.is_exact(), "{}: {reported:#?}", device.id);
@@ -383,7 +382,7 @@ mod tests {
         let mut model = model("double_pendulum");
         model.effects.clear();
         // joint 1 alone: inertia about its axis, and what gravity does in two directions
-        let base = base_parameters(&model, &[2]).unwrap();
+        let base = base_parameters(&model, &[vec![1]]).unwrap();
         assert_eq!(base.alone(), ["link.2.Jzz", "link.2.mx", "link.2.my"]);
     }
 }

@@ -1,6 +1,6 @@
 //! A sequence of configurations that the program finds itself.
 //!
-//! Of the configurations that the device has kernels for, the next is the one with the fewest new unknowns that still
+//! Of the device's configurations the next is the one with the fewest new unknowns that still
 //! reveals something new: a parameter not met yet, or a direction of the linear parameters that the earlier ones left flat.
 //! The sequence ends when what all configurations reveal together is revealed.
 
@@ -13,7 +13,6 @@ use super::{
     depends_on,
 };
 use crate::PlanError;
-use dynid_dynamics::system::SystemError;
 use dynid_user_model::Model;
 
 /// A configuration that may come next.
@@ -28,18 +27,13 @@ struct Next {
 /// Numbers of the configurations, from 1, in the order found.
 pub(super) fn sequence(model: &Model) -> Result<Vec<usize>, PlanError> {
     let device = model.device;
-    let kernels: Vec<_> =
-        (1..=device.configurations.len()).filter_map(|number| dynid_generated::kernel(&device.id, number)).collect();
-    if kernels.is_empty() {
-        let known = device.configurations.iter().map(|known| known.free.clone()).collect();
-        return Err(SystemError::NoConfiguration { device: device.id.clone(), free: Vec::new(), known }.into());
-    }
-    let numbers: Vec<usize> = kernels.iter().map(|kernel| kernel.configuration).collect();
-    let analysis = Analysis::new(model, &numbers)?;
-    let revealed: Vec<DMatrix<f64>> = (0..numbers.len()).map(|index| analysis.revealed(index)).collect();
+    let free: Vec<Vec<usize>> = device.configurations.iter().map(|known| known.free.clone()).collect();
+    let kernels = free.iter().map(|free| dynid_kernels::kernel(device, free)).collect::<Result<Vec<_>, _>>()?;
+    let analysis = Analysis::new(model, &free)?;
+    let revealed: Vec<DMatrix<f64>> = (0..free.len()).map(|index| analysis.revealed(index)).collect();
     let parameters: Vec<BTreeSet<String>> =
         kernels.iter().map(|kernel| depends_on(model, kernel).into_iter().collect()).collect();
-    let mut left: Vec<usize> = (0..numbers.len()).collect();
+    let mut left: Vec<usize> = (0..free.len()).collect();
     let mut seen = BTreeSet::new();
     let mut span = DMatrix::zeros(0, analysis.parameters.names.len());
     let mut rank = 0;
@@ -65,7 +59,7 @@ pub(super) fn sequence(model: &Model) -> Result<Vec<usize>, PlanError> {
         span = rows.qr().r();
         rank = reached;
         seen.extend(parameters[index].iter().cloned());
-        sequence.push(numbers[index]);
+        sequence.push(index + 1);
         left = useful.into_iter().filter(|other| *other != index).collect();
     }
     Ok(sequence)
@@ -89,14 +83,13 @@ mod tests {
         for device in dynid_model::devices() {
             let model = Model::of_device(device);
             let found = plan(&model, FOUND).unwrap();
-            let all: Vec<usize> = (1..=device.configurations.len()).collect();
-            let sequence: Vec<usize> = found.steps.iter().map(|step| step.configuration).collect();
-            let rank = |numbers: &[usize]| {
-                let analysis = Analysis::new(&model, numbers).unwrap();
-                let rows = (0..numbers.len())
-                    .fold(DMatrix::zeros(0, analysis.parameters.names.len()), |rows, index| {
-                        stacked(&rows, &analysis.revealed(index))
-                    });
+            let all: Vec<Vec<usize>> = device.configurations.iter().map(|known| known.free.clone()).collect();
+            let sequence: Vec<Vec<usize>> = found.steps.iter().map(|step| step.free.clone()).collect();
+            let rank = |free: &[Vec<usize>]| {
+                let analysis = Analysis::new(&model, free).unwrap();
+                let rows = (0..free.len()).fold(DMatrix::zeros(0, analysis.parameters.names.len()), |rows, index| {
+                    stacked(&rows, &analysis.revealed(index))
+                });
                 independent(&rows).len()
             };
             assert_eq!(rank(&sequence), rank(&all), "{}", device.id);

@@ -22,6 +22,7 @@ pub mod unidentifiable;
 use std::collections::{BTreeMap, BTreeSet};
 
 use dynid_generated::Kernel;
+use dynid_kernels::KernelError;
 use dynid_model::{Link, Method};
 
 use dynid_dynamics::system::SystemError;
@@ -72,9 +73,12 @@ pub struct Step {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
-    /// A model and a configuration that do not make equations.
+    /// A model and free joints that do not make equations.
     #[error(transparent)]
     System(#[from] SystemError),
+    /// Free joints without a kernel.
+    #[error(transparent)]
+    Kernel(#[from] KernelError),
     /// A method that the device does not have.
     #[error(transparent)]
     UnknownMethod(#[from] UnknownName),
@@ -86,7 +90,7 @@ pub const FOUND: &str = "found";
 /// The configurations of a method, in order, by number from 1. Every device has the method [`FOUND`].
 ///
 /// # Errors
-/// The device has no such method; for [`FOUND`] also a configuration without a kernel.
+/// The device has no such method; for [`FOUND`] also one without a configuration.
 pub fn sequence(model: &Model, method: &str) -> Result<Vec<usize>, PlanError> {
     let methods = &model.device.methods;
     if let Some(Method { sequence, .. }) = methods.iter().find(|known| known.name == method) {
@@ -115,30 +119,25 @@ pub fn plan(model: &Model, method: &str) -> Result<Plan, PlanError> {
     let mut steps = Vec::new();
     for (number, &configuration) in (1..).zip(&sequence) {
         let free = device.configurations.get(configuration - 1).map_or_else(Vec::new, |known| known.free.clone());
-        let kernel = dynid_generated::kernel(&device.id, configuration).ok_or_else(|| {
-            PlanError::from(SystemError::NoConfiguration {
-                device: device.id.clone(),
-                free: free.clone(),
-                known: device.configurations.iter().map(|known| known.free.clone()).collect(),
-            })
-        })?;
+        let kernel = dynid_kernels::kernel(device, &free)?;
         let parameters = depends_on(model, kernel);
         let new_parameters = parameters.iter().filter(|name| seen.insert((*name).clone())).cloned().collect();
         steps.push(Step { number, configuration, free, parameters, new_parameters });
     }
     let links = model.names().into_iter().filter(|name| name.starts_with("link."));
     let never = links.filter(|name| !seen.contains(name)).collect();
-    let unreachable = unreachable(model, &seen);
+    let unreachable = unreachable(model, &seen)?;
     Ok(Plan { method: method.to_owned(), steps, never, unreachable })
 }
 
 /// What no step reveals, and why.
-fn unreachable(model: &Model, seen: &BTreeSet<String>) -> Vec<Unreachable> {
+fn unreachable(model: &Model, seen: &BTreeSet<String>) -> Result<Vec<Unreachable>, PlanError> {
     let everywhere: Vec<usize> = (0..model.device.joints.len()).collect();
-    let structure = dynid_generated::structure(&model.device.id);
-    let kernels =
-        (1..=model.device.configurations.len()).filter_map(|number| dynid_generated::kernel(&model.device.id, number));
-    let anywhere: BTreeSet<String> = kernels.flat_map(|kernel| depends_on(model, kernel)).collect();
+    let together = dynid_kernels::kernel(model.device, &everywhere)?;
+    let mut anywhere = BTreeSet::new();
+    for configuration in &model.device.configurations {
+        anywhere.extend(depends_on(model, dynid_kernels::kernel(model.device, &configuration.free)?));
+    }
     let mut unreachable = Vec::new();
     for (name, parameter) in model.parameters() {
         let known = name.starts_with("length.") || name.starts_with("base.") || parameter.fixed;
@@ -149,14 +148,14 @@ fn unreachable(model: &Model, seen: &BTreeSet<String>) -> Vec<Unreachable> {
             "another configuration of the device reveals it"
         } else if !name.starts_with("link.") {
             "its joints are free in no configuration"
-        } else if structure.is_some_and(|structure| structure.appears(&name, &everywhere)) {
+        } else if together.appearing.contains(&name.as_str()) {
             "it acts where joints move together that no configuration frees together"
         } else {
             NOWHERE
         };
         unreachable.push(Unreachable { name, why });
     }
-    unreachable
+    Ok(unreachable)
 }
 
 /// Link parameters that appear, then those parameters of the free joints' effects that may be unknown.
@@ -175,9 +174,8 @@ fn depends_on(model: &Model, kernel: &Kernel) -> Vec<String> {
 
 /// Names of the link parameters on which the torques of the kernel's free joints depend.
 pub fn appearing(kernel: &Kernel) -> BTreeSet<String> {
-    let Some(structure) = dynid_generated::structure(kernel.device) else { return BTreeSet::new() };
-    let links = kernel.parameters.iter().filter(|name| name.starts_with("link."));
-    links.filter(|name| structure.appears(name, kernel.free)).map(|name| (*name).to_owned()).collect()
+    let links = kernel.appearing.iter().filter(|name| name.starts_with("link."));
+    links.map(|name| (*name).to_owned()).collect()
 }
 
 impl Plan {

@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use dynid_generated::Kernel;
 use nalgebra::DMatrix;
 
-use dynid_dynamics::{system::Linear, system::System, system::SystemError};
+use dynid_dynamics::{system::Linear, system::System};
 use dynid_optimise::pseudo_inertia::standard;
 use dynid_random::Random;
 use dynid_user_model::Model;
@@ -160,7 +160,7 @@ impl<'a> Regressor<'a> {
         let mut block = rows.rows_mut(first, n);
         block.fill(0.0);
         if kernel.n_lumps > 0 {
-            (kernel.regressor)(&self.prepared, &motion.q, &motion.dq, &motion.ddq, &mut self.y);
+            kernel.functions.regressor(&self.prepared, &motion.q, &motion.dq, &motion.ddq, &mut self.y);
             let n_columns = self.lumps.ncols();
             for row in 0..n {
                 for lump in 0..kernel.n_lumps {
@@ -211,7 +211,7 @@ fn lumps(kernel: &Kernel, parameters: &LinearParameters, values: &[f64], locked:
         for (column, body) in BODIES.iter().enumerate() {
             let mut with_body = massless.clone();
             own.iter().for_each(|&(place, symbol)| with_body[place] = body[symbol]);
-            (kernel.prepare)(&with_body, locked, &mut body_lumps);
+            kernel.functions.prepare(&with_body, locked, &mut body_lumps);
             for lump in 0..kernel.n_lumps {
                 matrix[(lump, 10 * link + column)] = body_lumps[lump];
             }
@@ -223,7 +223,7 @@ fn lumps(kernel: &Kernel, parameters: &LinearParameters, values: &[f64], locked:
             }
         }
     }
-    (kernel.prepare)(values, locked, &mut prepared);
+    kernel.functions.prepare(values, locked, &mut prepared);
     (matrix, prepared)
 }
 
@@ -300,12 +300,6 @@ fn linear_effects(system: &System) -> Vec<String> {
     taken.into_iter().map(|parameter| system.effect_names()[parameter].clone()).collect()
 }
 
-/// The system of a configuration at the model's values, locked joints at zero.
-pub fn system_of(model: &Model, configuration: usize) -> Result<System, SystemError> {
-    let free = model.device.configurations.get(configuration - 1).map_or(&[][..], |known| &known.free);
-    model.system(free, |_| 0.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -317,8 +311,8 @@ mod tests {
         for device in dynid_model::devices() {
             let mut model = Model::of_device(device);
             model.effects.clear();
-            for number in 1..=device.configurations.len() {
-                let mut system = system_of(&model, number).unwrap();
+            for configuration in &device.configurations {
+                let mut system = model.system(&configuration.free, |_| 0.0).unwrap();
                 let kernel = system.kernel();
                 let values: Vec<f64> = kernel.parameters.iter().map(|_| random.between(0.2, 1.2)).collect();
                 system.set_parameters(&values, &[]);
@@ -335,10 +329,15 @@ mod tests {
                 let mut rows = DMatrix::zeros(n, parameters.names.len());
                 Regressor::of_system(&system, &parameters).rows(&motion, &mut rows, 0);
                 let mut tau = vec![0.0; n];
-                (kernel.inverse_dynamics)(system.prepared(), &motion.q, &motion.dq, &motion.ddq, &mut tau);
+                kernel.functions.inverse_dynamics(system.prepared(), &motion.q, &motion.dq, &motion.ddq, &mut tau);
                 for (found, expected) in (rows * pi).iter().zip(&tau) {
                     let size = tau.iter().fold(1.0_f64, |size, tau| size.max(tau.abs()));
-                    assert!((found - expected).abs() < 1e-10 * size, "{} {number}: {found} {expected}", device.id);
+                    assert!(
+                        (found - expected).abs() < 1e-10 * size,
+                        "{} {:?}: {found} {expected}",
+                        device.id,
+                        configuration.free
+                    );
                 }
             }
         }
@@ -348,8 +347,8 @@ mod tests {
     fn which_effects_are_linear_is_found() {
         let linear = |device: &str| {
             let model = Model::of_device(dynid_model::device(device).unwrap());
-            let number = model.device.configurations.len();
-            linear_effects(&system_of(&model, number).unwrap())
+            let last = model.device.configurations.last().unwrap();
+            linear_effects(&model.system(&last.free, |_| 0.0).unwrap())
         };
         assert_eq!(linear("servo_pendulum").len(), 3, "viscous, coulomb and rotor inertia, not the gain");
         let freedom = linear("freedom6s");

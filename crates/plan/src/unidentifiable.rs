@@ -8,10 +8,7 @@
 
 use nalgebra::DMatrix;
 
-use super::{
-    base::BaseParameters,
-    linear::{LinearParameters, system_of},
-};
+use super::{base::BaseParameters, linear::LinearParameters};
 use crate::PlanError;
 use dynid_dynamics::{system::Linear, system::System};
 use dynid_optimise::identifiability::standing;
@@ -38,16 +35,16 @@ impl UnidentifiableDirection {
 /// Changes that differ by less are the same.
 const SAME: f64 = 1e-5;
 
-/// The unidentifiable directions of a model in these configurations (numbers from 1) together; fixed parameters stay as they are.
+/// The unidentifiable directions of a model with these sets of joints free, together; fixed parameters stay as they are.
 ///
 /// # Errors
-/// A configuration without a kernel, or an effect that cannot be simulated.
+/// Free joints without a kernel, or an effect that cannot be simulated.
 pub fn unidentifiable_directions(
     model: &Model,
-    configurations: &[usize],
+    free: &[Vec<usize>],
     base: &BaseParameters,
 ) -> Result<Vec<UnidentifiableDirection>, PlanError> {
-    let systems = configurations.iter().map(|&number| system_of(model, number)).collect::<Result<Vec<_>, _>>()?;
+    let systems = free.iter().map(|free| model.system(free, |_| 0.0)).collect::<Result<Vec<_>, _>>()?;
     let unknown: Vec<(String, f64)> = model
         .parameters()
         .into_iter()
@@ -181,7 +178,7 @@ fn sensitivity(
         // Locked joints stand elsewhere each time; runs at several poses are one experiment.
         let pose = random.vector(system.n_joints(), -3.0, 3.0);
         let moved = model.system(kernel.free, |joint| pose[joint])?;
-        (kernel.prepare_gradient)(moved.link_parameters(), moved.locked(), &mut gradient);
+        kernel.functions.prepare_gradient(moved.link_parameters(), moved.locked(), &mut gradient);
         let mut x = random.vector(n_states, -1.0, 1.0);
         for speed in &mut x[n..2 * n] {
             // from creeping to fast: friction changes its face by decades
@@ -291,7 +288,9 @@ mod tests {
     use dynid_dynamics::{simulate::Input, simulate::Intersample, simulate::Options, simulate::simulate};
 
     fn flat(model: &Model, configurations: &[usize]) -> Vec<UnidentifiableDirection> {
-        unidentifiable_directions(model, configurations, &base_parameters(model, configurations).unwrap()).unwrap()
+        let configuration = |number: &usize| model.device.configurations[number - 1].free.clone();
+        let free: Vec<Vec<usize>> = configurations.iter().map(configuration).collect();
+        unidentifiable_directions(model, &free, &base_parameters(model, &free).unwrap()).unwrap()
     }
 
     fn freedom() -> Model {

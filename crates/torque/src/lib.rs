@@ -188,7 +188,7 @@ fn rigid(system: &System, motion: &Motion) -> Vec<f64> {
         for (index, torques) in torques.chunks_exact_mut(n).enumerate() {
             sample.load(motion, None, chunk * CHUNK + index);
             let (q, dq) = sample.x[..2 * n].split_at(n);
-            (system.kernel().inverse_dynamics)(system.prepared(), q, dq, &sample.ddq, torques);
+            system.kernel().functions.inverse_dynamics(system.prepared(), q, dq, &sample.ddq, torques);
         }
     });
     torques
@@ -231,7 +231,7 @@ pub fn rigid_columns(system: &System, motion: &Motion) -> Vec<RigidColumns> {
             for (row, k) in range.enumerate() {
                 sample.load(motion, None, k);
                 let (q, dq) = (&sample.x[..n], &sample.x[n..2 * n]);
-                (system.kernel().regressor)(system.prepared(), q, dq, &sample.ddq, &mut y);
+                system.kernel().functions.regressor(system.prepared(), q, dq, &sample.ddq, &mut y);
                 y.iter().enumerate().for_each(|(column, value)| columns[column * length + row] = *value);
             }
             columns

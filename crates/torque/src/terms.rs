@@ -132,9 +132,9 @@ fn rigid(system: &System, motion: &Motion, slopes: &[f64]) -> Vec<[(&'static str
         sample.load(motion, None, k);
         let (q, dq) = (&sample.x[..n], &sample.x[n..2 * n]);
         let kernel = system.kernel();
-        (kernel.inverse_dynamics)(system.prepared(), q, dq, &sample.ddq, &mut needed);
-        (kernel.bias)(system.prepared(), q, dq, &mut bias);
-        (kernel.gravity)(system.prepared(), q, &mut gravity);
+        kernel.functions.inverse_dynamics(system.prepared(), q, dq, &sample.ddq, &mut needed);
+        kernel.functions.bias(system.prepared(), q, dq, &mut bias);
+        kernel.functions.gravity(system.prepared(), q, &mut gravity);
         for slot in 0..n {
             let [inertia, coriolis, weight] = &mut columns[slot];
             inertia.1.push((needed[slot] - bias[slot]) / slopes[slot]);

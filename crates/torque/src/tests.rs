@@ -61,7 +61,7 @@ fn a_torque_that_fits_the_motion_leaves_no_error() {
     for k in 0..run.log.len() {
         let (p, r) = (u * run.log.t[k] + 0.2, v * run.log.t[k] + 1.0);
         let mut tau = [0.0; 2];
-        (ARM.inverse_dynamics)(
+        ARM.functions.inverse_dynamics(
             system.prepared(),
             &[a * p.sin(), b * r.sin()],
             &[a * u * p.cos(), b * v * r.cos()],
@@ -134,7 +134,7 @@ fn gradients_agree_with_differences() {
                 let mut unit = [0.0; 5];
                 unit[lump] = 1.0;
                 let mut tau = [0.0; 2];
-                (ARM.inverse_dynamics)(&unit, &q, &dq, &ddq, &mut tau);
+                ARM.functions.inverse_dynamics(&unit, &q, &dq, &ddq, &mut tau);
                 *sum = tau[slot];
             }
             match column {

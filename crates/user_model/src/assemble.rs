@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use dynid_generated::{Kernel, Signal};
+use dynid_generated::Signal;
+use dynid_kernels::KernelError;
 use dynid_model::Effect;
 
 use dynid_dynamics::kinematics::{Kinematics, KinematicsError};
@@ -14,9 +15,9 @@ impl Model {
     /// The equations of this model with the joints `free`, the others locked at `position_of(joint)` [rad or m].
     ///
     /// # Errors
-    /// Joints that no configuration of the device frees, a value or an effect's kernel that is missing.
+    /// Joints that the device does not have, equations or an effect's function that cannot be made, a value that is missing.
     pub fn system(&self, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<System, SystemError> {
-        let kernel = kernel_of(self, free)?;
+        let kernel = dynid_kernels::kernel(self.device, free).map_err(no_kernel)?;
         let values: std::collections::BTreeMap<String, f64> =
             self.parameters().into_iter().map(|(name, parameter)| (name, parameter.value)).collect();
         let link_parameters = kernel
@@ -46,29 +47,22 @@ impl Model {
     /// # Errors
     /// As [`Kinematics::new`].
     pub fn kinematics(&self, free: &[usize], posture: &[f64]) -> Result<Kinematics, KinematicsError> {
-        Kinematics::new(&self.device.id, free, posture, |name| Some(self.parameter(name)?.value))
+        let no_kernel = |error: KernelError| KinematicsError::NoKernel { why: error.to_string() };
+        let end_point = dynid_kernels::end_point(self.device).map_err(no_kernel)?;
+        let end_point = end_point.ok_or_else(|| KinematicsError::NoEndPoint { device: self.device.id.clone() })?;
+        Kinematics::new(end_point, free, posture, |name| Some(self.parameter(name)?.value))
     }
 }
 
-/// The kernel of the configuration with these free joints.
-fn kernel_of(model: &Model, free: &[usize]) -> Result<&'static Kernel, SystemError> {
-    let device = model.device;
-    let number = device.configurations.iter().position(|configuration| configuration.free == free);
-    number.and_then(|index| dynid_generated::kernel(&device.id, index + 1)).ok_or_else(|| {
-        SystemError::NoConfiguration {
-            device: device.id.clone(),
-            free: free.to_vec(),
-            known: device.configurations.iter().map(|configuration| configuration.free.clone()).collect(),
-        }
-    })
+fn no_kernel(error: KernelError) -> SystemError {
+    SystemError::NoKernel { why: error.to_string() }
 }
 
 impl EffectInstance {
     /// The effect for a [`System`], with its values; which link a body joins is the device's to say.
     pub fn placed(&self) -> Result<PlacedEffect, SystemError> {
         let effect = self.effect;
-        let kernel =
-            dynid_generated::effect(&effect.id).ok_or_else(|| SystemError::NoEffectKernel { id: effect.id.clone() })?;
+        let kernel = dynid_kernels::effect(effect).map_err(no_kernel)?;
         let names: Vec<String> = (0..effect.parameters.len()).map(|index| self.parameter_name(index)).collect();
         let place = match (self.joint, self.from) {
             (Some(joint), Some(from)) => format!("joint.{joint}.{}.{from}", effect.id),

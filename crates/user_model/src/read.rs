@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use dynid_model::{
-    Device, Link, ModelError, Parameter, Source, device,
+    Device, Link, ModelError, Parameter, Source, device_named,
     device_reader::check_mass,
-    devices, did_you_mean,
+    did_you_mean,
     document::{self, Table},
     effects,
     instance::{check_instances, read_instance},
@@ -22,14 +22,11 @@ pub(super) enum Bodies {
     Unchecked,
 }
 
-/// The device that a file is about: its key `device`.
+/// The device that a file is about: its key `device`, an id or the path of a device file from the file's folder.
 pub fn device_of(root: &Table<'_>) -> Result<&'static Device, ModelError> {
     let entry = root.required("device", "\"<device>\"")?;
-    let id = entry.text()?;
-    device(id).ok_or_else(|| {
-        let known = did_you_mean(id, devices().iter().map(|device| device.id.as_str()));
-        entry.error(format!("unknown device `{id}`")).help(known)
-    })
+    let folder = root.source.path.parent().unwrap_or(Path::new(""));
+    device_named(entry.text()?, folder).map_err(|error| entry.error(error.to_string()).help(error.remedy()))
 }
 
 impl Model {

@@ -1,26 +1,46 @@
 //! From a [`Model`] to the text of its file: the text it was read from with its comments and order, where there is one.
 
+use std::path::Path;
+
 use dynid_model::{Link, Parameter, sha256_hex};
 use toml_edit::{ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value, value};
 
 use super::{BASE_SYMBOLS, EffectInstance, Model, default_parameter, fit_record::write_numbers, widened};
 
 impl Model {
-    /// The model file. What was read and did not change keeps its place, its comments and its digits.
+    /// The model file, to lie in the current folder. What was read and did not change keeps its place, its comments and its digits.
     pub fn to_toml(&self) -> String {
-        match self.origin.as_ref().and_then(|text| text.parse::<DocumentMut>().ok()) {
+        self.to_toml_at(Path::new(""))
+    }
+
+    /// The model file, to lie at `path`: a device file is named by its path from there.
+    pub fn to_toml_at(&self, path: &Path) -> String {
+        let document = match self.origin.as_ref().and_then(|text| text.parse::<DocumentMut>().ok()) {
             Some(document) => self.updated(document),
             None => self.canonical(true),
+        };
+        self.with_device_named_from(document, path.parent().unwrap_or(path)).to_string()
+    }
+
+    fn with_device_named_from(&self, mut document: DocumentMut, folder: &Path) -> DocumentMut {
+        let name = self.device.name_from(folder);
+        if let Some(known) =
+            document.get_mut("device").and_then(Item::as_value_mut).filter(|known| known.as_str() != Some(&*name))
+        {
+            let decor = known.decor().clone();
+            *known = name.into();
+            *known.decor_mut() = decor;
         }
+        document
     }
 
     /// SHA-256 (hex) of every parameter, whatever the file looks like; how the values were found is not in it.
     pub fn digest(&self) -> String {
-        sha256_hex(self.canonical(false).as_bytes())
+        sha256_hex(self.canonical(false).to_string().as_bytes())
     }
 
     /// All parameters in the model's order.
-    fn canonical(&self, with_fit: bool) -> String {
+    fn canonical(&self, with_fit: bool) -> DocumentMut {
         let mut document = DocumentMut::new();
         document.insert("device", value(&self.device.id));
         let mut links = Table::new();
@@ -58,7 +78,7 @@ impl Model {
         if with_fit {
             self.write_history(&mut document);
         }
-        document.to_string()
+        document
     }
 
     fn effect_table(&self, instance: &EffectInstance) -> Table {
@@ -83,7 +103,7 @@ impl Model {
     }
 
     /// The file that was read, with what has changed since.
-    fn updated(&self, mut document: DocumentMut) -> String {
+    fn updated(&self, mut document: DocumentMut) -> DocumentMut {
         for (link, parameters) in self.links.iter().enumerate() {
             let number = (link + 1).to_string();
             for (index, symbol) in Link::SYMBOLS.iter().enumerate() {
@@ -107,7 +127,7 @@ impl Model {
         document.remove("fit");
         document.remove("believed");
         self.write_history(&mut document);
-        document.to_string()
+        document
     }
 
     /// How the values were found, and what they were believed to be before.

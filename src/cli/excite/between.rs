@@ -27,7 +27,7 @@ pub fn rivals(paths: &[PathBuf]) -> anyhow::Result<Option<[Model; 2]>> {
     let [a, b] = paths else { return Ok(None) };
     let rivals = [Model::load(a)?, Model::load(b)?];
     let [of_a, of_b] = &rivals;
-    if of_a.device.id != of_b.device.id {
+    if !of_a.device.is_same_as(of_b.device) {
         bail!(
             "{} is a model of device `{}`, {} of `{}`; give two of one device",
             a.display(),

@@ -27,10 +27,10 @@ pub struct Arguments {
     /// The model that the controller believes; without it, the default model of the setting's device. Where it states standard
     /// errors, models that are off by them are tried too.
     #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    pub model: Option<PathBuf>,
     /// The device that is felt, as a model of its own; without it, the believed model is right.
     #[arg(long, value_name = "FILE")]
-    plant: Option<PathBuf>,
+    pub plant: Option<PathBuf>,
     /// The free joints; without them, the largest configuration of the device.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
@@ -115,7 +115,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         ..usual
     };
     let survey = survey(&plant, &controller_model, &free, &options)?;
-    let borne = (setting.device.id == device.id).then(|| borne(&survey, &setting)).flatten();
+    let borne = setting.device.is_same_as(device).then(|| borne(&survey, &setting)).flatten();
     let mut text = as_text(&survey);
     if let Some((typical, worst)) = borne {
         let _ = writeln!(

@@ -21,7 +21,7 @@ use super::{Answer, Outcome, Where, came_from, wall_of};
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    place: Where,
+    pub place: Where,
     /// Walls: names of those that the program carries, or files.
     #[arg(long, value_delimiter = ',', value_name = "WALLS", default_value = "pd,pd_tuned,fuzzy_tuned")]
     wall: Vec<String>,

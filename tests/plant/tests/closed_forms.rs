@@ -33,6 +33,7 @@ fn device(convention: Convention, kinds: &[JointKind], frames: Vec<Frame>, links
     let zero = Parameter { value: 0.0, lower: 0.0, upper: 0.0, fixed: false };
     Device {
         id: "test".to_owned(),
+        file: None,
         title: String::new(),
         source: String::new(),
         convention,

@@ -20,6 +20,7 @@ fn rotor(gravity: f64) -> Device {
     (inertial[0], inertial[9]) = (known(1.0), known(INERTIA));
     Device {
         id: "rotor".to_owned(),
+        file: None,
         title: String::new(),
         source: String::new(),
         convention: Convention::Standard,

@@ -27,9 +27,20 @@ impl Random {
 
 /// A random tree of two to four joints: either convention, odd angles, prismatic joints, joints that stand in several
 /// frames, links on any frame, a base that may be tilted.
+#[allow(dead_code)]
 pub fn random_robot(seed: u64) -> Device {
     let mut random = Random(1000 + seed);
     let n_joints = 2 + random.below(3);
+    robot(seed, random, n_joints)
+}
+
+/// As [`random_robot`], of so many joints.
+#[allow(dead_code)]
+pub fn random_robot_of(seed: u64, n_joints: usize) -> Device {
+    robot(seed, Random(2000 + seed), n_joints)
+}
+
+fn robot(seed: u64, mut random: Random, n_joints: usize) -> Device {
     let prismatic: Vec<bool> = (0..n_joints).map(|_| random.below(4) == 0).collect();
     let angles = ["0", "pi/2", "-pi/2", "pi", "0.3", "-1.1"];
     let lengths = ["0", "0", "L1", "-L2", "L1 + L2", "0.37"];
@@ -78,7 +89,10 @@ pub fn random_robot(seed: u64) -> Device {
     }
     let all: Vec<usize> = (0..n_joints).collect();
     let some: Vec<usize> = all.iter().copied().filter(|_| random.below(2) == 0).collect();
-    let mut sets = vec![format!("{all:?}"), "[0]".to_owned()];
+    let mut sets = vec![format!("{all:?}")];
+    if n_joints > 1 {
+        sets.push("[0]".to_owned());
+    }
     if some.len() > 1 && some.len() < n_joints {
         sets.push(format!("{some:?}"));
     }

@@ -38,14 +38,14 @@ fn module(effect: &EffectKernels) -> TokenStream {
     quote! {
         #[doc = #title]
         pub mod #name {
-            use crate::{EffectKernel, Lanes, Scalar, checked};
-            /// The table entry: this effect's `f64` kernels.
+            use crate::{EffectKernel, EffectTable, Lanes, Scalar, checked};
+            /// The table entry: this effect's kernels.
             pub static EFFECT: EffectKernel = EffectKernel {
                 id: #id,
                 n_parameters: #n_parameters,
                 n_states: #n_states,
                 n_outputs: #n_outputs,
-                #(#entries),*
+                functions: &EffectTable { #(#entries),* },
             };
             #(#functions)*
         }

@@ -32,15 +32,15 @@ pub fn end_point_module(end_point: &EndPoint) -> Result<String, EmitError> {
         #![doc = #head]
         #![doc = ""]
         #![doc = #about]
-        use crate::{EndPoint, Operations, Scalar, checked};
-        /// The table entry: the `f64` functions.
+        use crate::{EndPoint, EndPointTable, Operations, Scalar, checked};
+        /// The table entry.
         pub static END_POINT: EndPoint = EndPoint {
             device: #device,
             frame: #frame,
             n_joints: #n_joints,
             parameters: #parameters,
             operations: #operations,
-            #(#entries),*
+            functions: &EndPointTable { #(#entries),* },
         };
         #(#documented)*
     };

@@ -13,8 +13,9 @@ const PARTIALS: usize = 1;
 /// What a fit evaluates at several states at once: the table has these in lanes, too.
 const IN_LANES: [&str; 3] = ["inertia", "regressor", "inverse_dynamics_gradient"];
 
-/// The text of a configuration's module. It expects to be a module of `dynid_generated`.
-pub fn configuration_module(configuration: &Configuration) -> Result<String, EmitError> {
+/// The text of a configuration's module. It expects to be a module of `dynid_generated`. `appearing`: names of the parameters on
+/// which the equations depend.
+pub fn configuration_module(configuration: &Configuration, appearing: &[String]) -> Result<String, EmitError> {
     let (device, number) = (&configuration.device, configuration.number);
     let head = format!(
         " @generated from `generated/{device}/c{number:02}.kir`; change `model/devices/{device}.toml`, then run \
@@ -30,12 +31,12 @@ pub fn configuration_module(configuration: &Configuration) -> Result<String, Emi
         configuration.n_lumps
     );
     let functions = configuration.functions.iter().map(|one| function(one, &documentation(one)));
-    let kernel = table_entry(configuration);
+    let kernel = table_entry(configuration, appearing);
     let tokens = quote! {
         #![doc = #head]
         #![doc = ""]
         #![doc = #about]
-        use crate::{Kernel, Lanes, Operations, Scalar, checked, gradient::jacobian_of};
+        use crate::{Kernel, KernelTable, Lanes, Operations, Scalar, checked, gradient::jacobian_of};
         #kernel
         #(#functions)*
     };
@@ -69,11 +70,12 @@ fn joints(joints: &[usize]) -> String {
     }
 }
 
-fn table_entry(configuration: &Configuration) -> TokenStream {
+fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStream {
     let (device, number) = (&configuration.device, size(configuration.number));
     let free = list(configuration.free.iter().copied().map(size));
     let locked = list(configuration.locked.iter().copied().map(size));
     let parameters = list(&configuration.parameters);
+    let appearing = list(appearing);
     let prepared = list(&configuration.prepared);
     let n_lumps = size(configuration.n_lumps);
     let prepare_ops = size(configuration.prepare_counts.arithmetic());
@@ -96,21 +98,26 @@ fn table_entry(configuration: &Configuration) -> TokenStream {
     let [partials, n_parameters, n_locked, n_prepared] =
         [PARTIALS, configuration.parameters.len(), configuration.locked.len(), configuration.prepared.len()].map(size);
     quote! {
-        /// The table entry: this configuration's `f64` kernels.
+        /// The table entry: this configuration's kernels.
         pub static KERNEL: Kernel = Kernel {
             device: #device,
-            configuration: #number,
+            configuration: Some(#number),
             free: #free,
             locked: #locked,
             parameters: #parameters,
+            appearing: #appearing,
             prepared: #prepared,
             n_lumps: #n_lumps,
             operations: #operations,
-            prepare_gradient: |parameters, locked, jacobian| {
-                jacobian_of::<#partials, #n_parameters, #n_locked, #n_prepared>(prepare, parameters, locked, jacobian)
+            functions: &KernelTable {
+                prepare_gradient: |parameters, locked, jacobian| {
+                    jacobian_of::<#partials, #n_parameters, #n_locked, #n_prepared>(
+                        prepare, parameters, locked, jacobian,
+                    )
+                },
+                #(#entries,)*
+                #(#in_lanes),*
             },
-            #(#entries,)*
-            #(#in_lanes),*
         };
     }
 }

@@ -36,7 +36,7 @@ fn energy_is_kept_without_friction() {
     let motion = simulate(&system, &input, &[0.4, 0.3], &Options::default()).unwrap();
     let energy = |q: &[f64], dq: &[f64]| {
         let mut d = [0.0; 4];
-        (ARM.inertia)(system.prepared(), q, &mut d);
+        ARM.functions.inertia(system.prepared(), q, &mut d);
         let kinetic = 0.5 * (d[0] * dq[0] * dq[0] + 2.0 * d[1] * dq[0] * dq[1] + d[3] * dq[1] * dq[1]);
         let lumps = system.prepared();
         kinetic + GRAVITY * (lumps[3] * q[0].sin() + lumps[4] * (q[0] + q[1]).sin())

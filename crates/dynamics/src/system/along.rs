@@ -50,7 +50,7 @@ impl Linear {
         let n = system.n_free();
         if system.kernel.n_lumps > 0 {
             let (q, dq) = (&x[..n], &x[n..2 * n]);
-            (system.kernel.regressor)(&system.prepared, q, dq, ddq, &mut self.regressor);
+            system.kernel.functions.regressor(&system.prepared, q, dq, ddq, &mut self.regressor);
         }
         self.inertias(system, ddq);
     }

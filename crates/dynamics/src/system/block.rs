@@ -146,7 +146,7 @@ impl Block {
             *state = Lanes::new([at(view.x, first + k), at(view.x, second + k)]);
         }
         let (outputs_used, rates_used) = (&mut outputs[..n_outputs], &mut rates[..nz]);
-        (self.kernel.eval_lanes)(&self.parameters, &signals, &states[..nz], outputs_used, rates_used);
+        self.kernel.functions.eval_lanes(&self.parameters, &signals, &states[..nz], outputs_used, rates_used);
         let mut deliver = |output: usize, slots: &[usize; LANES]| {
             if let Some(output) = outputs.get(output) {
                 for (torque, slot) in output.to_array().iter().zip(slots).take(self.used) {

@@ -47,7 +47,7 @@ impl System {
         }
         let (mut with, mut without) = (vec![0.0; self.prepared.len()], vec![0.0; self.prepared.len()]);
         let mut by_link = vec![0.0; self.prepared.len() * n_parameters];
-        (kernel.prepare)(&massless, &self.locked, &mut without);
+        kernel.functions.prepare(&massless, &self.locked, &mut without);
         for body in &self.bodies {
             let Body { element, places } = body;
             let parameters = &self.effect_parameters[element.p..element.p + element.np];
@@ -57,11 +57,11 @@ impl System {
             let mut jacobian = vec![0.0; n_outputs * columns];
             let signals = [0.0; N_SIGNALS];
             let outputs = &mut outputs[..n_outputs];
-            (element.kernel.eval_gradient)(parameters, &signals, &[], outputs, &mut [], &mut jacobian);
+            element.kernel.functions.eval_gradient(parameters, &signals, &[], outputs, &mut [], &mut jacobian);
             let mut alone = massless.clone();
             places.iter().for_each(|&(output, place)| alone[place] = outputs[output]);
-            (kernel.prepare)(&alone, &self.locked, &mut with);
-            (kernel.prepare_gradient)(&alone, &self.locked, &mut by_link);
+            kernel.functions.prepare(&alone, &self.locked, &mut with);
+            kernel.functions.prepare_gradient(&alone, &self.locked, &mut by_link);
             for (prepared, (with, without)) in self.prepared.iter_mut().zip(with.iter().zip(&without)) {
                 *prepared += with - without;
             }

@@ -28,7 +28,7 @@ impl Delay {
         let columns = np + N_SIGNALS;
         let mut jacobian = vec![0.0; kernel.n_outputs * columns];
         let parameters = &effect_parameters[p..p + np];
-        (kernel.eval_gradient)(parameters, &[0.0; N_SIGNALS], &[], &mut outputs, &mut [], &mut jacobian);
+        kernel.functions.eval_gradient(parameters, &[0.0; N_SIGNALS], &[], &mut outputs, &mut [], &mut jacobian);
         // What has not been commanded yet cannot arrive.
         let comes_late = outputs[output] > 0.0;
         self.span_s = if comes_late { outputs[output] } else { 0.0 };

@@ -123,7 +123,7 @@ impl System {
     ) {
         let n = self.n_free();
         self.effects_alone(scratch, t, x, command, dx);
-        (self.kernel.inverse_dynamics)(&self.prepared, &x[..n], &x[n..2 * n], ddq, missing);
+        self.kernel.functions.inverse_dynamics(&self.prepared, &x[..n], &x[n..2 * n], ddq, missing);
         self.add_inertia_torque(ddq, missing);
         for (slot, missing) in missing.iter_mut().enumerate() {
             *missing += scratch.load[slot] - scratch.drive[slot];

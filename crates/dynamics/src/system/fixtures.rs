@@ -1,6 +1,6 @@
 //! Hand-written kernels to test against: a pendulum, a planar two-link arm, and a few effects.
 
-use dynid_generated::{EffectKernel, Kernel, LANES, Lanes, Signal};
+use dynid_generated::{EffectKernel, EffectTable, Kernel, KernelTable, LANES, Lanes, Signal};
 use dynid_signal_chain::{Place, Stage};
 
 use super::*;
@@ -31,44 +31,47 @@ fn each_lane<const I: usize, const O: usize>(
 /// A pendulum: `tau = (I + m x^2) ddq + g m x sin q`; lumps `I + m x^2` and `m x`.
 pub static PENDULUM: Kernel = Kernel {
     device: "pendulum",
-    configuration: 1,
+    configuration: Some(1),
     free: &[0],
     locked: &[],
     parameters: &["link.1.m", "link.1.x", "link.1.Izz"],
+    appearing: &["link.1.m", "link.1.x", "link.1.Izz"],
     prepared: &["J", "mx"],
     n_lumps: 2,
     operations: &[],
-    prepare: |p, _, out| {
-        out[0] = p[2] + p[0] * p[1] * p[1];
-        out[1] = p[0] * p[1];
-    },
-    prepare_gradient: |p, _, j| {
-        j.copy_from_slice(&[p[1] * p[1], 2.0 * p[0] * p[1], 1.0, p[1], p[0], 0.0]);
-    },
-    inertia: |l, _, d| d[0] = l[0],
-    coriolis: |_, _, _, c| c[0] = 0.0,
-    gravity: |l, q, phi| phi[0] = GRAVITY * l[1] * q[0].sin(),
-    bias: |l, q, _, h| h[0] = GRAVITY * l[1] * q[0].sin(),
-    inertia_and_bias: |l, q, _, d, h| {
-        d[0] = l[0];
-        h[0] = GRAVITY * l[1] * q[0].sin();
-    },
-    inverse_dynamics: |l, q, _, ddq, tau| tau[0] = l[0] * ddq[0] + GRAVITY * l[1] * q[0].sin(),
-    forward_dynamics: |l, q, _, tau, ddq| ddq[0] = (tau[0] - GRAVITY * l[1] * q[0].sin()) / l[0],
-    regressor: |_, q, _, ddq, y| y.copy_from_slice(&[ddq[0], GRAVITY * q[0].sin()]),
-    inverse_dynamics_gradient: |l, q, _, ddq, tau, by_q, by_dq| {
-        tau[0] = l[0] * ddq[0] + GRAVITY * l[1] * q[0].sin();
-        by_q[0] = GRAVITY * l[1] * q[0].cos();
-        by_dq[0] = 0.0;
-    },
-    inertia_lanes: |l, q, d| each_lane([l, q], [d], |[l, q], [d]| (PENDULUM.inertia)(l, q, d)),
-    regressor_lanes: |l, q, dq, ddq, y| {
-        each_lane([l, q, dq, ddq], [y], |[l, q, dq, ddq], [y]| (PENDULUM.regressor)(l, q, dq, ddq, y));
-    },
-    inverse_dynamics_gradient_lanes: |l, q, dq, ddq, tau, by_q, by_dq| {
-        each_lane([l, q, dq, ddq], [tau, by_q, by_dq], |[l, q, dq, ddq], [tau, by_q, by_dq]| {
-            (PENDULUM.inverse_dynamics_gradient)(l, q, dq, ddq, tau, by_q, by_dq);
-        });
+    functions: &KernelTable {
+        prepare: |p, _, out| {
+            out[0] = p[2] + p[0] * p[1] * p[1];
+            out[1] = p[0] * p[1];
+        },
+        prepare_gradient: |p, _, j| {
+            j.copy_from_slice(&[p[1] * p[1], 2.0 * p[0] * p[1], 1.0, p[1], p[0], 0.0]);
+        },
+        inertia: |l, _, d| d[0] = l[0],
+        coriolis: |_, _, _, c| c[0] = 0.0,
+        gravity: |l, q, phi| phi[0] = GRAVITY * l[1] * q[0].sin(),
+        bias: |l, q, _, h| h[0] = GRAVITY * l[1] * q[0].sin(),
+        inertia_and_bias: |l, q, _, d, h| {
+            d[0] = l[0];
+            h[0] = GRAVITY * l[1] * q[0].sin();
+        },
+        inverse_dynamics: |l, q, _, ddq, tau| tau[0] = l[0] * ddq[0] + GRAVITY * l[1] * q[0].sin(),
+        forward_dynamics: |l, q, _, tau, ddq| ddq[0] = (tau[0] - GRAVITY * l[1] * q[0].sin()) / l[0],
+        regressor: |_, q, _, ddq, y| y.copy_from_slice(&[ddq[0], GRAVITY * q[0].sin()]),
+        inverse_dynamics_gradient: |l, q, _, ddq, tau, by_q, by_dq| {
+            tau[0] = l[0] * ddq[0] + GRAVITY * l[1] * q[0].sin();
+            by_q[0] = GRAVITY * l[1] * q[0].cos();
+            by_dq[0] = 0.0;
+        },
+        inertia_lanes: |l, q, d| each_lane([l, q], [d], |[l, q], [d]| PENDULUM.functions.inertia(l, q, d)),
+        regressor_lanes: |l, q, dq, ddq, y| {
+            each_lane([l, q, dq, ddq], [y], |[l, q, dq, ddq], [y]| PENDULUM.functions.regressor(l, q, dq, ddq, y));
+        },
+        inverse_dynamics_gradient_lanes: |l, q, dq, ddq, tau, by_q, by_dq| {
+            each_lane([l, q, dq, ddq], [tau, by_q, by_dq], |[l, q, dq, ddq], [tau, by_q, by_dq]| {
+                PENDULUM.functions.inverse_dynamics_gradient(l, q, dq, ddq, tau, by_q, by_dq);
+            });
+        },
     },
 };
 
@@ -103,80 +106,83 @@ fn arm_torque(l: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) -> [f64; 2] {
 /// A planar two-link arm in a vertical plane; five lumps, linear in them.
 pub static ARM: Kernel = Kernel {
     device: "arm",
-    configuration: 1,
+    configuration: Some(1),
     free: &[0, 1],
     locked: &[],
     parameters: &["link.1.m", "link.1.x", "link.1.Izz", "link.2.m", "link.2.x", "link.2.Izz"],
+    appearing: &["link.1.m", "link.1.x", "link.1.Izz", "link.2.m", "link.2.x", "link.2.Izz"],
     prepared: &["p1", "p2", "p3", "g1", "g2"],
     n_lumps: 5,
     operations: &[],
-    prepare: |p, _, out| {
-        out[0] = p[2] + p[0] * p[1] * p[1] + p[3] * L1 * L1;
-        out[1] = p[5] + p[3] * p[4] * p[4];
-        out[2] = L1 * p[3] * p[4];
-        out[3] = p[0] * p[1] + p[3] * L1;
-        out[4] = p[3] * p[4];
-    },
-    prepare_gradient: |p, _, j| {
-        #[rustfmt::skip]
-        j.copy_from_slice(&[
-            p[1] * p[1], 2.0 * p[0] * p[1], 1.0, L1 * L1,     0.0,               0.0,
-            0.0,         0.0,               0.0, p[4] * p[4], 2.0 * p[3] * p[4], 1.0,
-            0.0,         0.0,               0.0, L1 * p[4],   L1 * p[3],         0.0,
-            p[1],        p[0],              0.0, L1,          0.0,               0.0,
-            0.0,         0.0,               0.0, p[4],        p[3],              0.0,
-        ]);
-    },
-    inertia: |l, q, d| {
-        let c2 = q[1].cos();
-        d.copy_from_slice(&[l[0] + l[1] + 2.0 * l[2] * c2, l[1] + l[2] * c2, l[1] + l[2] * c2, l[1]]);
-    },
-    coriolis: |l, q, dq, c| {
-        let h = -l[2] * q[1].sin();
-        c.copy_from_slice(&[h * dq[1], h * (dq[0] + dq[1]), -h * dq[0], 0.0]);
-    },
-    gravity: |l, q, phi| phi.copy_from_slice(&arm_torque(l, q, &[0.0; 2], &[0.0; 2])),
-    bias: |l, q, dq, h| h.copy_from_slice(&arm_torque(l, q, dq, &[0.0; 2])),
-    inertia_and_bias: |l, q, dq, d, h| {
-        (ARM.inertia)(l, q, d);
-        (ARM.bias)(l, q, dq, h);
-    },
-    inverse_dynamics: |l, q, dq, ddq, tau| tau.copy_from_slice(&arm_torque(l, q, dq, ddq)),
-    forward_dynamics: |l, q, dq, tau, ddq| {
-        let mut d = [0.0; 4];
-        (ARM.inertia)(l, q, &mut d);
-        let h = arm_torque(l, q, dq, &[0.0; 2]);
-        ddq.copy_from_slice(&[tau[0] - h[0], tau[1] - h[1]]);
-        solve::solve(2, &mut d, ddq);
-    },
-    regressor: |_, q, dq, ddq, y| y.copy_from_slice(&arm_regressor(q, dq, ddq)),
-    inverse_dynamics_gradient: |l, q, dq, ddq, tau, by_q, by_dq| {
-        tau.copy_from_slice(&arm_torque(l, q, dq, ddq));
-        let (s2, c2) = q[1].sin_cos();
-        let weight1 = -GRAVITY * l[3] * q[0].sin();
-        let weight12 = -GRAVITY * l[4] * (q[0] + q[1]).sin();
-        let coupling = -s2 * (2.0 * ddq[0] + ddq[1]) - c2 * (2.0 * dq[0] + dq[1]) * dq[1];
-        by_q.copy_from_slice(&[
-            weight1 + weight12,
-            l[2] * coupling + weight12,
-            weight12,
-            l[2] * (-s2 * ddq[0] + c2 * dq[0] * dq[0]) + weight12,
-        ]);
-        by_dq.copy_from_slice(&[
-            -2.0 * l[2] * s2 * dq[1],
-            -2.0 * l[2] * s2 * (dq[0] + dq[1]),
-            2.0 * l[2] * s2 * dq[0],
-            0.0,
-        ]);
-    },
-    inertia_lanes: |l, q, d| each_lane([l, q], [d], |[l, q], [d]| (ARM.inertia)(l, q, d)),
-    regressor_lanes: |l, q, dq, ddq, y| {
-        each_lane([l, q, dq, ddq], [y], |[l, q, dq, ddq], [y]| (ARM.regressor)(l, q, dq, ddq, y));
-    },
-    inverse_dynamics_gradient_lanes: |l, q, dq, ddq, tau, by_q, by_dq| {
-        each_lane([l, q, dq, ddq], [tau, by_q, by_dq], |[l, q, dq, ddq], [tau, by_q, by_dq]| {
-            (ARM.inverse_dynamics_gradient)(l, q, dq, ddq, tau, by_q, by_dq);
-        });
+    functions: &KernelTable {
+        prepare: |p, _, out| {
+            out[0] = p[2] + p[0] * p[1] * p[1] + p[3] * L1 * L1;
+            out[1] = p[5] + p[3] * p[4] * p[4];
+            out[2] = L1 * p[3] * p[4];
+            out[3] = p[0] * p[1] + p[3] * L1;
+            out[4] = p[3] * p[4];
+        },
+        prepare_gradient: |p, _, j| {
+            #[rustfmt::skip]
+            j.copy_from_slice(&[
+                p[1] * p[1], 2.0 * p[0] * p[1], 1.0, L1 * L1,     0.0,               0.0,
+                0.0,         0.0,               0.0, p[4] * p[4], 2.0 * p[3] * p[4], 1.0,
+                0.0,         0.0,               0.0, L1 * p[4],   L1 * p[3],         0.0,
+                p[1],        p[0],              0.0, L1,          0.0,               0.0,
+                0.0,         0.0,               0.0, p[4],        p[3],              0.0,
+            ]);
+        },
+        inertia: |l, q, d| {
+            let c2 = q[1].cos();
+            d.copy_from_slice(&[l[0] + l[1] + 2.0 * l[2] * c2, l[1] + l[2] * c2, l[1] + l[2] * c2, l[1]]);
+        },
+        coriolis: |l, q, dq, c| {
+            let h = -l[2] * q[1].sin();
+            c.copy_from_slice(&[h * dq[1], h * (dq[0] + dq[1]), -h * dq[0], 0.0]);
+        },
+        gravity: |l, q, phi| phi.copy_from_slice(&arm_torque(l, q, &[0.0; 2], &[0.0; 2])),
+        bias: |l, q, dq, h| h.copy_from_slice(&arm_torque(l, q, dq, &[0.0; 2])),
+        inertia_and_bias: |l, q, dq, d, h| {
+            ARM.functions.inertia(l, q, d);
+            ARM.functions.bias(l, q, dq, h);
+        },
+        inverse_dynamics: |l, q, dq, ddq, tau| tau.copy_from_slice(&arm_torque(l, q, dq, ddq)),
+        forward_dynamics: |l, q, dq, tau, ddq| {
+            let mut d = [0.0; 4];
+            ARM.functions.inertia(l, q, &mut d);
+            let h = arm_torque(l, q, dq, &[0.0; 2]);
+            ddq.copy_from_slice(&[tau[0] - h[0], tau[1] - h[1]]);
+            solve::solve(2, &mut d, ddq);
+        },
+        regressor: |_, q, dq, ddq, y| y.copy_from_slice(&arm_regressor(q, dq, ddq)),
+        inverse_dynamics_gradient: |l, q, dq, ddq, tau, by_q, by_dq| {
+            tau.copy_from_slice(&arm_torque(l, q, dq, ddq));
+            let (s2, c2) = q[1].sin_cos();
+            let weight1 = -GRAVITY * l[3] * q[0].sin();
+            let weight12 = -GRAVITY * l[4] * (q[0] + q[1]).sin();
+            let coupling = -s2 * (2.0 * ddq[0] + ddq[1]) - c2 * (2.0 * dq[0] + dq[1]) * dq[1];
+            by_q.copy_from_slice(&[
+                weight1 + weight12,
+                l[2] * coupling + weight12,
+                weight12,
+                l[2] * (-s2 * ddq[0] + c2 * dq[0] * dq[0]) + weight12,
+            ]);
+            by_dq.copy_from_slice(&[
+                -2.0 * l[2] * s2 * dq[1],
+                -2.0 * l[2] * s2 * (dq[0] + dq[1]),
+                2.0 * l[2] * s2 * dq[0],
+                0.0,
+            ]);
+        },
+        inertia_lanes: |l, q, d| each_lane([l, q], [d], |[l, q], [d]| ARM.functions.inertia(l, q, d)),
+        regressor_lanes: |l, q, dq, ddq, y| {
+            each_lane([l, q, dq, ddq], [y], |[l, q, dq, ddq], [y]| ARM.functions.regressor(l, q, dq, ddq, y));
+        },
+        inverse_dynamics_gradient_lanes: |l, q, dq, ddq, tau, by_q, by_dq| {
+            each_lane([l, q, dq, ddq], [tau, by_q, by_dq], |[l, q, dq, ddq], [tau, by_q, by_dq]| {
+                ARM.functions.inverse_dynamics_gradient(l, q, dq, ddq, tau, by_q, by_dq);
+            });
+        },
     },
 };
 
@@ -189,20 +195,22 @@ pub static GAIN: EffectKernel = EffectKernel {
     n_parameters: 1,
     n_states: 0,
     n_outputs: 1,
-    eval: |p, s, _, out, _| out[0] = p[0] * s[Signal::Command as usize],
-    eval_gradient: |p, s, _, out, _, j| {
-        out[0] = p[0] * s[Signal::Command as usize];
-        j.fill(0.0);
-        j[0] = s[Signal::Command as usize];
-        j[1 + Signal::Command as usize] = p[0];
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (GAIN.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (GAIN.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, s, _, out, _| out[0] = p[0] * s[Signal::Command as usize],
+        eval_gradient: |p, s, _, out, _, j| {
+            out[0] = p[0] * s[Signal::Command as usize];
+            j.fill(0.0);
+            j[0] = s[Signal::Command as usize];
+            j[1 + Signal::Command as usize] = p[0];
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| GAIN.functions.eval(p, s, z, out, rates));
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                GAIN.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 
@@ -212,21 +220,25 @@ pub static INPUT_COUPLING: EffectKernel = EffectKernel {
     n_parameters: 1,
     n_states: 0,
     n_outputs: 1,
-    eval: |p, s, _, out, _| out[0] = s[Signal::Command as usize] + p[0] * s[Signal::CommandFrom as usize],
-    eval_gradient: |p, s, _, out, _, j| {
-        out[0] = s[Signal::Command as usize] + p[0] * s[Signal::CommandFrom as usize];
-        j.fill(0.0);
-        j[0] = s[Signal::CommandFrom as usize];
-        j[1 + Signal::Command as usize] = 1.0;
-        j[1 + Signal::CommandFrom as usize] = p[0];
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (INPUT_COUPLING.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (INPUT_COUPLING.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, s, _, out, _| out[0] = s[Signal::Command as usize] + p[0] * s[Signal::CommandFrom as usize],
+        eval_gradient: |p, s, _, out, _, j| {
+            out[0] = s[Signal::Command as usize] + p[0] * s[Signal::CommandFrom as usize];
+            j.fill(0.0);
+            j[0] = s[Signal::CommandFrom as usize];
+            j[1 + Signal::Command as usize] = 1.0;
+            j[1 + Signal::CommandFrom as usize] = p[0];
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| {
+                INPUT_COUPLING.functions.eval(p, s, z, out, rates)
+            });
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                INPUT_COUPLING.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 
@@ -236,27 +248,29 @@ pub static INPUT_LAG: EffectKernel = EffectKernel {
     n_parameters: 1,
     n_states: 1,
     n_outputs: 1,
-    eval: |p, s, z, out, rates| {
-        out[0] = z[0];
-        rates[0] = (s[Signal::Command as usize] - z[0]) / p[0];
-    },
-    eval_gradient: |p, s, z, out, rates, j| {
-        out[0] = z[0];
-        rates[0] = (s[Signal::Command as usize] - z[0]) / p[0];
-        j.fill(0.0);
-        let width = 1 + N_SIGNALS + 1;
-        j[width - 1] = 1.0;
-        j[width] = -rates[0] / p[0];
-        j[width + 1 + Signal::Command as usize] = 1.0 / p[0];
-        j[2 * width - 1] = -1.0 / p[0];
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (INPUT_LAG.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (INPUT_LAG.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, s, z, out, rates| {
+            out[0] = z[0];
+            rates[0] = (s[Signal::Command as usize] - z[0]) / p[0];
+        },
+        eval_gradient: |p, s, z, out, rates, j| {
+            out[0] = z[0];
+            rates[0] = (s[Signal::Command as usize] - z[0]) / p[0];
+            j.fill(0.0);
+            let width = 1 + N_SIGNALS + 1;
+            j[width - 1] = 1.0;
+            j[width] = -rates[0] / p[0];
+            j[width + 1 + Signal::Command as usize] = 1.0 / p[0];
+            j[2 * width - 1] = -1.0 / p[0];
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| INPUT_LAG.functions.eval(p, s, z, out, rates));
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                INPUT_LAG.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 
@@ -266,21 +280,23 @@ pub static SPRING: EffectKernel = EffectKernel {
     n_parameters: 2,
     n_states: 0,
     n_outputs: 1,
-    eval: |p, s, _, out, _| out[0] = p[0] * (s[Q] - p[1]),
-    eval_gradient: |p, s, _, out, _, j| {
-        out[0] = p[0] * (s[Q] - p[1]);
-        j.fill(0.0);
-        j[0] = s[Q] - p[1];
-        j[1] = -p[0];
-        j[2 + Q] = p[0];
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (SPRING.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (SPRING.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, s, _, out, _| out[0] = p[0] * (s[Q] - p[1]),
+        eval_gradient: |p, s, _, out, _, j| {
+            out[0] = p[0] * (s[Q] - p[1]);
+            j.fill(0.0);
+            j[0] = s[Q] - p[1];
+            j[1] = -p[0];
+            j[2 + Q] = p[0];
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| SPRING.functions.eval(p, s, z, out, rates));
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                SPRING.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 
@@ -290,20 +306,22 @@ pub static VISCOUS: EffectKernel = EffectKernel {
     n_parameters: 1,
     n_states: 0,
     n_outputs: 1,
-    eval: |p, s, _, out, _| out[0] = p[0] * s[DQ],
-    eval_gradient: |p, s, _, out, _, j| {
-        out[0] = p[0] * s[DQ];
-        j.fill(0.0);
-        j[0] = s[DQ];
-        j[1 + DQ] = p[0];
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (VISCOUS.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (VISCOUS.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, s, _, out, _| out[0] = p[0] * s[DQ],
+        eval_gradient: |p, s, _, out, _, j| {
+            out[0] = p[0] * s[DQ];
+            j.fill(0.0);
+            j[0] = s[DQ];
+            j[1 + DQ] = p[0];
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| VISCOUS.functions.eval(p, s, z, out, rates));
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                VISCOUS.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 
@@ -313,24 +331,28 @@ pub static FRICTION_BIAS: EffectKernel = EffectKernel {
     n_parameters: 1,
     n_states: 0,
     n_outputs: 1,
-    eval: |p, s, _, out, _| {
-        let below = f64::from(u8::from(s[Q] < s[Signal::Qeq as usize]));
-        out[0] = below * (p[0] - 1.0) * s[Signal::Friction as usize];
-    },
-    eval_gradient: |p, s, _, out, _, j| {
-        let below = f64::from(u8::from(s[Q] < s[Signal::Qeq as usize]));
-        out[0] = below * (p[0] - 1.0) * s[Signal::Friction as usize];
-        j.fill(0.0);
-        j[0] = below * s[Signal::Friction as usize];
-        j[1 + Signal::Friction as usize] = below * (p[0] - 1.0);
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (FRICTION_BIAS.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (FRICTION_BIAS.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, s, _, out, _| {
+            let below = f64::from(u8::from(s[Q] < s[Signal::Qeq as usize]));
+            out[0] = below * (p[0] - 1.0) * s[Signal::Friction as usize];
+        },
+        eval_gradient: |p, s, _, out, _, j| {
+            let below = f64::from(u8::from(s[Q] < s[Signal::Qeq as usize]));
+            out[0] = below * (p[0] - 1.0) * s[Signal::Friction as usize];
+            j.fill(0.0);
+            j[0] = below * s[Signal::Friction as usize];
+            j[1 + Signal::Friction as usize] = below * (p[0] - 1.0);
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| {
+                FRICTION_BIAS.functions.eval(p, s, z, out, rates)
+            });
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                FRICTION_BIAS.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 
@@ -340,19 +362,23 @@ pub static ROTOR_INERTIA: EffectKernel = EffectKernel {
     n_parameters: 1,
     n_states: 0,
     n_outputs: 1,
-    eval: |p, _, _, out, _| out[0] = p[0],
-    eval_gradient: |p, _, _, out, _, j| {
-        out[0] = p[0];
-        j.fill(0.0);
-        j[0] = 1.0;
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (ROTOR_INERTIA.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (ROTOR_INERTIA.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, _, _, out, _| out[0] = p[0],
+        eval_gradient: |p, _, _, out, _, j| {
+            out[0] = p[0];
+            j.fill(0.0);
+            j[0] = 1.0;
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| {
+                ROTOR_INERTIA.functions.eval(p, s, z, out, rates)
+            });
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                ROTOR_INERTIA.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 
@@ -362,45 +388,47 @@ pub static LUGRE: EffectKernel = EffectKernel {
     n_parameters: 6,
     n_states: 1,
     n_outputs: 1,
-    eval: |p, s, z, out, rates| {
-        let v = s[DQ];
-        let g = p[5] + (p[4] - p[5]) * (-(v / p[3]).powi(2)).exp();
-        rates[0] = v - p[0] * v.abs() / g * z[0];
-        out[0] = p[0] * z[0] + p[1] * rates[0] + p[2] * v;
-    },
-    eval_gradient: |p, s, z, out, rates, j| {
-        let v = s[DQ];
-        let bell = (-(v / p[3]).powi(2)).exp();
-        let g = p[5] + (p[4] - p[5]) * bell;
-        let pull = p[0] * v.abs() / g;
-        rates[0] = v - pull * z[0];
-        out[0] = p[0] * z[0] + p[1] * rates[0] + p[2] * v;
-        j.fill(0.0);
-        let (output, rate) = j.split_at_mut(6 + N_SIGNALS + 1);
-        let by_g = pull * z[0] / g;
-        rate[0] = -v.abs() / g * z[0];
-        rate[3] = by_g * (p[4] - p[5]) * bell * 2.0 * v * v / p[3].powi(3);
-        rate[4] = by_g * bell;
-        rate[5] = by_g * (1.0 - bell);
-        let g_by_v = (p[4] - p[5]) * bell * -2.0 * v / (p[3] * p[3]);
-        rate[6 + DQ] = 1.0 - p[0] * v.signum() / g * z[0] + by_g * g_by_v;
-        rate[6 + N_SIGNALS] = -pull;
-        for (output, rate) in output.iter_mut().zip(rate.iter()) {
-            *output = p[1] * rate;
-        }
-        output[0] += z[0];
-        output[1] += rates[0];
-        output[2] += v;
-        output[6 + DQ] += p[2];
-        output[6 + N_SIGNALS] += p[0];
-    },
-    eval_lanes: |p, s, z, out, rates| {
-        each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| (LUGRE.eval)(p, s, z, out, rates));
-    },
-    eval_gradient_lanes: |p, s, z, out, rates, j| {
-        each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
-            (LUGRE.eval_gradient)(p, s, z, out, rates, j);
-        });
+    functions: &EffectTable {
+        eval: |p, s, z, out, rates| {
+            let v = s[DQ];
+            let g = p[5] + (p[4] - p[5]) * (-(v / p[3]).powi(2)).exp();
+            rates[0] = v - p[0] * v.abs() / g * z[0];
+            out[0] = p[0] * z[0] + p[1] * rates[0] + p[2] * v;
+        },
+        eval_gradient: |p, s, z, out, rates, j| {
+            let v = s[DQ];
+            let bell = (-(v / p[3]).powi(2)).exp();
+            let g = p[5] + (p[4] - p[5]) * bell;
+            let pull = p[0] * v.abs() / g;
+            rates[0] = v - pull * z[0];
+            out[0] = p[0] * z[0] + p[1] * rates[0] + p[2] * v;
+            j.fill(0.0);
+            let (output, rate) = j.split_at_mut(6 + N_SIGNALS + 1);
+            let by_g = pull * z[0] / g;
+            rate[0] = -v.abs() / g * z[0];
+            rate[3] = by_g * (p[4] - p[5]) * bell * 2.0 * v * v / p[3].powi(3);
+            rate[4] = by_g * bell;
+            rate[5] = by_g * (1.0 - bell);
+            let g_by_v = (p[4] - p[5]) * bell * -2.0 * v / (p[3] * p[3]);
+            rate[6 + DQ] = 1.0 - p[0] * v.signum() / g * z[0] + by_g * g_by_v;
+            rate[6 + N_SIGNALS] = -pull;
+            for (output, rate) in output.iter_mut().zip(rate.iter()) {
+                *output = p[1] * rate;
+            }
+            output[0] += z[0];
+            output[1] += rates[0];
+            output[2] += v;
+            output[6 + DQ] += p[2];
+            output[6 + N_SIGNALS] += p[0];
+        },
+        eval_lanes: |p, s, z, out, rates| {
+            each_lane([p, s, z], [out, rates], |[p, s, z], [out, rates]| LUGRE.functions.eval(p, s, z, out, rates));
+        },
+        eval_gradient_lanes: |p, s, z, out, rates, j| {
+            each_lane([p, s, z], [out, rates, j], |[p, s, z], [out, rates, j]| {
+                LUGRE.functions.eval_gradient(p, s, z, out, rates, j);
+            });
+        },
     },
 };
 

@@ -32,7 +32,7 @@ impl Number for f64 {
         rates: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        (kernel.eval_gradient)(parameters, signals, states, outputs, rates, jacobian);
+        kernel.functions.eval_gradient(parameters, signals, states, outputs, rates, jacobian);
     }
 }
 
@@ -45,7 +45,7 @@ impl Number for Lanes {
         rates: &mut [Lanes],
         jacobian: &mut [Lanes],
     ) {
-        (kernel.eval_gradient_lanes)(parameters, signals, states, outputs, rates, jacobian);
+        kernel.functions.eval_gradient_lanes(parameters, signals, states, outputs, rates, jacobian);
     }
 }
 
@@ -389,7 +389,7 @@ impl Linear<Lanes> {
         solve::factorise_lanes(n, &mut self.factor);
         let (q, dq) = (&x[..n], &x[n..2 * n]);
         if kernel.n_lumps > 0 {
-            (kernel.regressor_lanes)(&self.prepared, q, dq, ddq, &mut self.regressor);
+            kernel.functions.regressor_lanes(&self.prepared, q, dq, ddq, &mut self.regressor);
         }
         self.inertias(system, ddq);
     }
@@ -411,13 +411,13 @@ impl Linear<Lanes> {
         let (n, kernel) = (system.n_free(), system.kernel);
         if is_body_new {
             let (q, dq) = (&x[..n], &x[n..2 * n]);
-            (kernel.inertia_lanes)(&self.prepared, q, &mut self.inertia);
+            kernel.functions.inertia_lanes(&self.prepared, q, &mut self.inertia);
             for &(row, column, value) in &system.added_inertia {
                 let entry = &mut self.inertia[row * n + column];
                 *entry = *entry + Lanes::constant(value);
             }
             let (tau, by_q, by_dq) = (&mut self.tau, &mut self.by_q, &mut self.by_dq);
-            (kernel.inverse_dynamics_gradient_lanes)(&self.prepared, q, dq, ddq, tau, by_q, by_dq);
+            kernel.functions.inverse_dynamics_gradient_lanes(&self.prepared, q, dq, ddq, tau, by_q, by_dq);
         }
         let rows = self.torque_by_state.chunks_exact_mut(system.n_states());
         for ((row, by_q), by_dq) in rows.zip(self.by_q.chunks_exact(n)).zip(self.by_dq.chunks_exact(n)) {

@@ -79,7 +79,7 @@ impl Linear {
         jump[switch.slot] = -change;
         let n = system.n_free();
         let mut inertia = vec![0.0; n * n];
-        (system.kernel.inertia)(&system.prepared, &x[..n], &mut inertia);
+        system.kernel.functions.inertia(&system.prepared, &x[..n], &mut inertia);
         for &(row, column, value) in &system.added_inertia {
             inertia[row * n + column] += value;
         }

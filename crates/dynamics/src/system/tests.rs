@@ -37,7 +37,7 @@ fn accelerations_satisfy_the_inverse_dynamics() {
     let mut scratch = system.scratch();
     system.derivative(&mut scratch, 0.0, &x, &[0.6, -0.2], &mut dx);
     let mut tau = [0.0; 2];
-    (ARM.inverse_dynamics)(system.prepared(), &x[..2], &x[2..4], &dx[2..4], &mut tau);
+    ARM.functions.inverse_dynamics(system.prepared(), &x[..2], &x[2..4], &dx[2..4], &mut tau);
     tau[1] += 0.004 * dx[3]; // rotor inertia
     for joint in 0..2 {
         let applied = scratch.drive[joint] - scratch.load[joint];

@@ -93,7 +93,7 @@ impl RunUnknowns {
         let n_links = kernel.parameters.len();
         let mut by_link = vec![0.0; kernel.prepared.len() * n_links];
         if !self.columns.lumps().is_empty() {
-            (kernel.prepare_gradient)(system.link_parameters(), system.locked(), &mut by_link);
+            kernel.functions.prepare_gradient(system.link_parameters(), system.locked(), &mut by_link);
         }
         let mut chain = DMatrix::zeros(self.columns.count(), self.places().len());
         for (own, (_, role)) in self.roles.iter().enumerate() {

@@ -60,7 +60,7 @@ fn play(system: &System, torque_noise: f64, seed: u64) -> TorqueRun {
         };
         let (q, dq, ddq) = (derivative(0), derivative(1), derivative(2));
         let mut tau = vec![0.0; n];
-        (system.kernel().inverse_dynamics)(system.prepared(), &q, &dq, &ddq, &mut tau);
+        system.kernel().functions.inverse_dynamics(system.prepared(), &q, &dq, &ddq, &mut tau);
         for (parameter, name) in system.effect_parameters().iter().zip(system.effect_names()) {
             let joint: usize = name.split('.').nth(1).and_then(|joint| joint.parse().ok()).expect("joint.<i>.");
             match name.split('.').nth(2).expect("joint.<i>.<effect>") {
@@ -122,7 +122,7 @@ fn value(fit: &TorqueFit, name: &str) -> f64 {
 fn lumps(fit: &TorqueFit) -> Vec<f64> {
     let inputs: Vec<f64> = ARM.parameters.iter().map(|name| value(fit, name)).collect();
     let mut lumps = vec![0.0; 5];
-    (ARM.prepare)(&inputs, &[], &mut lumps);
+    ARM.functions.prepare(&inputs, &[], &mut lumps);
     lumps
 }
 

@@ -20,6 +20,7 @@ fn devices() -> &'static [Device] {
         };
         vec![Device {
             id: "arm".to_owned(),
+            file: None,
             title: String::new(),
             source: String::new(),
             convention: Convention::Standard,
@@ -132,6 +133,15 @@ fn digest_follows_the_numbers_only() {
     assert_ne!(good, digest(&GOOD.replace("\"fit\"", "\"validate\""), GOOD_LOG));
 }
 
+/// Sets of free joints that the device does not list are numbered on from those that it does.
+#[test]
+fn any_joints_may_be_free() {
+    let twice = format!("{}\n{}", GOOD.replace("[0, 1]", "[0]"), &GOOD[GOOD.find("[[run]]").expect("a run")..]);
+    let (_folder, result) = read(&twice, GOOD_LOG);
+    let numbers: Vec<usize> = result.expect("it is good").runs.iter().map(|run| run.configuration).collect();
+    assert_eq!(numbers, [3, 2]);
+}
+
 #[test]
 fn bad_experiments_are_refused_with_place_and_remedy() {
     let refused = |experiment: &str| refusal(experiment, GOOD_LOG);
@@ -139,7 +149,7 @@ fn bad_experiments_are_refused_with_place_and_remedy() {
     assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving");
     assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @"experiment.toml:1:10: there is no device `arn`; did you mean `arm`? the devices are arm");
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
-    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0]")), @"experiment.toml:4:8: free = [0] is no configuration of `arm`; its configurations are 1 [1], 2 [0, 1]; add one to the device file for another set");
+    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 0]")), @"experiment.toml:4:8: free: joint 0 is named twice; name each free joint once");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each free joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
     assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);

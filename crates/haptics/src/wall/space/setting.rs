@@ -111,7 +111,7 @@ impl Setting {
             free,
         };
         let place = root.optional("posture").map_or(table.span.clone(), |entry| entry.span);
-        let started = match model.filter(|model| model.device.id == device.id) {
+        let started = match model.filter(|model| model.device.is_same_as(device)) {
             Some(model) => setting.start(model),
             None => setting.start(&Model::of_device(device)),
         };
@@ -176,12 +176,6 @@ fn free(root: &Table<'_>, device: &Device) -> Result<Vec<usize>, ModelError> {
         sorted.dedup();
         let help = format!("name every joint once, ascending, as `torque_limits` has them: {sorted:?}");
         return Err(entry.error(message).help(help));
-    }
-    if device.configuration_of(&free).is_none() {
-        let known: Vec<&[usize]> = device.configurations.iter().map(|own| own.free.as_slice()).collect();
-        return Err(entry
-            .error(format!("device `{}` has no configuration with the free joints {free:?}", device.id))
-            .help(format!("its configurations are {known:?}")));
     }
     Ok(free)
 }

@@ -1,0 +1,103 @@
+//! Devices of users: files that are read while the program runs.
+
+use std::{
+    collections::HashMap,
+    fmt, fs, io,
+    path::{Component, Path, PathBuf},
+    sync::{Mutex, OnceLock, PoisonError},
+};
+
+use crate::{Device, ModelError, device, devices, did_you_mean};
+
+/// Why there is no device of that name.
+#[derive(Debug)]
+pub enum NoDevice {
+    /// None of the library's, and no path of a file.
+    Unknown {
+        /// As asked for.
+        name: String,
+    },
+    /// A file that cannot be read.
+    Unreadable {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// What the system says.
+        error: io::Error,
+    },
+    /// A file that is wrong.
+    Wrong(ModelError),
+}
+
+impl NoDevice {
+    /// What to do about it.
+    pub fn remedy(&self) -> String {
+        match self {
+            NoDevice::Unknown { name } => {
+                let known = devices().iter().map(|device| device.id.as_str());
+                format!("{}; a device of your own is named by its file: \"{name}.toml\"", did_you_mean(name, known))
+            }
+            NoDevice::Unreadable { .. } => {
+                "name an existing device file, from the folder of the file that names it".to_owned()
+            }
+            NoDevice::Wrong(_) => "mend the device file; `dynid devices FILE` checks it".to_owned(),
+        }
+    }
+}
+
+impl fmt::Display for NoDevice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            NoDevice::Unknown { name } => write!(f, "there is no device `{name}`"),
+            NoDevice::Unreadable { path, error } => write!(f, "{}: cannot be read: {error}", path.display()),
+            NoDevice::Wrong(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for NoDevice {}
+
+/// The device that a file in `folder` names: one of the library's by its id, or a device file by its path (`arm.toml`), from that
+/// folder. What was read stays until the process ends; the same file with the same text is the same device.
+///
+/// # Errors
+/// A name that is neither, or a file that is unreadable or wrong.
+pub fn device_named(name: &str, folder: &Path) -> Result<&'static Device, NoDevice> {
+    static READ: OnceLock<Mutex<HashMap<(PathBuf, String), &'static Device>>> = OnceLock::new();
+    if !is_path(name) {
+        return device(name).ok_or_else(|| NoDevice::Unknown { name: name.to_owned() });
+    }
+    let path = folder.join(name);
+    let read = fs::read_to_string(&path).and_then(|text| Ok((fs::canonicalize(&path)?, text)));
+    let (file, text) = read.map_err(|error| NoDevice::Unreadable { path: path.clone(), error })?;
+    let mut known = READ.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
+    let key = (file, text);
+    if let Some(&device) = known.get(&key) {
+        return Ok(device);
+    }
+    let own = Device::parse_own(&key.1, &path, key.0.clone()).map_err(NoDevice::Wrong)?;
+    let own: &'static Device = Box::leak(Box::new(own));
+    known.insert(key, own);
+    Ok(own)
+}
+
+impl Device {
+    /// How a file in `folder` names the device, as [`device_named`] finds it again: its id, or the path of its file from there.
+    pub fn name_from(&self, folder: &Path) -> String {
+        let Some(file) = &self.file else { return self.id.clone() };
+        let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let path = fs::canonicalize(here).ok().and_then(|here| relative(file, &here)).unwrap_or_else(|| file.clone());
+        path.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/")
+    }
+}
+
+/// The path from a folder to a file, both absolute; none where they share no root.
+fn relative(file: &Path, folder: &Path) -> Option<PathBuf> {
+    let shared = file.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(shared).map(|_| Component::ParentDir);
+    (shared > 0).then(|| up.chain(file.components().skip(shared)).collect())
+}
+
+/// Whether a name of a device is the path of its file.
+fn is_path(name: &str) -> bool {
+    Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
+}

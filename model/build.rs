@@ -32,6 +32,8 @@ mod parser;
 mod physical_consistency;
 #[path = "src/shipped.rs"]
 mod shipped;
+#[path = "src/transform.rs"]
+mod transform;
 #[path = "src/unit.rs"]
 mod unit;
 

@@ -6,6 +6,7 @@
 mod add;
 mod check;
 mod compare;
+mod device;
 mod devices;
 mod diagnose;
 mod excite;
@@ -59,6 +60,7 @@ The loop, all of it plain files:
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
   dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
 
+A robot of your own? `dynid device import robot.urdf --out robot.toml`, or `dynid devices --help`.
 Never seen it work? `dynid tour` goes through this loop on logs that it carries, in seconds.
 
 Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where; 130 Ctrl-C
@@ -68,6 +70,8 @@ stopped it: `fit` goes on with --resume, `diagnose` with the same command.";
 enum Verb {
     /// What is known about the devices: joints, links, configurations, default effects.
     Devices(devices::Arguments),
+    /// A device file from a URDF or an MJCF.
+    Device(device::Arguments),
     /// Which joints to free, in which order, and what each step reveals.
     Plan(plan::Arguments),
     /// What to play on the robot so that its motion tells the parameters.
@@ -117,7 +121,7 @@ impl Verb {
     /// The models that it reads, then the experiments.
     fn inputs(&self) -> Vec<&PathBuf> {
         match self {
-            Verb::Devices(_) | Verb::Tour(_) => Vec::new(),
+            Verb::Devices(_) | Verb::Device(_) | Verb::Tour(_) => Vec::new(),
             Verb::Plan(own) => own.model.iter().collect(),
             Verb::Excite(own) => own.model.iter().chain(&own.between).collect(),
             Verb::Simulate(own) => own.model.iter().chain([&own.experiment]).collect(),
@@ -150,6 +154,7 @@ fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
 fn run(verb: &Verb) -> anyhow::Result<Outcome> {
     match verb {
         Verb::Devices(arguments) => devices::run(arguments),
+        Verb::Device(arguments) => device::run(arguments),
         Verb::Plan(arguments) => plan::run(arguments),
         Verb::Excite(arguments) => excite::run(arguments),
         Verb::Simulate(arguments) => simulate::run(arguments),

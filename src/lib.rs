@@ -67,7 +67,7 @@ pub use dynid_logs::experiment::{Experiment, Role, Run};
 /// Findings as sentences for people, and as JSON for programs.
 pub use dynid_sentences as sentences;
 
-pub use dynid_model::{Device, device, devices};
+pub use dynid_model::{Device, add_effects, device, device_named, devices};
 pub use dynid_user_model::{Added, Model};
 
 /// That a model and an experiment are of one device.

@@ -85,7 +85,7 @@ fn the_verb_tells_and_draws_what_is_felt() {
 fn what_cannot_be_felt_is_refused() {
     for (arguments, said) in [
         (&["--inertia", "1.5"][..], "the share of the inertia is 1.5"),
-        (&["--free", "1,4"], "no configuration with the free joints [1, 4]"),
+        (&["--free", "1,9"], "no free joints [1, 9]"),
         (&["--frequencies", "100"], "at most a twentieth of the controller's rate"),
         (&["--amplitude", "0"], "the amplitude is 0"),
         (&["--rate", "0"], "--rate takes a positive number"),

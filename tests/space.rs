@@ -402,7 +402,6 @@ fn bad_input_is_reported_once_with_its_place_and_remedy() {
         (posture, "posture = [-0.3, 0.3, -0.1, 0, 0, 0]", "inside of the wall", "start outside"),
         (posture, "posture = [0.20, -0.41, 0.14, 0.0, 0.0, \"pi/2\"]", "singular posture", "bend the arm"),
         (posture, "posture = [0.2]", "6 joints", "one position per joint"),
-        (posture, "free = [0, 3]\nposture = [0.20, -0.41, 0.14, 0, 0, 0]", "no configuration", "[4, 5]"),
         ("device = \"freedom6s\"\n", "device = \"double_pendulum\"\n", "one position per joint", "2 joints"),
         ("mass = 0.32", "mass = 0", "`mass` is 0", "positive"),
         ("shakes = 0.15 ", "# ", "`shakes`", "positive number"),

@@ -14,6 +14,7 @@ use crate::{
     instance::{check_instances, read_instance},
     parameter::Parameter,
     physical_consistency::{Impossible, check_body},
+    transform::{GeneralFrames, Motion, Rotation, distance_from_rotation, roll_pitch_yaw},
     unit::Unit,
 };
 
@@ -213,17 +214,28 @@ fn read_base(root: &Table) -> Result<(f64, [f64; 3]), ModelError> {
 
 type Kinematics = (Convention, Vec<Frame>, BTreeMap<usize, JointKind>);
 
+/// The columns of a table of Denavit-Hartenberg rows, and what a joint variable in them measures.
+const COLUMNS: [(&str, JointKind); 4] = [
+    ("theta", JointKind::Revolute),
+    ("d", JointKind::Prismatic),
+    ("a", JointKind::Prismatic),
+    ("alpha", JointKind::Revolute),
+];
+
 fn read_frames(root: &Table, n_joints: usize, lengths: &[Length]) -> Result<Kinematics, ModelError> {
     let kinematics = root.table("kinematics", "`convention` and `frames`")?;
     kinematics.only(&["convention", "frames"])?;
     let entry = kinematics.required("convention", "\"standard\"")?;
-    let convention = match entry.text()? {
-        "standard" => Convention::Standard,
-        "modified" => Convention::Modified,
+    // A general transform is rows of the standard convention.
+    let (convention, is_general) = match entry.text()? {
+        "standard" => (Convention::Standard, false),
+        "modified" => (Convention::Modified, false),
+        "transform" => (Convention::Standard, true),
         other => {
             return Err(entry.error(format!("unknown convention `{other}`")).help(format!(
-                "{}; `standard` is Rz(theta) Tz(d) Tx(a) Rx(alpha), `modified` is Rx(alpha) Tx(a) Rz(theta) Tz(d)",
-                did_you_mean(other, ["standard", "modified"])
+                "{}; `standard` is Rz(theta) Tz(d) Tx(a) Rx(alpha), `modified` is Rx(alpha) Tx(a) Rz(theta) Tz(d), `transform` \
+                 is Trans(xyz) Rz(yaw) Ry(pitch) Rx(roll) and a turn or slide of any axis",
+                did_you_mean(other, ["standard", "modified", "transform"])
             )));
         }
     };
@@ -235,7 +247,11 @@ fn read_frames(root: &Table, n_joints: usize, lengths: &[Length]) -> Result<Kine
     }
     let mut names: Vec<&str> = Vec::new();
     for table in &tables {
-        table.only(&["name", "parent", "theta", "d", "a", "alpha"])?;
+        if is_general {
+            table.only(&["name", "parent", "xyz", "rpy", "matrix", "axis", "turn", "slide"])?;
+        } else {
+            table.only(&["name", "parent", "theta", "d", "a", "alpha"])?;
+        }
         let entry = table.required("name", "\"<name>\"")?;
         let name = entry.text()?;
         if name == BASE || names.contains(&name) {
@@ -243,7 +259,7 @@ fn read_frames(root: &Table, n_joints: usize, lengths: &[Length]) -> Result<Kine
         }
         names.push(name);
     }
-    let mut kinds: BTreeMap<usize, (JointKind, String)> = BTreeMap::new();
+    let mut cells = Cells { n_joints, lengths, kinds: BTreeMap::new() };
     let mut parents = Vec::new();
     let mut rows = Vec::new();
     for (table, name) in tables.iter().zip(&names) {
@@ -260,35 +276,146 @@ fn read_frames(root: &Table, n_joints: usize, lengths: &[Length]) -> Result<Kine
             Some(index)
         };
         parents.push(parent);
-        let mut cells = Vec::new();
-        for (column, kind) in [
-            ("theta", JointKind::Revolute),
-            ("d", JointKind::Prismatic),
-            ("a", JointKind::Prismatic),
-            ("alpha", JointKind::Revolute),
-        ] {
-            let entry = table.required(column, "0")?;
-            cells.push(read_cell(&entry, kind, n_joints, lengths, &mut kinds)?);
-        }
-        let mut cells = cells.into_iter();
-        if let (Some(theta), Some(d), Some(a), Some(alpha)) = (cells.next(), cells.next(), cells.next(), cells.next()) {
-            rows.push(Some(Frame { name: (*name).to_owned(), parent: None, theta, d, a, alpha }));
-        }
+        rows.push(Some(if is_general { Own::General(cells.general(table)?) } else { Own::Row(cells.row(table)?) }));
     }
-    // Rows may stand in any order; parents come first from here on.
+    // Frames may stand in any order; parents come first from here on.
     let mut place: Vec<Option<usize>> = vec![None; rows.len()];
     let mut frames = Vec::new();
-    while frames.len() < rows.len() {
-        let ready = (0..rows.len())
+    let mut general = GeneralFrames::default();
+    let mut n_placed = 0;
+    while let Some(waiting) = place.iter().position(Option::is_none) {
+        let ready = (waiting..rows.len())
             .find(|row| place[*row].is_none() && parents[*row].is_none_or(|parent| place[parent].is_some()));
-        let Some(row) = ready else { return Err(cycle_error(&tables, &names, &parents, &place)) };
-        place[row] = Some(frames.len());
-        if let Some(frame) = rows[row].take() {
-            frames.push(Frame { parent: parents[row].and_then(|parent| place[parent]), ..frame });
+        let Some(ready) = ready else { return Err(cycle_error(&tables, &names, &parents, &place)) };
+        let parent = parents[ready].and_then(|parent| place[parent]);
+        place[ready] = Some(n_placed);
+        n_placed += 1;
+        match rows[ready].take() {
+            Some(Own::Row([theta, d, a, alpha])) => {
+                frames.push(Frame { name: names[ready].to_owned(), parent, theta, d, a, alpha });
+            }
+            Some(Own::General((xyz, rotation, motion))) => general.add(names[ready], parent, xyz, rotation, motion),
+            None => {}
         }
     }
-    let kinds = kinds.into_iter().map(|(joint, (kind, _))| (joint, kind)).collect();
+    frames.extend(general.rows);
+    let kinds = cells.kinds.into_iter().map(|(joint, (kind, _))| (joint, kind)).collect();
     Ok((convention, frames, kinds))
+}
+
+/// What a table says of a frame.
+enum Own {
+    Row([Expression; 4]),
+    General(General),
+}
+
+/// Place, rotation, and what moves about or along which axis.
+type General = ([Expression; 3], Rotation, Option<(Motion, [f64; 3])>);
+
+/// Reads what stands in the rows of a table.
+struct Cells<'a> {
+    n_joints: usize,
+    lengths: &'a [Length],
+    /// What the joint variables met so far measure, and where that was seen.
+    kinds: BTreeMap<usize, (JointKind, String)>,
+}
+
+impl Cells<'_> {
+    /// theta, d, a and alpha.
+    fn row(&mut self, table: &Table) -> Result<[Expression; 4], ModelError> {
+        let mut row = [(); 4].map(|()| Expression::Number(0.0));
+        for (cell, (column, kind)) in row.iter_mut().zip(COLUMNS) {
+            let entry = table.required(column, "0")?;
+            *cell = read_cell(&entry, kind, self.n_joints, self.lengths, &mut self.kinds)?;
+        }
+        Ok(row)
+    }
+
+    /// A general frame.
+    fn general(&mut self, table: &Table) -> Result<General, ModelError> {
+        let xyz = match table.optional("xyz") {
+            Some(entry) => self.lengths(&entry)?,
+            None => [(); 3].map(|()| Expression::Number(0.0)),
+        };
+        let rotation = match (table.optional("rpy"), table.optional("matrix")) {
+            (Some(_), Some(matrix)) => {
+                return Err(matrix
+                    .error(format!("{} states `rpy` and `matrix`", table.what))
+                    .help("state one of them"));
+            }
+            (Some(rpy), None) => roll_pitch_yaw(constants(&rpy, "roll, pitch and yaw")?),
+            (None, Some(matrix)) => read_rotation(&matrix)?,
+            (None, None) => roll_pitch_yaw([0.0; 3]),
+        };
+        let motion = match (table.optional("turn"), table.optional("slide")) {
+            (Some(_), Some(slide)) => {
+                let error = slide.error(format!("{} states `turn` and `slide`", table.what));
+                return Err(error.help("state one of them; a second joint is a frame of its own"));
+            }
+            (Some(turn), None) => Some(Motion::Turn(self.cell(&turn, JointKind::Revolute)?)),
+            (None, Some(slide)) => Some(Motion::Slide(self.cell(&slide, JointKind::Prismatic)?)),
+            (None, None) => None,
+        };
+        let axis = table.optional("axis").map(|entry| read_axis(&entry)).transpose()?.unwrap_or([0.0, 0.0, 1.0]);
+        Ok((xyz, rotation, motion.map(|motion| (motion, axis))))
+    }
+
+    fn cell(&mut self, entry: &Entry, kind: JointKind) -> Result<Expression, ModelError> {
+        read_cell(entry, kind, self.n_joints, self.lengths, &mut self.kinds)
+    }
+
+    fn lengths(&mut self, entry: &Entry) -> Result<[Expression; 3], ModelError> {
+        let mut lengths = [(); 3].map(|()| Expression::Number(0.0));
+        for (length, own) in lengths.iter_mut().zip(three(entry, "x, y and z [m]")?) {
+            *length = self.cell(&own, JointKind::Prismatic)?;
+            let mut moves = None;
+            length.for_each_symbol(&mut |symbol| moves = moves.or(joint_variable(symbol)));
+            if let Some(joint) = moves {
+                let error = own.error(format!("`q{joint}` stands in {}, which does not move", entry.what));
+                return Err(error.help(format!("write `axis` and `slide = \"q{joint}\"`")));
+            }
+        }
+        Ok(lengths)
+    }
+}
+
+fn three<'a>(entry: &Entry<'a>, what: &str) -> Result<[Entry<'a>; 3], ModelError> {
+    <[Entry; 3]>::try_from(entry.array()?).map_err(|found| {
+        entry.error(format!("{} has {} components", entry.what, found.len())).help(format!("give {what}"))
+    })
+}
+
+fn constants(entry: &Entry, what: &str) -> Result<[f64; 3], ModelError> {
+    let mut values = [0.0; 3];
+    for (value, own) in values.iter_mut().zip(three(entry, what)?) {
+        *value = own.finite()?;
+    }
+    Ok(values)
+}
+
+fn read_rotation(entry: &Entry) -> Result<Rotation, ModelError> {
+    let mut rotation = [[0.0; 3]; 3];
+    for (row, own) in rotation.iter_mut().zip(three(entry, "three rows of three numbers")?) {
+        *row = constants(&own, "a row of three numbers")?;
+    }
+    let distance = distance_from_rotation(&rotation);
+    if distance < 1e-9 {
+        return Ok(rotation);
+    }
+    let what = if distance.is_finite() { "it is no rotation" } else { "it mirrors" };
+    Err(entry
+        .error(format!("{}: {what}: R R^T is not the identity, or its determinant not 1", entry.what))
+        .help("columns are the axes of the frame in its parent's; give ten digits, or `rpy` instead"))
+}
+
+/// A direction, made one of length 1.
+fn read_axis(entry: &Entry) -> Result<[f64; 3], ModelError> {
+    let axis = constants(entry, "x, y and z of the axis")?;
+    let length = axis.iter().map(|component| component * component).sum::<f64>().sqrt();
+    if length > 0.0 {
+        return Ok(axis.map(|component| component / length));
+    }
+    Err(entry.error("the axis has length 0").help("give a direction, e.g. [0, 0, 1]"))
 }
 
 /// `[end_point]`: the frame that the point is fixed to, and where it lies in it.

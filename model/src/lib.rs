@@ -44,6 +44,7 @@ pub mod parameter;
 pub mod parser;
 pub mod physical_consistency;
 mod shipped;
+pub mod transform;
 pub mod unit;
 
 pub use device::{

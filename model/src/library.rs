@@ -95,8 +95,11 @@ impl Device {
         Self::parse_with(text, path, effects())
     }
 
-    /// Reads a user's device file, which lies at `file`; `path` is for messages.
-    pub(crate) fn parse_own(text: &str, path: &Path, file: PathBuf) -> Result<Self, ModelError> {
+    /// Reads the text of a user's device file, which lies at `file`; `path` is for messages, and its stem is the id.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its place.
+    pub fn parse_own(text: &str, path: &Path, file: PathBuf) -> Result<Self, ModelError> {
         let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let device = Self::parse_as(text, path, effects(), |_| Ok(id))?;
         Ok(Device { file: Some(file), ..device })

@@ -59,6 +59,38 @@ fn kinematics() {
 }
 
 #[test]
+fn general_frames() {
+    let first = "{ name = \"f1\", parent = \"base\", theta = \"q0\", d = 0, a = \"L1\", alpha = 0 }";
+    let second = "{ name = \"f2\", parent = \"f1\", theta = \"q1\", d = 0, a = \"L2\", alpha = 0 }";
+    let good = DEVICE
+        .replacen("\"standard\"", "\"transform\"", 1)
+        .replacen(first, "{ name = \"f1\", parent = \"base\", turn = \"q0\" }", 1)
+        .replacen(
+            second,
+            "{ name = \"f2\", parent = \"f1\", xyz = [\"L1\", 0, 0], rpy = [0, 0, 0], turn = \"q1\" }",
+            1,
+        );
+    let parse = |text: &str| Device::parse(text, Path::new("arm.toml"));
+    assert!(parse(&good).is_ok(), "{:?}", parse(&good));
+    let changes = [
+        ("xyz = [\"L1\", 0, 0]", "xyz = [\"L1\", 0]"),
+        ("xyz = [\"L1\", 0, 0]", "xyz = [\"L1\", \"q0\", 0]"),
+        ("xyz = [\"L1\", 0, 0]", "xyz = [\"L9\", 0, 0]"),
+        ("rpy = [0, 0, 0]", "rpy = [0, \"L1\", 0]"),
+        ("rpy = [0, 0, 0]", "rpy = [0, 0, 0], matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"),
+        ("rpy = [0, 0, 0]", "matrix = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]"),
+        ("rpy = [0, 0, 0]", "matrix = [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]"),
+        ("rpy = [0, 0, 0]", "axis = [0, 0, 0]"),
+        ("turn = \"q1\"", "turn = \"q1 / 2\""),
+        ("turn = \"q1\"", "slide = \"q0\""),
+        ("turn = \"q1\"", "turn = \"q1\", slide = \"q0\""),
+        ("turn = \"q1\"", "theta = \"q1\""),
+    ];
+    let told: Vec<String> = changes.iter().map(|(from, to)| told(&good, from, to, parse)).collect();
+    insta::assert_snapshot!(told.join("\n\n"));
+}
+
+#[test]
 fn three_frames_in_a_cycle_are_all_named() {
     let row = "  { name = \"f2\", parent = \"f1\"";
     let rows = format!(

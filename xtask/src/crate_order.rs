@@ -35,6 +35,7 @@ const LAYERS: &[&[(&str, &str)]] = &[
     ],
     &[("dynid-kernels", "the kernels of any device, free joints and effect: compiled in, or made")],
     &[
+        ("dynid-import", "other descriptions of robots to device files"),
         ("dynid-control", "what a real-time loop links"),
         ("dynid-logs", "experiments and their logs"),
         ("dynid-user-model", "the user's model: effects, values, and the record of its fit"),
@@ -60,10 +61,10 @@ const LAYERS: &[&[(&str, &str)]] = &[
 const NEVER_BELOW: &[(&str, &[&str], &str)] = &[
     (
         "dynid-control",
-        &["serde", "csv", "toml", "rayon", "dynid-files"],
-        "a real-time loop links it: it reads no files and starts no threads",
+        &["serde", "csv", "toml", "rayon", "dynid-files", "dynid-compile"],
+        "a real-time loop links it: it reads no files, starts no threads and compiles nothing",
     ),
-    ("dynid-dynamics", &["serde", "dynid-files"], "a real-time loop links it: it reads no files"),
+    ("dynid-dynamics", &["serde", "dynid-files", "dynid-compile"], "a real-time loop links it: it reads no files"),
 ];
 
 /// Fails on a dependency that points upwards, on a crate that has no place, and on what must not be below a crate.

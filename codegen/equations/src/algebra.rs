@@ -62,6 +62,13 @@ pub struct AngleSum {
     pub constant: f64,
 }
 
+impl AngleSum {
+    /// Whether its constant is a whole number of quarter turns.
+    pub fn is_in_quarters(&self) -> bool {
+        is_whole(self.constant / std::f64::consts::FRAC_PI_2)
+    }
+}
+
 impl<A: Arithmetic> Algebra<A> {
     /// Declares every symbol of the device, in an order that depends on nothing but the device.
     ///
@@ -103,6 +110,15 @@ impl<A: Arithmetic> Algebra<A> {
         Ok(Algebra { symbols, variables: A::symbols(&names), pairs })
     }
 
+    /// Whether cosines or sines of constant angles stand in it, which are no quarter turns.
+    pub fn has_constant_angles(&self, polynomial: &Polynomial<A>) -> bool {
+        let is_constant =
+            |symbol: &Symbol| matches!(symbol, Symbol::Cosine(Angle::Constant(_)) | Symbol::Sine(Angle::Constant(_)));
+        polynomial.terms().any(|(_, exponents)| {
+            self.symbols.iter().zip(exponents).any(|(symbol, exponent)| *exponent > 0 && is_constant(symbol))
+        })
+    }
+
     /// The symbols, in order: position `k` is exponent `k` of [`Polynomial::terms`].
     pub fn symbols(&self) -> &[Symbol] {
         &self.symbols
@@ -141,7 +157,7 @@ impl<A: Arithmetic> Algebra<A> {
     /// Cosine and sine of a sum of joint variables and constants, by the addition theorem.
     pub fn cos_sin(&self, angle: &AngleSum) -> (Polynomial<A>, Polynomial<A>) {
         let quarter = angle.constant / std::f64::consts::FRAC_PI_2;
-        let mut sum = if is_whole(quarter) {
+        let mut sum = if angle.is_in_quarters() {
             let (cosine, sine) = [(1, 0), (0, 1), (-1, 0), (0, -1)][(quarter.round() as i64).rem_euclid(4) as usize];
             (self.integer(cosine), self.integer(sine))
         } else {

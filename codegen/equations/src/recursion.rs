@@ -118,7 +118,8 @@ impl<A: Arithmetic> Mechanism<'_, A> {
     /// Cosine and sine of a turning's rotation.
     pub fn cos_sin(&self, program: &mut Program, turning: usize) -> (Node, Node) {
         let turning = &self.tree.turnings[turning];
-        let angle = crate::algebra::AngleSum { factors: [(turning.joint, turning.factor)].into(), constant: 0.0 };
+        let factors = [(turning.joint, turning.factor)].into();
+        let angle = crate::algebra::AngleSum { factors, constant: turning.offset };
         let (cosine, sine) = self.context.algebra.cos_sin(&angle);
         (self.context.emit(program, &cosine), self.context.emit(program, &sine))
     }

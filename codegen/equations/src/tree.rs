@@ -16,7 +16,7 @@ use crate::{
     spatial::{Axis, Matrix, Vector, column, identity, product, rotation, transposed, z_to_x},
 };
 
-/// A rotation by `factor * q[joint]` about z, after the constant rotation `fixed` from the axes of `parent`.
+/// A rotation by `factor * q[joint] + offset` about z, after the constant rotation `fixed` from the axes of `parent`.
 #[derive(Debug, Clone)]
 pub struct Turning<A: Arithmetic> {
     /// Index of the turning below; 0 is the base, which does not turn.
@@ -27,6 +27,8 @@ pub struct Turning<A: Arithmetic> {
     pub joint: usize,
     /// How far it turns per unit of the joint variable.
     pub factor: i64,
+    /// Where it stands at 0 (rad); only what is no quarter turn, which would fill `fixed` with numbers.
+    pub offset: f64,
 }
 
 /// A vector in the axes of one turning: `constant + sum(slope * q)`.
@@ -77,7 +79,7 @@ impl<A: Arithmetic> Tree<A> {
     /// # Errors
     /// A row that is no Denavit-Hartenberg row with affine joint variables.
     pub fn new(algebra: &Algebra<A>, device: &Device, free: &[usize]) -> Result<Tree<A>, DeriveError> {
-        let base = Turning { parent: 0, fixed: identity(algebra), joint: usize::MAX, factor: 0 };
+        let base = Turning { parent: 0, fixed: identity(algebra), joint: usize::MAX, factor: 0, offset: 0.0 };
         let mut tree = Tree { turnings: vec![base], bodies: Vec::new() };
         let origin = Cursor { turning: 0, rotation: identity(algebra), place: Place::new() };
         let mut cursors: Vec<Cursor<A>> = Vec::new();
@@ -130,10 +132,13 @@ impl<A: Arithmetic> Tree<A> {
     /// Turns a frame about one of its axes.
     fn turn(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, axis: Axis, angle: &AngleSum, free: &[usize]) {
         let (moving, still) = angle.factors.iter().partition(|(joint, _)| free.contains(joint));
-        let still = AngleSum { factors: still, constant: angle.constant };
+        let moving: BTreeMap<usize, i64> = moving;
+        let turns_afterwards = axis == Axis::Z && !moving.is_empty() && !angle.is_in_quarters();
+        let constant = if turns_afterwards { 0.0 } else { angle.constant };
+        let still = AngleSum { factors: still, constant };
         let fixed = rotation(algebra, axis, &algebra.cos_sin(&still));
         cursor.rotation = product(algebra, &cursor.rotation, &fixed);
-        let moving: BTreeMap<usize, i64> = moving;
+        let n_known = self.turnings.len();
         for (joint, factor) in moving {
             match axis {
                 Axis::Z => self.spin(algebra, cursor, joint, factor),
@@ -144,6 +149,18 @@ impl<A: Arithmetic> Tree<A> {
                     cursor.rotation = product(algebra, &cursor.rotation, &transposed(&to_x));
                 }
             }
+        }
+        if turns_afterwards {
+            self.turn_by(algebra, cursor, angle.constant, n_known);
+        }
+    }
+
+    /// Turns a frame about its z axis: its turning's offset, where that is none of the first `n_known`, whose axes others use.
+    fn turn_by(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, angle: f64, n_known: usize) {
+        if cursor.turning >= n_known && cursor.rotation == identity(algebra) {
+            self.turnings[cursor.turning].offset = angle;
+        } else {
+            cursor.rotation = product(algebra, &cursor.rotation, &about_z(algebra, angle));
         }
     }
 
@@ -163,7 +180,7 @@ impl<A: Arithmetic> Tree<A> {
                 None => break,
             }
             run.push(turning);
-            let Turning { parent, fixed, joint: known, factor: known_factor } = self.turnings[turning].clone();
+            let Turning { parent, fixed, joint: known, factor: known_factor, .. } = self.turnings[turning].clone();
             if known == joint {
                 let total = known_factor + sign * factor;
                 return self.rebuild(algebra, cursor, &run, total);
@@ -181,12 +198,14 @@ impl<A: Arithmetic> Tree<A> {
         };
         match (1..self.turnings.len()).find(|&child| turns_alike(&self.turnings[child])) {
             Some(child) => {
-                cursor.rotation = product(algebra, &transposed(&self.turnings[child].fixed), &cursor.rotation);
+                let Turning { fixed, offset, .. } = &self.turnings[child];
+                cursor.rotation = product(algebra, &transposed(fixed), &cursor.rotation);
+                cursor.rotation = product(algebra, &about_z(algebra, -offset), &cursor.rotation);
                 cursor.turning = child;
             }
             None => {
                 let fixed = std::mem::replace(&mut cursor.rotation, identity(algebra));
-                self.turnings.push(Turning { parent: cursor.turning, fixed, joint, factor });
+                self.turnings.push(Turning { parent: cursor.turning, fixed, joint, factor, offset: 0.0 });
                 cursor.turning = self.turnings.len() - 1;
             }
         }
@@ -201,6 +220,7 @@ impl<A: Arithmetic> Tree<A> {
         for (at, turning) in chain.iter().enumerate() {
             let factor = if at == 0 { total } else { turning.factor };
             self.spin(algebra, cursor, turning.joint, factor);
+            cursor.rotation = product(algebra, &cursor.rotation, &about_z(algebra, turning.offset));
             let next = chain.get(at + 1).map_or(&last, |next| &next.fixed);
             cursor.rotation = product(algebra, &cursor.rotation, next);
         }
@@ -216,7 +236,8 @@ impl<A: Arithmetic> Tree<A> {
         }
     }
 
-    /// Adds a vector (times `q[slide]`) to a place. What lies along a turning's own axis does not turn with it.
+    /// Adds a vector (times `q[slide]`) to a place. What lies along a turning's own axis does not turn with it, but for axes at general
+    /// angles: there every length would reach all turnings below.
     pub fn extend(
         &self,
         algebra: &Algebra<A>,
@@ -225,9 +246,11 @@ impl<A: Arithmetic> Tree<A> {
         slide: Option<usize>,
         mut vector: Vector<Polynomial<A>>,
     ) {
-        if turning != 0 && !vector[2].is_zero() {
-            let Turning { parent, fixed, .. } = &self.turnings[turning];
-            let below = column(fixed, 2).map(|component| algebra.product(&component, &vector[2]));
+        let axis = column(&self.turnings[turning].fixed, 2);
+        let is_general = axis.iter().any(|component| algebra.has_constant_angles(component));
+        if turning != 0 && !is_general && !vector[2].is_zero() {
+            let parent = &self.turnings[turning].parent;
+            let below = axis.map(|component| algebra.product(&component, &vector[2]));
             vector[2] = algebra.zero();
             self.extend(algebra, place, *parent, slide, below);
         }
@@ -246,6 +269,10 @@ impl<A: Arithmetic> Tree<A> {
             place.remove(&turning);
         }
     }
+}
+
+fn about_z<A: Arithmetic>(algebra: &Algebra<A>, angle: f64) -> Matrix<Polynomial<A>> {
+    rotation(algebra, Axis::Z, &algebra.cos_sin(&AngleSum { factors: BTreeMap::new(), constant: angle }))
 }
 
 /// 1 or -1 where a rotation keeps or reverses z.

@@ -139,11 +139,11 @@ fn derivatives_of_prepared_values_are_those_of_differences() {
     }
 }
 
-/// One to ten joints, revolute and prismatic, branches, either convention, also with some of them locked.
+/// One to ten joints, revolute and prismatic, branches, every convention, also with some of them locked.
 #[test]
 fn of_random_robots_kernels_agree_with_the_plant() {
     for seed in 0..200 {
-        let device: &'static Device = Box::leak(Box::new(random_robot_of(seed, 1 + seed as usize % 10)));
+        let device: &'static Device = Box::leak(Box::new(random_robot_of(seed, 1 + seed as usize % 10, seed % 3 == 0)));
         let all: Vec<usize> = (0..device.joints.len()).collect();
         let every_other: Vec<usize> = all.iter().copied().step_by(2).collect();
         for free in [all, every_other] {

@@ -31,16 +31,16 @@ impl Random {
 pub fn random_robot(seed: u64) -> Device {
     let mut random = Random(1000 + seed);
     let n_joints = 2 + random.below(3);
-    robot(seed, random, n_joints)
+    robot(seed, random, n_joints, false)
 }
 
-/// As [`random_robot`], of so many joints.
+/// As [`random_robot`], of so many joints; `general` ones turn about and slide along any axis.
 #[allow(dead_code)]
-pub fn random_robot_of(seed: u64, n_joints: usize) -> Device {
-    robot(seed, Random(2000 + seed), n_joints)
+pub fn random_robot_of(seed: u64, n_joints: usize, general: bool) -> Device {
+    robot(seed, Random(2000 + seed), n_joints, general)
 }
 
-fn robot(seed: u64, mut random: Random, n_joints: usize) -> Device {
+fn robot(seed: u64, mut random: Random, n_joints: usize, general: bool) -> Device {
     let prismatic: Vec<bool> = (0..n_joints).map(|_| random.below(4) == 0).collect();
     let angles = ["0", "pi/2", "-pi/2", "pi", "0.3", "-1.1"];
     let lengths = ["0", "0", "L1", "-L2", "L1 + L2", "0.37"];
@@ -63,12 +63,25 @@ fn robot(seed: u64, mut random: Random, n_joints: usize) -> Device {
             (false, _) => theta = format!("q{joint} + {theta}"),
         }
         used[joint] = true;
+        if general {
+            let (roll, pitch, yaw) = (random.one_of(&angles), random.one_of(&angles), random.one_of(&angles));
+            let axis =
+                random.one_of(&["[0, 0, 1]", "[0, 0, -1]", "[0, 1, 0]", "[-1, 0, 0]", "[1, 2, -0.5]", "[0.6, 0, 0.8]"]);
+            let motion = if prismatic[joint] { format!("slide = \"{d}\"") } else { format!("turn = \"{theta}\"") };
+            let _ = writeln!(
+                frames,
+                "  {{ name = \"f{frame}\", parent = \"{parent}\", xyz = [\"{a}\", \"{}\", 0.1], \
+                 rpy = [\"{roll}\", \"{pitch}\", \"{yaw}\"], axis = {axis}, {motion} }},",
+                random.one_of(&lengths)
+            );
+            continue;
+        }
         let _ = writeln!(
             frames,
             "  {{ name = \"f{frame}\", parent = \"{parent}\", theta = \"{theta}\", d = \"{d}\", a = \"{a}\", alpha = \"{alpha}\" }},"
         );
     }
-    let convention = random.one_of(&["standard", "modified"]);
+    let convention = if general { "transform" } else { random.one_of(&["standard", "modified"]) };
     let up = random.one_of(&["[0, 0, 1]", "[0, 1, 0]", "[0.6, 0, 0.8]"]);
     let mut text = format!(
         "title = \"random\"\nsource = \"a seed\"\n\

@@ -147,7 +147,7 @@ fn bad_experiments_are_refused_with_place_and_remedy() {
     let refused = |experiment: &str| refusal(experiment, GOOD_LOG);
     assert_snapshot!(refused("device = arm"), @"experiment.toml:1:10: string values must be quoted, expected literal string; write it as TOML: `key = value`, runs under `[[run]]`");
     assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving");
-    assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @"experiment.toml:1:10: there is no device `arn`; did you mean `arm`? the devices are arm");
+    assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @r#"experiment.toml:1:10: there is no device `arn`; known: double_pendulum, freedom6s, oscillator, planar2r, servo_pendulum, staubli_tx40; a device of your own is named by its file: "arn.toml""#);
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 0]")), @"experiment.toml:4:8: free: joint 0 is named twice; name each free joint once");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each free joint by its index");

@@ -1,0 +1,71 @@
+//! From a robot description (URDF or MJCF) to a device file.
+//!
+//! [`device_from_urdf`] reads a URDF and writes the text of a device file whose frames are general transforms:
+//!
+//! | URDF | device file |
+//! | --- | --- |
+//! | `<joint>` that moves | a frame with `turn` or `slide`, and a `[[joint]]` unless it is a `<mimic>` |
+//! | `<joint type="fixed">` | nothing: what it carries is merged into the body before it |
+//! | `<inertial>` | a `[[link]]`, about its centroid in the axes of its frame |
+//! | `<limit>` | `position`, `speed`, `torque` |
+//! | `<dynamics>` | effects `viscous` and `coulomb` |
+//! | everything else | a note |
+//!
+//! [`device_from_mjcf`] does the same for MuJoCo's format: hinges, slides and explicit `<inertial>`s; several joints of a body get frames
+//! without a link between them.
+//!
+//! What is wrong is an error that points at the line of the description. Whatever is guessed, changed or left out is in
+//! [`Imported::notes`] and stands at the head of the device file.
+
+#![warn(missing_docs)]
+
+mod assemble;
+mod body;
+mod draft;
+mod mjcf;
+mod motion;
+mod number;
+mod pose;
+mod tree;
+mod urdf;
+mod write;
+mod xml;
+
+use std::path::Path;
+
+use dynid_model::{ModelError, Source};
+
+/// A device file, and what its makers should know about it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Imported {
+    /// The text of the device file.
+    pub toml: String,
+    /// What had no place in it, and what was guessed or changed; a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Turns the text of a URDF, which lies at `path`, into a device file.
+///
+/// # Errors
+/// The first thing that is wrong in the URDF, with its place and the remedy.
+pub fn device_from_urdf(text: &str, path: &Path) -> Result<Imported, ModelError> {
+    let source = Source::new(path, text);
+    imported(&source, &urdf::read(&source)?)
+}
+
+/// Turns the text of an MJCF (MuJoCo's format), which lies at `path`, into a device file.
+///
+/// Bodies need an explicit `<inertial>`; hinges and slides become joints, `armature` the effect `rotor_inertia`.
+///
+/// # Errors
+/// The first thing that is wrong in the MJCF, or that a device file has no place for although it moves the robot.
+pub fn device_from_mjcf(text: &str, path: &Path) -> Result<Imported, ModelError> {
+    let source = Source::new(path, text);
+    imported(&source, &mjcf::read(&source)?)
+}
+
+fn imported(source: &Source, robot: &urdf::Robot) -> Result<Imported, ModelError> {
+    let tree = tree::grow(source, robot)?;
+    let draft = assemble::draft(source, robot, &tree)?;
+    Ok(Imported { toml: write::device_file(&draft), notes: draft.notes })
+}

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::Subcommand;
+use dynid::{device_from_mjcf, device_from_urdf};
 use dynid_files::{Overwrite, check_output, write_new};
-use dynid_import::{device_from_mjcf, device_from_urdf};
 use serde_json::json;
 
 use super::{Answer, Outcome};

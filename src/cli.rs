@@ -25,7 +25,7 @@ mod wall;
 
 use std::env;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -118,22 +118,34 @@ enum Answer {
 }
 
 impl Verb {
-    /// The models that it reads, then the experiments.
-    fn inputs(&self) -> Vec<&PathBuf> {
+    /// The files that it reads: models and experiments, then device files. An id of a device lies nowhere.
+    fn inputs(&self) -> Vec<&Path> {
+        fn model_and_experiment<'a>(model: &'a Option<PathBuf>, experiment: &'a Path) -> Vec<&'a Path> {
+            model.as_deref().into_iter().chain([experiment]).collect()
+        }
+        fn paths(paths: &[PathBuf]) -> impl Iterator<Item = &Path> {
+            paths.iter().map(PathBuf::as_path)
+        }
         match self {
-            Verb::Devices(_) | Verb::Device(_) | Verb::Tour(_) => Vec::new(),
-            Verb::Plan(own) => own.model.iter().collect(),
-            Verb::Excite(own) => own.model.iter().chain(&own.between).collect(),
-            Verb::Simulate(own) => own.model.iter().chain([&own.experiment]).collect(),
-            Verb::Check(own) => own.model.iter().chain([&own.experiment]).collect(),
-            Verb::Fit(own) => own.model.iter().chain([&own.experiment]).collect(),
-            Verb::Compare(own) => own.model.iter().chain([&own.experiment]).collect(),
-            Verb::Diagnose(own) => own.model.iter().chain([&own.experiment]).collect(),
+            Verb::Device(_) | Verb::Tour(_) => Vec::new(),
+            Verb::Devices(own) => {
+                own.check.as_deref().into_iter().chain(own.device.as_deref().map(Path::new)).collect()
+            }
+            Verb::Plan(own) => own.model.as_deref().into_iter().chain(own.device.as_deref().map(Path::new)).collect(),
+            Verb::Excite(own) => {
+                let device = own.device.as_deref().map(Path::new);
+                own.model.as_deref().into_iter().chain(paths(&own.between)).chain(device).collect()
+            }
+            Verb::Simulate(own) => model_and_experiment(&own.model, &own.experiment),
+            Verb::Check(own) => model_and_experiment(&own.model, &own.experiment),
+            Verb::Fit(own) => model_and_experiment(&own.model, &own.experiment),
+            Verb::Compare(own) => model_and_experiment(&own.model, &own.experiment),
+            Verb::Diagnose(own) => model_and_experiment(&own.model, &own.experiment),
             Verb::Add(own) => vec![&own.model],
-            Verb::Ladder(own) => own.models.iter().chain([&own.experiment]).collect(),
-            Verb::Report(own) => own.models.iter().chain([&own.experiment]).collect(),
-            Verb::Table(own) => own.models.iter().collect(),
-            Verb::Wall(own) => own.models(),
+            Verb::Ladder(own) => paths(&own.models).chain([own.experiment.as_path()]).collect(),
+            Verb::Report(own) => paths(&own.models).chain([own.experiment.as_path()]).collect(),
+            Verb::Table(own) => paths(&own.models).collect(),
+            Verb::Wall(own) => own.files(),
         }
     }
 }

@@ -91,7 +91,7 @@ pub enum Begin {
 /// How far a fit is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FitProgress<'a> {
-    /// This effect stands where it vanishes, and starts from a first estimate by the logs.
+    /// This effect stands where it vanishes, its shape is unknown, and it starts from a first estimate by the logs.
     FirstEstimate(&'a str),
     /// A search begins that makes this error small.
     Search(ErrorSignal),

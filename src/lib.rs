@@ -68,7 +68,7 @@ pub use dynid_logs::experiment::{Experiment, Role, Run};
 pub use dynid_sentences as sentences;
 
 /// Device files from other descriptions of robots.
-pub use dynid_import::{Imported, device_from_mjcf, device_from_urdf};
+pub use dynid_import::{Imported, device_from_description};
 pub use dynid_model::{Device, add_effects, device, device_named, devices};
 pub use dynid_user_model::{Added, Model};
 

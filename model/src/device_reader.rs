@@ -10,6 +10,7 @@ use crate::{
     document::{self, Entry, Table},
     effect::Effect,
     error::{ModelError, Source, did_you_mean},
+    expression::BinaryOperator,
     identifier::read_id,
     instance::{check_instances, read_instance},
     parameter::Parameter,
@@ -20,6 +21,9 @@ use crate::{
 
 /// The name of the frame that stands still.
 const BASE: &str = "base";
+
+/// The cosine of a multiple of an angle is a polynomial of that degree in cosines, whose numbers lose a digit with every few.
+pub const MOST_TURNS: f64 = 8.0;
 
 /// A vector component smaller than this is the rounding error of an exact zero.
 const EXACT_ZERO: f64 = 1e-12;
@@ -490,20 +494,36 @@ fn read_cell(
                 .help("a joint variable is either an angle (theta, alpha) or a distance (d, a), not both"));
         }
     }
+    if kind == JointKind::Prismatic && !is_polynomial(&expression) {
+        let message = format!("{} must be a sum of products of lengths, joint variables and numbers", entry.what);
+        return Err(entry.error(message).help("give what is computed from lengths otherwise a length of its own"));
+    }
     if moves {
         let affine = expression.affine();
-        let whole = |factor: &f64| kind == JointKind::Prismatic || factor.fract() == 0.0;
+        let whole =
+            |factor: &f64| kind == JointKind::Prismatic || (factor.fract() == 0.0 && factor.abs() <= MOST_TURNS);
         if !affine.is_some_and(|affine| affine.coefficients.values().all(whole)) {
-            let rule = if kind == JointKind::Revolute { "whole" } else { "constant" };
+            let rule = if kind == JointKind::Revolute { "whole factors up to 8" } else { "constant factors" };
             return Err(entry
-                .error(format!(
-                    "{} must be a sum of joint variables with {rule} factors, found `{expression}`",
-                    entry.what
-                ))
+                .error(format!("{} must be a sum of joint variables with {rule}, found `{expression}`", entry.what))
                 .help("write e.g. `-q2 - pi/2`"));
         }
     }
     Ok(expression)
+}
+
+/// What the equations can hold of a length: quotients by numbers are the only ones.
+fn is_polynomial(length: &Expression) -> bool {
+    if length.constant().is_some() {
+        return true;
+    }
+    match length {
+        Expression::Number(_) | Expression::Symbol(_) => true,
+        Expression::Negate(x) => is_polynomial(x),
+        Expression::Binary(BinaryOperator::Divide, a, b) => is_polynomial(a) && b.constant().is_some_and(|b| b != 0.0),
+        Expression::Binary(_, a, b) => is_polynomial(a) && is_polynomial(b),
+        Expression::Call(..) | Expression::IfElse(..) => false,
+    }
 }
 
 fn measure(kind: JointKind) -> &'static str {

@@ -2,8 +2,8 @@
 //!
 //! A *device* (`devices/*.toml`, [`Device`]) is a mechanism: joints, Denavit-Hartenberg frames, links, configurations of locked and
 //! free joints. An *effect* (`effects/*.toml`, [`Effect`]) is one physical effect: a formula with parameters that vanishes at its
-//! null value. An *input* (`inputs/*.toml`, [`NamedInput`]) is what a published experiment played on a device. All three are
-//! embedded at build time ([`devices`], [`effects`], [`inputs`]); their formats are described in `devices/README.md` and
+//! null value. An *input* (`inputs/*.toml`, [`NamedInput`]) is what a published experiment played on a device. Those that ship
+//! are embedded at build time ([`devices`], [`effects`], [`inputs`]), a user's are read at run time ([`device_named`], [`add_effects`]); their formats are described in `devices/README.md` and
 //! `effects/README.md`. This crate reads and checks; it simulates nothing.
 //!
 //! Reading: [`document`] gives typed access to any TOML text with places, [`Source::error`] makes an error that points at one,

@@ -67,7 +67,7 @@ pub fn device_named(name: &str, folder: &Path) -> Result<&'static Device, NoDevi
         return device(name).ok_or_else(|| NoDevice::Unknown { name: name.to_owned() });
     }
     let path = folder.join(name);
-    let read = fs::read_to_string(&path).and_then(|text| Ok((fs::canonicalize(&path)?, text)));
+    let read = fs::read_to_string(&path).and_then(|text| Ok((absolute(&path)?, text)));
     let (file, text) = read.map_err(|error| NoDevice::Unreadable { path: path.clone(), error })?;
     let mut known = READ.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
     let key = (file, text);
@@ -88,6 +88,12 @@ impl Device {
         let path = fs::canonicalize(here).ok().and_then(|here| relative(file, &here)).unwrap_or_else(|| file.clone());
         path.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/")
     }
+}
+
+/// Links in the folders are followed, one that is the file itself is not: its name is the device's.
+fn absolute(path: &Path) -> io::Result<PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Ok(fs::canonicalize(folder)?.join(path.file_name().unwrap_or_default()))
 }
 
 /// The path from a folder to a file, both absolute; none where they share no root.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::Subcommand;
-use dynid::{device_from_mjcf, device_from_urdf};
+use dynid::device_from_description;
 use dynid_files::{Overwrite, check_output, write_new};
 use serde_json::json;
 
@@ -59,8 +59,7 @@ fn import(arguments: &ImportArguments) -> anyhow::Result<Outcome> {
         bail!("--out {}: a device file is named by its path, which ends in `.toml`", out.display());
     }
     let text = dynid_files::read(file)?;
-    let imported =
-        if text.contains("<mujoco") { device_from_mjcf(&text, file)? } else { device_from_urdf(&text, file)? };
+    let imported = device_from_description(&text, file)?;
     // It is read back before it is written: what is written is right.
     let device = dynid_model::Device::parse_own(&imported.toml, out, out.clone())?;
     write_new(out, &imported.toml, overwrite)?;

@@ -24,13 +24,13 @@ its file does as well. Its equations are formed when they are first asked for. `
 the smallest, commented, to start from.")]
 pub struct Arguments {
     /// Id of a device, e.g. `freedom6s`, or the path of a device file.
-    device: Option<String>,
+    pub device: Option<String>,
     /// Print the device's file, to start one of your own from.
     #[arg(long, requires = "device")]
     file: bool,
     /// Read and check this device file instead; nothing is built.
     #[arg(long, value_name = "FILE", conflicts_with = "device")]
-    check: Option<PathBuf>,
+    pub check: Option<PathBuf>,
 }
 
 /// Lists them.
@@ -68,7 +68,7 @@ fn file(name: &str) -> anyhow::Result<String> {
 fn read(path: &Path) -> anyhow::Result<Device> {
     let text = fs::read_to_string(path)
         .map_err(|error| anyhow!("{}: cannot be read: {error}; give the path of a device file", path.display()))?;
-    Ok(Device::parse(&text, path)?)
+    Ok(Device::parse_own(&text, path, path.to_owned())?)
 }
 
 fn list(devices: &[&Device]) -> String {

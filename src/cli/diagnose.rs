@@ -325,15 +325,24 @@ fn after_discovery(arguments: &Arguments, discovered: &Discovered) -> String {
     let experiment = arguments.experiment.display();
     let asked = as_asked(arguments);
     let Some(path) = &arguments.discovered else {
-        return format!("\nNext:\n  dynid diagnose {experiment}{asked} --model {model} --discovered discovered.toml\n");
+        return format!(
+            "\nNext:\n  mkdir effects\n  dynid diagnose {experiment}{asked} --model {model} --discovered \
+             effects/discovered.toml\n"
+        );
     };
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let own = Path::new("effects");
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    // A folder of effects holds nothing else, and the one beside every model is found without being named.
+    let moved =
+        folder.map_or_else(|| format!("  mkdir effects && mv {} effects/\n", path.display()), |_| String::new());
+    let folder = folder.unwrap_or(own);
     let beside = arguments.model.as_ref().unwrap_or(&arguments.experiment).with_file_name("effects");
-    let effects = if folder == beside { String::new() } else { format!(" --effects {}", folder.display()) };
+    let is_found = folder == own && beside == own;
+    let effects = if is_found { String::new() } else { format!(" --effects {}", folder.display()) };
     let id = path.file_stem().unwrap_or_default().to_string_lossy();
     let from = discovered.from.map_or(String::new(), |from| format!(" --from {from}"));
     format!(
-        "\nNext:\n  dynid add {id} --joint {}{from} --model {model}{effects} --out better.toml\n  dynid fit {experiment}{asked} \
+        "\nNext:\n{moved}  dynid add {id} --joint {}{from} --model {model}{effects} --out better.toml\n  dynid fit {experiment}{asked} \
          --model better.toml{effects} --out better-fitted.toml\n",
         discovered.joint
     )
@@ -363,7 +372,7 @@ fn interrupted(path: Option<&Path>, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 14;
+const FORMAT: u32 = 15;
 
 /// Fits that are done, for a diagnosis that is stopped.
 struct Kept {
@@ -382,9 +391,10 @@ impl Kept {
     fn new(arguments: &Arguments, experiment: &Experiment, model: &Model, runs: &[&Run], options: &Options) -> Self {
         let prior = &model.prior;
         let mut text = format!(
-            "{FORMAT} {} {} {} {prior:?} {options:?}",
+            "{FORMAT} {} {} {} {} {prior:?} {options:?}",
             env!("CARGO_PKG_VERSION"),
             experiment.digest,
+            model.device.structure_digest(),
             model.digest()
         );
         for run in runs {

@@ -47,7 +47,7 @@ file in an experiment, with `start`, and run `dynid simulate`.")]
 pub struct Arguments {
     /// Id of a device, e.g. `freedom6s`; not needed with a model.
     #[arg(required_unless_present_any = ["model", "between"])]
-    device: Option<String>,
+    pub device: Option<String>,
     /// A model whose values and effects count instead of the device's default ones.
     #[arg(long)]
     pub model: Option<PathBuf>,
@@ -67,7 +67,7 @@ pub struct Arguments {
     /// Play a signal of this kind.
     #[arg(long, value_enum)]
     signal: Option<Signal>,
-    /// Free joints, e.g. `4,5`: one of the device's configurations.
+    /// Free joints, e.g. `4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Vec<usize>,
     /// Torques or positions. Without it, positions for an optimised motion, else torques.

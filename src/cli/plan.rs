@@ -32,7 +32,7 @@ Jxx = Ixx + m*(y^2 + z^2), Jxy = Ixy - m*x*y, and so on.")]
 pub struct Arguments {
     /// Id of a device, e.g. `freedom6s`; not needed with a model.
     #[arg(required_unless_present = "model")]
-    device: Option<String>,
+    pub device: Option<String>,
     /// A sequence of configurations of the device, e.g. `isolated` or `coupling`; `found` lets the program find one. Without
     /// it, the device's first, or `found` where it has none.
     #[arg(long)]

@@ -173,15 +173,15 @@ struct ShowArguments {
 }
 
 impl Arguments {
-    /// The models that are read.
-    pub fn models(&self) -> Vec<&PathBuf> {
+    /// The models and settings that are read.
+    pub fn files(&self) -> Vec<&Path> {
         match &self.verb {
-            Verb::Compare(own) => own.place.model.iter().collect(),
-            Verb::Run(own) => own.place.model.iter().collect(),
-            Verb::Tune(own) => own.place.model.iter().collect(),
-            Verb::Report(own) => own.place.model.iter().collect(),
-            Verb::Space(own) => own.place.model.iter().collect(),
-            Verb::Feel(own) => own.model.iter().chain(&own.plant).collect(),
+            Verb::Compare(own) => own.place.files(),
+            Verb::Run(own) => own.place.files(),
+            Verb::Tune(own) => own.place.files(),
+            Verb::Report(own) => own.place.files(),
+            Verb::Space(own) => own.place.files(),
+            Verb::Feel(own) => own.model.iter().chain(&own.plant).map(PathBuf::as_path).collect(),
             Verb::Show(_) => Vec::new(),
         }
     }
@@ -201,6 +201,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 impl Where {
+    fn files(&self) -> Vec<&Path> {
+        self.model.iter().chain(&self.setting).map(PathBuf::as_path).collect()
+    }
+
     fn setting(&self) -> anyhow::Result<Setting> {
         let mut setting = match &self.setting {
             Some(path) => Setting::load(path)?,

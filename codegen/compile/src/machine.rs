@@ -34,6 +34,9 @@ use part::Part;
 /// So many steps at most become one function of machine code.
 const MOST_STEPS: usize = 1_000;
 
+/// So many bytes at most are handed on, on a stack that a thread may have little of.
+const MOST_SHARED: usize = 1 << 18;
+
 /// What machine code is called with: the arguments, the results and what parts of a function hand on.
 type Entry<S> = unsafe extern "C" fn(*const *const S, *const *mut S, *mut S);
 
@@ -117,6 +120,9 @@ impl<S: Word> Maker<S> {
             chunks.push(&[]);
         }
         let shared = part::shared(&chunks, plan);
+        if shared.len() * size_of::<S>() > MOST_SHARED {
+            return None;
+        }
         let parts = chunks.iter().enumerate().map(|(number, steps)| {
             self.function(|builder, given| Part::<S>::new(builder, given, plan, &shared).build(steps, number == 0))
         });

@@ -204,13 +204,16 @@ impl<A: Arithmetic> Algebra<A> {
             Expression::Binary(Add, a, b) => &self.length(a)? + &self.length(b)?,
             Expression::Binary(Subtract, a, b) => &self.length(a)? - &self.length(b)?,
             Expression::Binary(Multiply, a, b) => &self.length(a)? * &self.length(b)?,
-            Expression::Binary(Divide, a, b) => match b.constant().and_then(small_fraction) {
-                Some((numerator, denominator)) if numerator != 0 => {
-                    let (numerator, denominator) = (numerator.signum() * denominator, numerator.abs());
-                    &self.length(a)? * &self.fraction(numerator, denominator)
-                }
-                _ => return Err("a length is divided by something that is no simple number".to_owned()),
-            },
+            Expression::Binary(Divide, a, b) => {
+                let Some(divisor) = b.constant().filter(|divisor| *divisor != 0.0) else {
+                    return Err("a length is divided by something that is no number".to_owned());
+                };
+                let factor = match small_fraction(divisor) {
+                    Some((numerator, denominator)) => self.fraction(numerator.signum() * denominator, numerator.abs()),
+                    None => self.length(&Expression::Number(1.0 / divisor))?,
+                };
+                &self.length(a)? * &factor
+            }
             Expression::Call(..) | Expression::IfElse(..) => {
                 return Err("a length is a sum of products of length symbols, joint variables and numbers".to_owned());
             }
@@ -551,6 +554,12 @@ fn collect_numbers(expression: &Expression, numbers: &mut Vec<f64>) {
     }
     match expression {
         Expression::Negate(x) => collect_numbers(x, numbers),
+        Expression::Binary(BinaryOperator::Divide, a, b) => {
+            collect_numbers(a, numbers);
+            if let Some(divisor) = b.constant().filter(|divisor| small_fraction(*divisor).is_none()) {
+                collect_numbers(&Expression::Number(1.0 / divisor), numbers);
+            }
+        }
         Expression::Binary(_, a, b) => {
             collect_numbers(a, numbers);
             collect_numbers(b, numbers);

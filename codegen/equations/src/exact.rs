@@ -112,7 +112,8 @@ impl Arithmetic for Exact {
     }
 
     fn negative(&self) -> Self {
-        Self { coefficients: self.coefficients.iter().map(|own| -*own).collect(), ..self.clone() }
+        let coefficients = self.coefficients.iter().map(|own| -*own).collect();
+        Self { width: self.width, coefficients, exponents: self.exponents.clone() }
     }
 
     fn by(&self, position: usize) -> Self {

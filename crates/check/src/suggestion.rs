@@ -14,9 +14,9 @@ use crate::{Unanswered, excitation::moves};
 /// One run to play.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Suggestion {
-    /// Id of the device.
+    /// Id of the device, or the path of its file.
     pub device: String,
-    /// Free joints, ascending: one of the device's configurations.
+    /// Free joints, ascending.
     pub free: Vec<usize>,
     /// Those of them that the runs excite too little.
     pub joints: Vec<usize>,

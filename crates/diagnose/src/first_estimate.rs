@@ -21,7 +21,7 @@ pub struct FirstEstimates {
     pub labels: Vec<String>,
 }
 
-/// `model` with a first estimate for every effect that stands where it vanishes, from those of `runs` that are for
+/// `model` with a first estimate for every effect that stands where it vanishes and whose shape is unknown, from those of `runs` that are for
 /// fitting.
 ///
 /// The estimate is the step that the score test promises most of; where it promises nothing the effect stays.
@@ -82,8 +82,8 @@ fn with_values(model: &Model, instance: &EffectInstance, estimate: &Model) -> Mo
     model
 }
 
-/// Whether an effect does nothing of its own, so that some parameter of it changes nothing: every parameter that has a null value is
-/// there, at least one has one, and one that is free has none. What it keeps of an effect whose place it took says nothing about that,
+/// Whether an effect does nothing of its own, and no small step tells its shape: every parameter that has a null value is there, at
+/// least one has one, and another is free and has none, or one is looked for by a scan. What it keeps of an effect whose place it took says nothing about that,
 /// unless there is nothing else.
 fn vanishes(instance: &EffectInstance) -> bool {
     let effect = instance.effect;
@@ -97,7 +97,7 @@ fn vanishes(instance: &EffectInstance) -> bool {
         .collect();
     let has_own = nulls.iter().any(|(is_kept, _)| !is_kept);
     let mut parameters = effect.parameters.iter().zip(&instance.parameters);
-    let has_shape = parameters.any(|(own, given)| own.null.is_none() && (!given.fixed || own.scan.is_some()));
+    let has_shape = parameters.any(|(own, given)| own.scan.is_some() || (own.null.is_none() && !given.fixed));
     has_shape
         && !nulls.is_empty()
         && nulls.iter().filter(|(is_kept, _)| !(has_own && *is_kept)).all(|(_, is_null)| *is_null)

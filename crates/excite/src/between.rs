@@ -31,7 +31,7 @@ pub struct Rivals<'a> {
     pub a: &'a Model,
     /// Its rival.
     pub b: &'a Model,
-    /// Free joints, ascending: one of the device's configurations.
+    /// Free joints, ascending.
     pub free: &'a [usize],
     /// Where all joints stand at the start [rad or m], at rest.
     pub pose: &'a [f64],

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::sha256_hex;
+use dynid_model::{Effect, sha256_hex};
 use serde::{Deserialize, Serialize};
 
 use crate::{identify::FitTask, identify::State, position::Options, sequence::Weighting};
@@ -17,7 +17,7 @@ use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 7;
+const FORMAT: u32 = 8;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]
@@ -74,7 +74,7 @@ pub struct Identity {
     version: String,
     /// Digest of the samples and how they are processed.
     data: String,
-    /// Digest of the start, its bounds included.
+    /// Digest of the start, its bounds, its device's structure and its effects included.
     model: String,
     /// As one would ask for it.
     options: String,
@@ -87,12 +87,15 @@ impl Identity {
         for run in runs {
             data.push_str(&format!("\n{} {} {:?} {:?}", run.file, run.role, run.free, run.settings));
         }
+        // A user's files may change between a stop and going on.
+        let effects: Vec<&Effect> = model.effects.iter().map(|own| own.effect).collect();
+        let start = format!("{} {} {:?} {effects:?}", model.device.structure_digest(), model.digest(), model.prior);
         Self {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             data: sha256_hex(data.as_bytes()),
             // A search may start again from the prior values.
-            model: sha256_hex(format!("{} {:?}", model.digest(), model.prior).as_bytes()),
+            model: sha256_hex(start.as_bytes()),
             options: request(how),
         }
     }

@@ -64,6 +64,18 @@ pub fn device_from_mjcf(text: &str, path: &Path) -> Result<Imported, ModelError>
     imported(&source, &mjcf::read(&source)?)
 }
 
+/// Turns the text of a URDF or an MJCF, as its root element says, into a device file.
+///
+/// # Errors
+/// As [`device_from_urdf`] and [`device_from_mjcf`].
+pub fn device_from_description(text: &str, path: &Path) -> Result<Imported, ModelError> {
+    let tolerant = xml::tolerant(&Source::new(path, text));
+    let is_mjcf = tolerant.is_ok_and(|text| {
+        roxmltree::Document::parse(&text).is_ok_and(|document| document.root_element().tag_name().name() == "mujoco")
+    });
+    if is_mjcf { device_from_mjcf(text, path) } else { device_from_urdf(text, path) }
+}
+
 fn imported(source: &Source, robot: &urdf::Robot) -> Result<Imported, ModelError> {
     let tree = tree::grow(source, robot)?;
     let draft = assemble::draft(source, robot, &tree)?;

@@ -3,11 +3,7 @@
 //! A body is a link. Its joints turn it one after another about axes through points of its own frame: each but the last carries a
 //! link without mass, and where the last one's point is not the body's origin, the body is fixed to what that joint carries.
 
-use std::{
-    collections::{BTreeMap, HashMap},
-    f64::consts::PI,
-    ops::Range,
-};
+use std::{collections::BTreeMap, f64::consts::PI, ops::Range};
 
 use dynid_model::{ModelError, Source};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
@@ -65,7 +61,13 @@ pub(crate) fn read(source: &Source) -> Result<Robot, ModelError> {
             reader.left_out.insert(name.to_owned(), count);
         }
     }
-    robot.notes = reader.left_out.iter().map(|(name, count)| format!("left out: {count} of <{name}>")).collect();
+    robot.notes.extend(reader.left_out.iter().map(|(name, count)| format!("left out: {count} of <{name}>")));
+    for attribute in ["gravcomp", "settotalmass"] {
+        let count = root.descendants().filter(|node| node.attribute(attribute).is_some()).count();
+        if count > 0 {
+            robot.notes.push(format!("left out: {count} of `{attribute}`"));
+        }
+    }
     Ok(robot)
 }
 
@@ -106,8 +108,8 @@ struct Class<'a> {
     elements: Vec<Node<'a, 'a>>,
 }
 
-fn classes<'a>(root: Node<'a, 'a>) -> HashMap<String, Class<'a>> {
-    let mut found = HashMap::new();
+fn classes<'a>(root: Node<'a, 'a>) -> BTreeMap<String, Class<'a>> {
+    let mut found = BTreeMap::new();
     let mut waiting: Vec<(Node, Vec<Node>)> =
         root.children().filter(|node| node.has_tag_name("default")).map(|node| (node, Vec::new())).collect();
     while let Some((node, inherited)) = waiting.pop() {
@@ -123,7 +125,7 @@ fn classes<'a>(root: Node<'a, 'a>) -> HashMap<String, Class<'a>> {
 struct Reader<'a> {
     source: &'a Source,
     conventions: Conventions,
-    classes: HashMap<String, Class<'a>>,
+    classes: BTreeMap<String, Class<'a>>,
     left_out: BTreeMap<String, usize>,
 }
 
@@ -229,6 +231,11 @@ impl<'a> Reader<'a> {
             let is_last = number + 1 == joints.len() && is_zero(&point);
             let to = if is_last { name.clone() } else { format!("{name} (joint {})", number + 1) };
             let joint_name = own.attribute("name").map_or_else(|| format!("{name} {}", number + 1), str::to_owned);
+            if stated.numbers::<1>(self.source, "stiffness")?.is_some_and(|[own]| own.value != 0.0) {
+                robot
+                    .notes
+                    .push(format!("left out: the spring of joint `{joint_name}`; `dynid add spring` has its law"));
+            }
             robot.joints.push(self.joint(&stated, joint_name, (&from, &to), origin)?);
             if !is_last {
                 robot.links.push(Link { name: to.clone(), inertial: None, place: tag(*own) });

@@ -1,7 +1,7 @@
 //! How likely logs are under the one-step predictions of a model as it is (see [`dynid_identify::prediction`]).
 //!
-//! The model's values stay. Where each run starts, and how far the model is trusted at each joint, is estimated: the latter from the
-//! runs to fit to, so that those held out are judged by what is known without them.
+//! The model's values stay. Where each run starts, and how far the model is trusted at each joint, is estimated for the runs of
+//! each role; those held out are judged by the standard deviations of the runs to fit to.
 
 use dynid_identify::position::FitRun;
 use dynid_identify::prediction::{self, JointInnovations, PredictionProblem, Search, Settings};

@@ -61,15 +61,13 @@ pub enum KernelError {
 /// Joints that the device does not have, or a frames table without equations.
 pub fn kernel(device: &'static Device, free: &[usize]) -> Result<&'static Kernel, KernelError> {
     static MADE: Made<(usize, Vec<usize>), Kernel> = Made::new();
-    let number = device.configuration_of(free);
-    if let Some(compiled_in) =
-        number.filter(|_| ships(device)).and_then(|number| dynid_generated::kernel(&device.id, number))
-    {
-        return Ok(compiled_in);
-    }
     let n_joints = device.joints.len();
     if free.is_empty() || !free.is_sorted_by(|a, b| a < b) || free.iter().any(|&joint| joint >= n_joints) {
         return Err(KernelError::NoSuchJoints { device: device.id.clone(), free: free.to_vec(), n_joints });
+    }
+    let number = device.configuration_of(free).filter(|_| ships(device));
+    if let Some(compiled_in) = number.and_then(|number| dynid_generated::kernel(&device.id, number)) {
+        return Ok(compiled_in);
     }
     MADE.get_or_make((address(device), free.to_vec()), || made::kernel(device, free))
 }

@@ -241,7 +241,7 @@ const RUN_KEYS: [&str; 16] = [
 ];
 
 impl Experiment {
-    /// Reads an experiment of one of the shipped devices, with all its logs.
+    /// Reads an experiment with all its logs.
     ///
     /// # Errors
     /// The first thing that is wrong with the file or a log, with its place and a remedy.
@@ -276,7 +276,7 @@ impl Experiment {
         Err(ExperimentError::NoRunWithFree { path: self.path.clone(), wanted, known: known.join(", ") })
     }
 
-    /// Reads the experiment at `path` with all its logs; its device is one of `devices`.
+    /// Reads the experiment at `path` with all its logs; its device is one of `devices`, or that of a device file.
     pub fn read_with(path: &Path, devices: &'static [Device]) -> Result<Self, ExperimentError> {
         Self::read_as(path, devices, Planned::Refused)
     }

@@ -543,7 +543,6 @@ mod tests {
         assert_eq!(end.ended, Ended::Converged);
     }
 
-    /// `x + (lower - x)` is not `lower` for about every other pair of numbers.
     #[test]
     fn what_no_step_breaks_has_no_part_in_it() {
         let mut random = Random::new(7);
@@ -572,6 +571,7 @@ mod tests {
         }
     }
 
+    /// `x + (lower - x)` is not `lower` for about every other pair of numbers.
     #[test]
     fn a_step_to_a_bound_stays_within_it() {
         let mut random = Random::new(5);

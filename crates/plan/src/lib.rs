@@ -10,7 +10,7 @@
 //! reveals something.
 //!
 //! A link parameter *appears* in a configuration when it stands in the equations of motion of its free joints, the angles of
-//! the locked joints being general and `s^2 + c^2 = 1` being reduced: derive found that by algebra. Appearing is not
+//! the locked joints being general: what ships knows it by algebra, of other kernels it is found by moving each. Appearing is not
 //! being identifiable: parameters may act only together.
 
 pub mod base;

@@ -147,7 +147,7 @@ impl Implicit {
         let t = self.time[stage];
         self.trial.copy_from_slice(&self.states[stage * n..(stage + 1) * n]);
         self.set_residual(system, t, reach);
-        // Whether `correction` is that of the residual, and how much smaller it is than the one before.
+        // Whether `correction` is that of the residual, and the size of the last one by the same matrix.
         let (mut is_corrected, mut size_before) = (false, f64::INFINITY);
         for iteration in 0..ITERATIONS {
             let is_fresh = !self.is_factored;
@@ -174,6 +174,7 @@ impl Implicit {
             if !is_fresh && size > CONVERGED && contraction.ln() * DERIVATIVE > (CONVERGED / size).ln() {
                 // The effects change much within a step; the rigid body, as a rule, little.
                 (self.is_factored, self.has_body) = (false, iteration < ITERATIONS / 2);
+                size_before = f64::INFINITY;
                 continue;
             }
             let is_shrinking = size_before.is_finite() && contraction < 0.5;

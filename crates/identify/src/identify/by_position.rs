@@ -138,12 +138,8 @@ fn check_configurations(
         [] => "give the run the role \"validate\", or leave it out".to_owned(),
         [other, ..] => format!("use --method {other} for it, give it the role \"validate\", or leave it out"),
     };
-    let what = format!(
-        "its free joints {:?} are configuration {}, which method `{method}` has no step for (it frees {})",
-        run.free,
-        run.configuration,
-        own.join(", ")
-    );
+    let what =
+        format!("method `{method}` has no step for its free joints {:?} (it frees {})", run.free, own.join(", "));
     Err(FitError::OtherConfiguration { run: run.file.clone(), what, remedy })
 }
 

@@ -4,8 +4,7 @@
 //! [`Instrument`], a place that the effect suits, a size in proportion to what the machine does, and a belief that is off by
 //! 2 to 20 %. What cannot be played, or does not show in the logs ([`Visibility`]), is drawn again with the next sub-seed.
 //!
-//! Only devices that are compiled into the program can be drawn; `draw/machine.rs` says where another source of machines
-//! would go.
+//! Only devices that ship are drawn; `draw/machine.rs` says where another source of machines would go.
 
 mod belief;
 mod deck;

@@ -1,7 +1,6 @@
 //! The machine of a case, before anything is hidden in it.
 //!
-//! Machines are those that the library ships. A random arm would be one more source of a [`Machine`] here; it has to wait
-//! until the program reads a device that was not compiled into it.
+//! Machines are those that the library ships. A random arm would be one more source of a [`Machine`] here.
 
 use std::collections::BTreeMap;
 

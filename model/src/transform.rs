@@ -17,7 +17,7 @@ pub type Rotation = [[f64; 3]; 3];
 /// theta, d, a and alpha.
 pub type Row = [Expression; 4];
 
-/// An angle that is so near a whole number of quarter turns [rad], or a component of a vector that is so small, is meant to be
+/// An angle that is so near a whole number of quarter turns (rad), or a component of a vector that is so small, is meant to be
 /// that: ten digits of pi are as near.
 const ROUNDING: f64 = 3e-10;
 
@@ -169,7 +169,7 @@ struct Classical {
     slide: f64,
 }
 
-/// Axes whose directions differ by less [rad] have their common normal far away: lengths would lose digits.
+/// Axes whose directions differ by less (rad) have their common normal far away: lengths would lose digits.
 const NEARLY_PARALLEL: f64 = 0.1;
 
 impl Classical {

@@ -186,7 +186,7 @@ fn run(verb: &Verb) -> anyhow::Result<Outcome> {
 /// Reads the arguments, runs the verb, prints and returns the exit status.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let result = read_effects(&arguments).and_then(|()| run(&arguments.verb));
+    let result = read_effects(&arguments).and_then(|()| outcome(&arguments.verb));
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,
         Ok(Answer::No) => ExitCode::from(1),
@@ -198,19 +198,18 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Says where kernels are interpreted, which is slower.
-fn with_kernels(json: &serde_json::Value) -> serde_json::Value {
-    let mut json = json.clone();
-    if let (true, Some(object)) = (dynid_kernels::are_interpreted(), json.as_object_mut()) {
+/// Runs the verb, and says in JSON where kernels are interpreted, which is slower.
+fn outcome(verb: &Verb) -> anyhow::Result<Outcome> {
+    let mut outcome = run(verb)?;
+    if let (true, Some(object)) = (dynid_kernels::are_interpreted(), outcome.json.as_object_mut()) {
         object.insert("kernels".to_owned(), "interpreted".into());
     }
-    json
+    Ok(outcome)
 }
 
 fn print(outcome: &Outcome, json: bool) -> anyhow::Result<()> {
     let mut stdout = std::io::stdout().lock();
-    let written =
-        if json { writeln!(stdout, "{}", with_kernels(&outcome.json)) } else { write!(stdout, "{}", outcome.text) };
+    let written = if json { writeln!(stdout, "{}", outcome.json) } else { write!(stdout, "{}", outcome.text) };
     match written.and_then(|()| stdout.flush()) {
         // whoever reads has read enough, e.g. `dynid devices | head -1`
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),

@@ -94,7 +94,7 @@ impl GeneralFrames {
                 return;
             }
         }
-        let xyz = at.map_or(xyz, |at| at.map(length));
+        let xyz = at.map_or(xyz, |at| at.map(literal));
         let has_joint = motion.is_some();
         let named = self.push(name, row, rows(xyz, rotation, motion));
         let seen_from_row = at.filter(|_| !has_joint && !is_in_quarters(&rotation));
@@ -112,10 +112,10 @@ impl GeneralFrames {
             _ => first,
         };
         let (theta, along, turn) = match motion {
-            Motion::Turn(turn) => (sum(last, turn.clone()), length(slide), Some(turn)),
+            Motion::Turn(turn) => (sum(last, turn.clone()), literal(slide), Some(turn)),
             Motion::Slide(moving) => (angle(last), sum_of_lengths(slide, moving), None),
         };
-        let row = [angle(first), length(d), length(a), angle(alpha)];
+        let row = [angle(first), literal(d), literal(a), angle(alpha)];
         let joint = self.push(&format!("{name} (axis)"), parent, vec![row, [theta, along, zero(), zero()]]);
         if let Some(turn) = turn {
             self.spins.insert(joint, Spin { constant: last, turn, leads: false });
@@ -290,14 +290,14 @@ fn angle(value: f64) -> Expression {
     let value = quarters(value);
     // -pi is pi.
     let value = if value < -2.0 * FRAC_PI_2 + ROUNDING { value + 4.0 * FRAC_PI_2 } else { value };
-    if value < 0.0 { Expression::Negate(Box::new(Expression::Number(-value))) } else { Expression::Number(value) }
+    literal(value)
 }
 
 fn zero() -> Expression {
     Expression::Number(0.0)
 }
 
-fn length(value: f64) -> Expression {
+fn literal(value: f64) -> Expression {
     if value < 0.0 { Expression::Negate(Box::new(Expression::Number(-value))) } else { Expression::Number(value) }
 }
 
@@ -306,7 +306,7 @@ fn sum(constant: f64, moving: Expression) -> Expression {
 }
 
 fn sum_of_lengths(constant: f64, moving: Expression) -> Expression {
-    plus(moving, length(constant))
+    plus(moving, literal(constant))
 }
 
 fn plus(moving: Expression, constant: Expression) -> Expression {
@@ -423,7 +423,7 @@ mod tests {
                 let parent = (number > 0 && !next(random).is_multiple_of(5))
                     .then(|| if !next(random).is_multiple_of(3) { number - 1 } else { next(random) % number });
                 let mut place = [0.0; 3].map(|_| [0.0, 0.0, 0.1, -0.4, 0.35][next(random) % 5]);
-                let mut xyz = place.map(length);
+                let mut xyz = place.map(literal);
                 if next(random).is_multiple_of(4) {
                     (place[1], xyz[1]) = (0.7, Expression::Symbol("L".to_owned()));
                 }

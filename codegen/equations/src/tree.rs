@@ -246,13 +246,14 @@ impl<A: Arithmetic> Tree<A> {
         slide: Option<usize>,
         mut vector: Vector<Polynomial<A>>,
     ) {
-        let axis = column(&self.turnings[turning].fixed, 2);
-        let is_general = axis.iter().any(|component| algebra.has_constant_angles(component));
-        if turning != 0 && !is_general && !vector[2].is_zero() {
-            let parent = &self.turnings[turning].parent;
-            let below = axis.map(|component| algebra.product(&component, &vector[2]));
-            vector[2] = algebra.zero();
-            self.extend(algebra, place, *parent, slide, below);
+        if turning != 0 && !vector[2].is_zero() {
+            let Turning { parent, fixed, .. } = &self.turnings[turning];
+            let axis = column(fixed, 2);
+            if !axis.iter().any(|component| algebra.has_constant_angles(component)) {
+                let below = axis.map(|component| algebra.product(&component, &vector[2]));
+                vector[2] = algebra.zero();
+                self.extend(algebra, place, *parent, slide, below);
+            }
         }
         if vector.iter().all(Polynomial::is_zero) {
             return;

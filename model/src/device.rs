@@ -243,6 +243,8 @@ pub struct DefaultEffect {
     pub joint: Option<usize>,
     /// The other joint of a pair.
     pub from: Option<usize>,
+    /// It acts only in runs that carry the payload of this name.
+    pub payload: Option<String>,
     /// Values given by symbol; others take the effect's initial ones.
     pub values: Vec<(String, Parameter)>,
 }

@@ -12,7 +12,7 @@ use crate::{
     error::{ModelError, Source, did_you_mean},
     expression::BinaryOperator,
     identifier::read_id,
-    instance::{check_instances, read_instance},
+    instance::{check_instances, read_instances},
     parameter::Parameter,
     physical_consistency::{Impossible, check_body},
     transform::{GeneralFrames, Motion, Rotation, distance_from_rotation, roll_pitch_yaw},
@@ -21,9 +21,6 @@ use crate::{
 
 /// The name of the frame that stands still.
 const BASE: &str = "base";
-
-/// The cosine of a multiple of an angle is a polynomial of that degree in cosines, whose numbers lose a digit with every few.
-pub const MOST_TURNS: f64 = 8.0;
 
 /// A vector component smaller than this is the rounding error of an exact zero.
 const EXACT_ZERO: f64 = 1e-12;
@@ -82,11 +79,17 @@ impl Device {
         let mut defaults = Vec::new();
         let effect_tables = root.tables("effect", "effect", 1)?;
         for table in &effect_tables {
-            defaults.push(read_instance(table, joints.len(), effects, &|effect, _, symbol, _| {
+            if let Some(entry) = table.optional("payload") {
+                return Err(entry
+                    .error("a device carries no payload")
+                    .help("put the effect into a model, where runs may carry it"));
+            }
+            let read = read_instances(table, joints.len(), effects, &|effect, _, symbol, _| {
                 effect.parameter(symbol).map(crate::effect::EffectParameter::parameter)
-            })?);
+            })?;
+            defaults.extend(read.into_iter().map(|effect| (table, effect)));
         }
-        check_instances(&effect_tables, &defaults, effects)?;
+        check_instances(&defaults, effects)?;
         let device = Self {
             id,
             file: None,
@@ -102,7 +105,7 @@ impl Device {
             links,
             configurations,
             methods,
-            effects: defaults,
+            effects: defaults.into_iter().map(|(_, effect)| effect).collect(),
         };
         for (joint, table) in joint_tables.iter().enumerate() {
             if device.last_link_moved_by(joint).is_none() {
@@ -498,16 +501,13 @@ fn read_cell(
         let message = format!("{} must be a sum of products of lengths, joint variables and numbers", entry.what);
         return Err(entry.error(message).help("give what is computed from lengths otherwise a length of its own"));
     }
-    if moves {
-        let affine = expression.affine();
-        let whole =
-            |factor: &f64| kind == JointKind::Prismatic || (factor.fract() == 0.0 && factor.abs() <= MOST_TURNS);
-        if !affine.is_some_and(|affine| affine.coefficients.values().all(whole)) {
-            let rule = if kind == JointKind::Revolute { "whole factors up to 8" } else { "constant factors" };
-            return Err(entry
-                .error(format!("{} must be a sum of joint variables with {rule}, found `{expression}`", entry.what))
-                .help("write e.g. `-q2 - pi/2`"));
-        }
+    if moves && expression.affine().is_none() {
+        return Err(entry
+            .error(format!(
+                "{} must be a sum of joint variables with constant factors, found `{expression}`",
+                entry.what
+            ))
+            .help("write e.g. `-q2 - pi/2`"));
     }
     Ok(expression)
 }

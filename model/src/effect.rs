@@ -19,6 +19,8 @@ pub struct Effect {
     pub family: Option<String>,
     /// Of the effects that share this word, a joint has at most one.
     pub alternatives: Option<String>,
+    /// It is a curve of any shape and no particular cause: a user may add it, but no diagnosis names it.
+    pub general: bool,
     /// What this effect takes the place of when it is added.
     pub replaces: Vec<Replacement>,
     /// Where on the drive path an actuator effect acts.

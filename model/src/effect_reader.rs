@@ -33,6 +33,7 @@ impl Effect {
             "scope",
             "stage",
             "family",
+            "general",
             "alternatives",
             "inequalities",
             "seen_as",
@@ -65,6 +66,7 @@ impl Effect {
             scope,
             family: optional_text("family")?,
             alternatives: optional_text("alternatives")?,
+            general: root.optional("general").map_or(Ok(false), |entry| entry.flag())?,
             replaces: Vec::new(),
             stage,
             parameters,
@@ -283,7 +285,7 @@ fn new_symbol<'t>(entry: &Entry, mut taken: impl Iterator<Item = &'t str>) -> Re
         return Err(entry.error(format!("`{symbol}` is not a name")).help("use letters, digits and `_`"));
     }
     // A parameter may be called `qeq`: it is then the rest position that other effects at the joint see.
-    if (SIGNALS.contains(&symbol) && symbol != REST_POSITION) || ["id", "joint", "from"].contains(&symbol) {
+    if (SIGNALS.contains(&symbol) && symbol != REST_POSITION) || ["id", "joint", "from", "payload"].contains(&symbol) {
         return Err(entry
             .error(format!("`{symbol}` is taken: it names a signal or a place"))
             .help("choose another name"));

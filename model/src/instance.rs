@@ -2,7 +2,7 @@
 
 use crate::{
     device::DefaultEffect,
-    document::Table,
+    document::{Entry, Table},
     effect::{Effect, Scope},
     error::{ModelError, did_you_mean},
     parameter::Parameter,
@@ -16,48 +16,122 @@ pub type DefaultParameter<'a> =
 /// Values that differ by less than this share are equal: as near as a fit comes to an order that it keeps.
 pub const EQUAL: f64 = 1e-6;
 
-/// Reads one `[[effect]]` table. Only the parameters that stand in the file are in `values`.
+/// Reads one `[[effect]]` table: one effect a joint that it names. Only the parameters that stand in the file are in `values`.
 ///
 /// # Errors
 /// An unknown effect, joint or parameter, a value outside its bounds; with its place.
-pub fn read_instance(
+pub fn read_instances(
     table: &Table,
     n_joints: usize,
     effects: &[Effect],
     default: &DefaultParameter,
-) -> Result<DefaultEffect, ModelError> {
+) -> Result<Vec<DefaultEffect>, ModelError> {
     let entry = table.required("id", "\"<effect>\"")?;
     let id = entry.text()?;
     let Some(effect) = effects.iter().find(|effect| effect.id == id) else {
         let known = did_you_mean(id, effects.iter().map(|effect| effect.id.as_str()));
         return Err(entry.error(format!("unknown effect `{id}`")).help(known));
     };
+    let place = |key: &str| {
+        table
+            .required(key, "<joint>")
+            .map_err(|error| error.help(format!("`{id}` acts on {}; add `{key} = <joint>`", scope_text(effect.scope))))
+    };
+    let from = match effect.scope {
+        Scope::Pair => Some(read_joint(&place("from")?, id, n_joints)?),
+        Scope::Joint | Scope::Device => None,
+    };
+    let joints: Vec<Option<usize>> = match effect.scope {
+        Scope::Device => vec![None],
+        Scope::Joint | Scope::Pair => {
+            let named = read_joints(&place("joint")?, id, from, n_joints)?;
+            named.into_iter().map(Some).collect()
+        }
+    };
+    let payload = table.optional("payload").map(|entry| read_payload(&entry)).transpose()?;
+    joints
+        .into_iter()
+        .map(|joint| {
+            if joint.is_some() && joint == from {
+                return Err(
+                    table.error(format!("effect `{id}` couples joint {} with itself", joint.unwrap_or_default()))
+                );
+            }
+            let values = read_values(table, effect, (joint, from), default)?;
+            Ok(DefaultEffect { id: id.to_owned(), joint, from, payload: payload.clone(), values })
+        })
+        .collect()
+}
+
+fn read_joint(entry: &Entry, id: &str, n_joints: usize) -> Result<usize, ModelError> {
+    let joint = entry.index()?;
+    if joint >= n_joints {
+        return Err(entry
+            .error(format!("unknown joint {joint} for effect `{id}`"))
+            .help(format!("the device has joints 0..{}", n_joints - 1)));
+    }
+    Ok(joint)
+}
+
+/// `3`, `[0, 1, 3]` or `"all"`: all but the other joint of a pair.
+fn read_joints(entry: &Entry, id: &str, from: Option<usize>, n_joints: usize) -> Result<Vec<usize>, ModelError> {
+    if let Ok(word) = entry.text() {
+        if word != "all" {
+            return Err(entry
+                .error(format!("`{word}` is no joint for effect `{id}`"))
+                .help("name a joint by its index, several as `[0, 1]`, or every one as \"all\""));
+        }
+        return Ok((0..n_joints).filter(|joint| Some(*joint) != from).collect());
+    }
+    let Ok(entries) = entry.array() else { return Ok(vec![read_joint(entry, id, n_joints)?]) };
+    if entries.is_empty() {
+        return Err(entry.error(format!("no joint is named for effect `{id}`")).help("name one, or remove the table"));
+    }
+    let mut joints = Vec::new();
+    for entry in entries {
+        let joint = read_joint(&entry, id, n_joints)?;
+        if joints.contains(&joint) {
+            return Err(entry.error(format!("joint {joint} is named twice for effect `{id}`")).help("name it once"));
+        }
+        joints.push(joint);
+    }
+    Ok(joints)
+}
+
+/// The name of a payload: a part of parameter names.
+///
+/// # Errors
+/// Other than letters, digits and `_`.
+pub fn check_payload(name: &str) -> Result<(), String> {
+    if !name.is_empty() && name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_') {
+        return Ok(());
+    }
+    Err(format!("`{name}` is no name of a payload; use letters, digits and `_`"))
+}
+
+fn read_payload(entry: &Entry) -> Result<String, ModelError> {
+    let name = entry.text()?;
+    check_payload(name).map_err(|message| entry.error(message))?;
+    Ok(name.to_owned())
+}
+
+/// The parameters of one effect that stand in its table.
+fn read_values(
+    table: &Table,
+    effect: &Effect,
+    (joint, from): (Option<usize>, Option<usize>),
+    default: &DefaultParameter,
+) -> Result<Vec<(String, Parameter)>, ModelError> {
+    let id = &effect.id;
+    let what = instance_name(id, joint, from);
     let places: &[&str] = match effect.scope {
         Scope::Joint => &["joint"],
         Scope::Pair => &["from", "joint"],
         Scope::Device => &[],
     };
-    let mut found = [None, None];
-    for key in places {
-        let entry = table.required(key, "<joint>").map_err(|error| {
-            error.help(format!("`{id}` acts on {}; add `{key} = <joint>`", scope_text(effect.scope)))
-        })?;
-        let joint = entry.index()?;
-        if joint >= n_joints {
-            return Err(entry
-                .error(format!("unknown joint {joint} for effect `{id}`"))
-                .help(format!("the device has joints 0..{}", n_joints - 1)));
-        }
-        found[usize::from(*key == "from")] = Some(joint);
-    }
-    let [joint, from] = found;
-    if joint.is_some() && joint == from {
-        return Err(table.error(format!("effect `{id}` couples joint {} with itself", joint.unwrap_or_default())));
-    }
-    let what = instance_name(id, joint, from);
     let mut values = Vec::new();
     for (key, span) in table.keys() {
-        if key == "id" || places.contains(&key) {
+        if ["id", "payload"].contains(&key) || places.contains(&key) {
             continue;
         }
         if effect.parameter(key).is_none() {
@@ -98,14 +172,15 @@ pub fn read_instance(
                 .help("change one of the two"));
         }
     }
-    Ok(DefaultEffect { id: id.to_owned(), joint, from, values })
+    Ok(values)
 }
 
-/// Refuses an effect that stands twice at one place, two alternatives at one joint, and an effect beside one that contains it.
+/// Refuses an effect that stands twice at one place, two alternatives at one joint, and an effect beside one that contains it; those of
+/// a payload only meet those of the same payload.
 ///
 /// # Errors
 /// At the later of the two tables.
-pub fn check_instances(tables: &[Table], instances: &[DefaultEffect], effects: &[Effect]) -> Result<(), ModelError> {
+pub fn check_instances(instances: &[(&Table, DefaultEffect)], effects: &[Effect]) -> Result<(), ModelError> {
     let alternatives = |instance: &DefaultEffect| {
         effects.iter().find(|effect| effect.id == instance.id).and_then(|effect| effect.alternatives.clone())
     };
@@ -113,8 +188,8 @@ pub fn check_instances(tables: &[Table], instances: &[DefaultEffect], effects: &
         let effect = effects.iter().find(|effect| effect.id == larger.id);
         effect.is_some_and(|effect| effect.replaces.iter().any(|replaced| replaced.id == smaller.id))
     };
-    for (index, (table, later)) in tables.iter().zip(instances).enumerate() {
-        for earlier in &instances[..index] {
+    for (index, (table, later)) in instances.iter().enumerate() {
+        for (_, earlier) in instances[..index].iter().filter(|(_, earlier)| earlier.payload == later.payload) {
             if (&earlier.id, earlier.joint, earlier.from) == (&later.id, later.joint, later.from) {
                 return Err(table
                     .error(format!("{} stands twice", instance_name(&later.id, later.joint, later.from)))

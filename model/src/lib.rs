@@ -7,7 +7,7 @@
 //! `effects/README.md`. This crate reads and checks; it simulates nothing.
 //!
 //! Reading: [`document`] gives typed access to any TOML text with places, [`Source::error`] makes an error that points at one,
-//! [`did_you_mean`] names the nearest known name, [`instance::read_instance`] reads an `[[effect]]` table of a device or of a
+//! [`did_you_mean`] names the nearest known name, [`instance::read_instances`] reads an `[[effect]]` table of a device or of a
 //! user's model.
 //!
 //! # Names of parameters

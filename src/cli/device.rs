@@ -39,6 +39,9 @@ struct ImportArguments {
     /// Where to write the device file.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// The link whose origin is the end point, where a hand or a tool is; without it the one farthest from the base.
+    #[arg(long, value_name = "LINK")]
+    end_point: Option<String>,
     /// Overwrite the output if it is there.
     #[arg(long)]
     force: bool,
@@ -52,14 +55,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 fn import(arguments: &ImportArguments) -> anyhow::Result<Outcome> {
-    let ImportArguments { file, out, force } = arguments;
+    let ImportArguments { file, out, end_point, force } = arguments;
     let overwrite = Overwrite::if_forced(*force);
     check_output(out, overwrite)?;
     if out.extension().is_none_or(|extension| extension != "toml") {
         bail!("--out {}: a device file is named by its path, which ends in `.toml`", out.display());
     }
     let text = dynid_files::read(file)?;
-    let imported = device_from_description(&text, file)?;
+    let imported = device_from_description(&text, file, end_point.as_deref())?;
     // It is read back before it is written: what is written is right.
     let device = dynid_model::Device::parse_own(&imported.toml, out, out.clone())?;
     write_new(out, &imported.toml, overwrite)?;

@@ -1,7 +1,7 @@
 //! Values at which effects of the library are tested.
 
 /// Values of the size of the two-link arm; what is not here has its first guess.
-pub const VALUES: [(&str, &str, f64); 46] = [
+pub const VALUES: [(&str, &str, f64); 59] = [
     ("backlash", "gap", 0.03),
     ("backlash", "Jm", 0.02),
     ("backlash", "T_contact", 0.004),
@@ -24,6 +24,10 @@ pub const VALUES: [(&str, &str, f64); 46] = [
     ("friction_load", "Ia", 0.02),
     ("friction_load", "v_eps", 0.2),
     ("friction_load", "T_ddq", 0.02),
+    ("friction_over_speed", "c1", -0.4),
+    ("friction_over_speed", "c3", -0.1),
+    ("friction_over_speed", "c4", 0.2),
+    ("friction_over_speed", "c6", 0.5),
     ("gain", "Kp", 0.8),
     ("hysteresis", "Kh", 0.8),
     ("hysteresis", "travel", 0.1),
@@ -44,6 +48,15 @@ pub const VALUES: [(&str, &str, f64); 46] = [
     ("sensor_scale", "scale", 0.05),
     ("stribeck", "Fs", 0.5),
     ("stribeck", "v_eps", 0.2),
+    ("torque_over_position", "c1", 0.3),
+    ("torque_over_position", "c3", -0.2),
+    ("torque_over_position", "c4", 0.4),
+    ("torque_over_position", "c6", -0.3),
+    ("torque_over_position", "q_low", -2.5),
+    ("torque_over_position", "q_high", 2.0),
+    ("torque_over_turn", "A1", 0.2),
+    ("torque_over_turn", "B2", -0.3),
+    ("torque_over_turn", "A4", 0.1),
     ("turner", "s1", 4.0),
     ("turner", "v1", 0.15),
     ("turner", "v4", 0.9),

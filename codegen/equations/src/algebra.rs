@@ -17,8 +17,8 @@ use dynid_model::{
 /// An angle whose cosine and sine are symbols.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Angle {
-    /// A joint variable.
-    Joint(usize),
+    /// A joint variable times a positive factor: 1, or one whose cosine the addition theorem does not give in few terms.
+    Joint(usize, f64),
     /// A constant that is no multiple of a quarter turn (rad).
     Constant(f64),
 }
@@ -53,11 +53,11 @@ pub struct Polynomial<A>(A);
 /// `constant + sum(slope * q)`, the slopes by joint.
 pub type Affine<A> = (Polynomial<A>, BTreeMap<usize, Polynomial<A>>);
 
-/// `sum(factor * q) + constant`, the factors being whole numbers.
+/// `sum(factor * q) + constant`
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct AngleSum {
     /// By joint; none is zero.
-    pub factors: BTreeMap<usize, i64>,
+    pub factors: BTreeMap<usize, f64>,
     /// rad
     pub constant: f64,
 }
@@ -73,7 +73,7 @@ impl<A: Arithmetic> Algebra<A> {
     /// Declares every symbol of the device, in an order that depends on nothing but the device.
     ///
     /// # Errors
-    /// A frame whose angle is no sum of joint variables with whole factors, or whose lengths are no polynomial.
+    /// A frame whose angle is no sum of joint variables, or whose lengths are no polynomial.
     pub fn new(device: &Device) -> Result<Algebra<A>, DeriveError> {
         let mut symbols = Vec::new();
         for angle in angles(device)? {
@@ -85,6 +85,11 @@ impl<A: Arithmetic> Algebra<A> {
         for frame in &device.frames {
             collect_numbers(&frame.d, &mut numbers);
             collect_numbers(&frame.a, &mut numbers);
+        }
+        for symbol in &symbols {
+            if let Symbol::Cosine(Angle::Joint(_, factor)) = symbol {
+                collect_numbers(&Expression::Number(*factor), &mut numbers);
+            }
         }
         symbols.extend(numbers.into_iter().map(Symbol::Number));
         for length in &device.lengths {
@@ -167,9 +172,12 @@ impl<A: Arithmetic> Algebra<A> {
             (cosine, &self.integer(sign) * &sine)
         };
         for (&joint, &factor) in &angle.factors {
-            let cosine = self.symbol(&Symbol::Cosine(Angle::Joint(joint)));
-            let sine = &self.integer(factor.signum()) * &self.symbol(&Symbol::Sine(Angle::Joint(joint)));
-            for _ in 0..factor.abs() {
+            let own = Angle::Joint(joint, factor.abs());
+            let (unit, n_times) =
+                if self.has(own) { (own, 1) } else { (Angle::Joint(joint, 1.0), factor.abs().round() as u32) };
+            let cosine = self.symbol(&Symbol::Cosine(unit));
+            let sine = &self.integer(factor.signum() as i64) * &self.symbol(&Symbol::Sine(unit));
+            for _ in 0..n_times {
                 sum = (
                     self.reduce(&(&(&sum.0 * &cosine) - &(&sum.1 * &sine))),
                     self.reduce(&(&(&sum.1 * &cosine) + &(&sum.0 * &sine))),
@@ -179,6 +187,26 @@ impl<A: Arithmetic> Algebra<A> {
         sum
     }
 
+    /// Whether cosine and sine of `factor * q[joint]` are polynomials in the symbols.
+    pub fn reaches(&self, joint: usize, factor: f64) -> bool {
+        self.has(Angle::Joint(joint, factor.abs())) || (is_expanded(factor.abs()) && self.has(Angle::Joint(joint, 1.0)))
+    }
+
+    fn has(&self, angle: Angle) -> bool {
+        self.symbols.contains(&Symbol::Cosine(angle))
+    }
+
+    /// A number that stands in the device's rows.
+    pub fn number(&self, value: f64) -> Polynomial<A> {
+        match small_fraction(value) {
+            Some((numerator, denominator)) => self.fraction(numerator, denominator),
+            None => {
+                let magnitude = self.symbol(&Symbol::Number(value.abs()));
+                if value < 0.0 { -&magnitude } else { magnitude }
+            }
+        }
+    }
+
     /// A length expression of a frames table.
     ///
     /// # Errors
@@ -186,13 +214,7 @@ impl<A: Arithmetic> Algebra<A> {
     pub fn length(&self, expression: &Expression) -> Result<Polynomial<A>, String> {
         use BinaryOperator::*;
         if let Some(value) = expression.constant() {
-            return Ok(match small_fraction(value) {
-                Some((numerator, denominator)) => self.fraction(numerator, denominator),
-                None => {
-                    let magnitude = self.symbol(&Symbol::Number(value.abs()));
-                    if value < 0.0 { -&magnitude } else { magnitude }
-                }
-            });
+            return Ok(self.number(value));
         }
         Ok(match expression {
             Expression::Number(_) => unreachable!("a number is a constant"),
@@ -269,19 +291,21 @@ impl<A: Arithmetic> Algebra<A> {
         self.reduce(&sum)
     }
 
-    /// `d/dq = d/dq + cos d/dsin - sin d/dcos`, in normal form.
+    /// `d/dq = d/dq + sum over factors f of q of f (cos d/dsin - sin d/dcos)`, in normal form.
     pub fn derivative(&self, polynomial: &Polynomial<A>, joint: usize) -> Polynomial<A> {
         let at = |wanted: Symbol| self.symbols.iter().position(|known| *known == wanted);
         let mut sum = self.zero();
         if let Some(position) = at(Symbol::Position(joint)) {
             sum = Polynomial(polynomial.0.by(position));
         }
-        let (cosine, sine) = (at(Symbol::Cosine(Angle::Joint(joint))), at(Symbol::Sine(Angle::Joint(joint))));
-        if let (Some(cosine), Some(sine)) = (cosine, sine) {
-            let by_sine = Polynomial(polynomial.0.by(sine));
-            let by_cosine = Polynomial(polynomial.0.by(cosine));
-            sum = &sum + &(&by_sine * &self.variable(cosine));
-            sum = &sum - &(&by_cosine * &self.variable(sine));
+        for &(cosine, sine) in &self.pairs {
+            let Symbol::Cosine(Angle::Joint(own, factor)) = self.symbols[cosine] else { continue };
+            if own == joint {
+                let by_sine = Polynomial(polynomial.0.by(sine));
+                let by_cosine = Polynomial(polynomial.0.by(cosine));
+                let turned = &(&by_sine * &self.variable(cosine)) - &(&by_cosine * &self.variable(sine));
+                sum = &sum + &(&self.number(factor) * &turned);
+            }
         }
         self.reduce(&sum)
     }
@@ -339,7 +363,7 @@ impl<A: Arithmetic> Algebra<A> {
     /// The value of each symbol, from those of joints and parameters.
     pub fn values(&self, q: &[f64], parameter: &dyn Fn(&str) -> f64) -> Vec<f64> {
         let angle = |angle: &Angle| match *angle {
-            Angle::Joint(joint) => q[joint],
+            Angle::Joint(joint, factor) => factor * q[joint],
             Angle::Constant(value) => value,
         };
         self.symbols
@@ -362,13 +386,13 @@ impl<A: Arithmetic> Algebra<A> {
             Symbol::Number(value) => program.number(*value),
             Symbol::Parameter(name, unit) => program.parameter(name, unit),
             Symbol::Position(joint) => joint_position(*joint, device, free, program),
-            Symbol::Cosine(Angle::Joint(joint)) => {
-                let angle = joint_position(*joint, device, free, program);
+            Symbol::Cosine(Angle::Joint(joint, factor)) => {
+                let angle = joint_angle(*joint, *factor, device, free, program);
                 let cosine = program.cos(angle);
                 program.name(cosine, &format!("c{joint}"))
             }
-            Symbol::Sine(Angle::Joint(joint)) => {
-                let angle = joint_position(*joint, device, free, program);
+            Symbol::Sine(Angle::Joint(joint, factor)) => {
+                let angle = joint_angle(*joint, *factor, device, free, program);
                 let sine = program.sin(angle);
                 program.name(sine, &format!("s{joint}"))
             }
@@ -378,7 +402,7 @@ impl<A: Arithmetic> Algebra<A> {
     /// True where a symbol changes while the joints of `free` move.
     pub fn moves(&self, position: usize, free: &[usize]) -> bool {
         match self.symbols[position] {
-            Symbol::Cosine(Angle::Joint(joint)) | Symbol::Sine(Angle::Joint(joint)) | Symbol::Position(joint) => {
+            Symbol::Cosine(Angle::Joint(joint, _)) | Symbol::Sine(Angle::Joint(joint, _)) | Symbol::Position(joint) => {
                 free.contains(&joint)
             }
             _ => false,
@@ -470,8 +494,10 @@ impl<A: Arithmetic> std::ops::Neg for &Polynomial<A> {
 impl fmt::Display for Symbol {
     fn fmt(&self, text: &mut fmt::Formatter) -> fmt::Result {
         match self {
-            Symbol::Cosine(Angle::Joint(joint)) => write!(text, "c{joint}"),
-            Symbol::Sine(Angle::Joint(joint)) => write!(text, "s{joint}"),
+            Symbol::Cosine(Angle::Joint(joint, 1.0)) => write!(text, "c{joint}"),
+            Symbol::Sine(Angle::Joint(joint, 1.0)) => write!(text, "s{joint}"),
+            Symbol::Cosine(Angle::Joint(joint, factor)) => write!(text, "c{joint}_{:x}", factor.to_bits()),
+            Symbol::Sine(Angle::Joint(joint, factor)) => write!(text, "s{joint}_{:x}", factor.to_bits()),
             Symbol::Cosine(Angle::Constant(value)) => write!(text, "cos_{:x}", value.to_bits()),
             Symbol::Sine(Angle::Constant(value)) => write!(text, "sin_{:x}", value.to_bits()),
             Symbol::Position(joint) => write!(text, "q{joint}"),
@@ -484,19 +510,15 @@ impl fmt::Display for Symbol {
 /// An angle of a frames table.
 ///
 /// # Errors
-/// What is wrong with it, where it is no sum of joint variables with whole factors.
+/// What is wrong with it, where it is no sum of joint variables.
 pub fn angle_sum(expression: &Expression) -> Result<AngleSum, String> {
-    let wanted = "an angle is a sum of joint variables with whole factors and a constant";
+    let wanted = "an angle is a sum of joint variables with constant factors and a constant";
     let affine = expression.affine().ok_or(wanted)?;
-    let mut factors = BTreeMap::new();
-    for (name, factor) in affine.coefficients {
+    let factors = affine.coefficients.into_iter().map(|(name, factor)| {
         let joint = joint_variable(&name).ok_or(wanted)?;
-        if !is_whole(factor) {
-            return Err(format!("{wanted}, not {factor} {name}"));
-        }
-        factors.insert(joint, factor.round() as i64);
-    }
-    Ok(AngleSum { factors, constant: affine.constant })
+        Ok((joint, if is_whole(factor) { factor.round() } else { factor }))
+    });
+    Ok(AngleSum { factors: factors.collect::<Result<_, String>>()?, constant: affine.constant })
 }
 
 /// Units of [`Link::SYMBOLS`].
@@ -507,6 +529,14 @@ const WHOLE: f64 = 1e-12;
 
 fn is_whole(value: f64) -> bool {
     (value - value.round()).abs() < WHOLE
+}
+
+/// Whole factors of a joint variable up to this one are expanded by the addition theorem, so that angles share sines and cosines;
+/// those of `n q` are polynomials of degree `n`, whose numbers lose a digit with every few. A numerical choice.
+const MOST_TURNS: f64 = 8.0;
+
+fn is_expanded(factor: f64) -> bool {
+    is_whole(factor) && factor <= MOST_TURNS
 }
 
 /// The unit of a joint's variable.
@@ -522,17 +552,28 @@ fn joint_position(joint: usize, device: &Device, free: &[usize], program: &mut P
     if free.contains(&joint) { program.position(joint, unit) } else { program.locked(joint, unit) }
 }
 
-/// Joint angles first, then the constants in the order of the frames.
+fn joint_angle(joint: usize, factor: f64, device: &Device, free: &[usize], program: &mut Program) -> Node {
+    let position = joint_position(joint, device, free, program);
+    let factor = program.number(factor);
+    program.multiply(factor, position)
+}
+
+/// Joint angles first, each with its factors ascending, then the constants in the order of the frames.
 fn angles(device: &Device) -> Result<Vec<Angle>, DeriveError> {
-    let mut joints = vec![false; device.joints.len()];
+    let mut joints: Vec<Vec<f64>> = vec![Vec::new(); device.joints.len()];
     let mut constants: Vec<f64> = Vec::new();
     for frame in &device.frames {
         for expression in [&frame.theta, &frame.alpha] {
             let angle = angle_sum(expression).map_err(|what| DeriveError::frame(device, frame, what))?;
-            for &joint in angle.factors.keys() {
-                *joints
+            for (&joint, factor) in &angle.factors {
+                let known = joints
                     .get_mut(joint)
-                    .ok_or_else(|| DeriveError::frame(device, frame, format!("there is no joint q{joint}")))? = true;
+                    .ok_or_else(|| DeriveError::frame(device, frame, format!("there is no joint q{joint}")))?;
+                let size = factor.abs();
+                let unit = if is_expanded(size) { 1.0 } else { size };
+                if !known.contains(&unit) {
+                    known.push(unit);
+                }
             }
             let magnitude = angle.constant.abs();
             if !is_whole(magnitude / std::f64::consts::FRAC_PI_2) && !constants.contains(&magnitude) {
@@ -540,7 +581,10 @@ fn angles(device: &Device) -> Result<Vec<Angle>, DeriveError> {
             }
         }
     }
-    let joints = joints.into_iter().enumerate().filter(|(_, used)| *used).map(|(joint, _)| Angle::Joint(joint));
+    let joints = joints.into_iter().enumerate().flat_map(|(joint, mut factors)| {
+        factors.sort_by(f64::total_cmp);
+        factors.into_iter().map(move |factor| Angle::Joint(joint, factor))
+    });
     Ok(joints.chain(constants.into_iter().map(Angle::Constant)).collect())
 }
 

@@ -34,7 +34,7 @@ pub fn inertia<A: Arithmetic>(
         let (i, j) = (turnings[a].joint, turnings[b].joint);
         // Two turnings of one joint meet twice in its diagonal entry.
         let count = if a != b && i == j { 2 } else { 1 };
-        let factor = program.number((count * turnings[a].factor * turnings[b].factor) as f64);
+        let factor = program.number(f64::from(count) * turnings[a].factor * turnings[b].factor);
         let part = program.multiply(factor, value);
         let zero = program.number(0.0);
         let sum = inertia.entry((i.min(j), i.max(j))).or_insert(zero);

@@ -145,7 +145,7 @@ impl<A: Arithmetic> Pose<A> {
         }
         for (&joint, &factor) in &angle.factors {
             let column = self.turns.entry(joint).or_insert_with(|| [(); 3].map(|()| algebra.zero()));
-            column[axis.index()] = &column[axis.index()] + &algebra.integer(factor);
+            column[axis.index()] = &column[axis.index()] + &algebra.number(factor);
         }
     }
 

@@ -43,7 +43,7 @@ pub enum DeriveError {
     /// Whole numbers of the equations that the arithmetic cannot hold.
     #[error(
         "device `{device}`, joints {free:?} free: a number in its equations is too large to be exact; \
-         a large whole factor of a joint variable in an angle makes such numbers"
+         angles about one axis that add up to a large multiple of a joint variable make such numbers"
     )]
     TooLarge {
         /// Device id.

@@ -188,7 +188,7 @@ impl<A: Arithmetic> Recursion<'_, '_, A> {
         let mechanism = self.mechanism;
         let description = &mechanism.tree.turnings[turning];
         let parent = description.parent;
-        let factor = self.program.number(description.factor as f64);
+        let factor = self.program.number(description.factor);
         let rate = self.program.multiply(factor, self.motion.dq[description.joint]);
         let rate_change = self.program.multiply(factor, self.motion.ddq[description.joint]);
 
@@ -423,7 +423,7 @@ impl<A: Arithmetic> Recursion<'_, '_, A> {
             let moment = self.name(moment, &format!("n{turning}"));
             let description = &tree.turnings[turning];
             self.axial[turning] = moment[2];
-            let factor = self.program.number(description.factor as f64);
+            let factor = self.program.number(description.factor);
             let power = self.program.multiply(factor, moment[2]);
             self.torques[description.joint] = self.program.add(self.torques[description.joint], power);
             if description.parent != 0 {

@@ -26,7 +26,7 @@ pub struct Turning<A: Arithmetic> {
     /// The free joint.
     pub joint: usize,
     /// How far it turns per unit of the joint variable.
-    pub factor: i64,
+    pub factor: f64,
     /// Where it stands at 0 (rad); only what is no quarter turn, which would fill `fixed` with numbers.
     pub offset: f64,
 }
@@ -79,7 +79,7 @@ impl<A: Arithmetic> Tree<A> {
     /// # Errors
     /// A row that is no Denavit-Hartenberg row with affine joint variables.
     pub fn new(algebra: &Algebra<A>, device: &Device, free: &[usize]) -> Result<Tree<A>, DeriveError> {
-        let base = Turning { parent: 0, fixed: identity(algebra), joint: usize::MAX, factor: 0, offset: 0.0 };
+        let base = Turning { parent: 0, fixed: identity(algebra), joint: usize::MAX, factor: 0.0, offset: 0.0 };
         let mut tree = Tree { turnings: vec![base], bodies: Vec::new() };
         let origin = Cursor { turning: 0, rotation: identity(algebra), place: Place::new() };
         let mut cursors: Vec<Cursor<A>> = Vec::new();
@@ -132,7 +132,7 @@ impl<A: Arithmetic> Tree<A> {
     /// Turns a frame about one of its axes.
     fn turn(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, axis: Axis, angle: &AngleSum, free: &[usize]) {
         let (moving, still) = angle.factors.iter().partition(|(joint, _)| free.contains(joint));
-        let moving: BTreeMap<usize, i64> = moving;
+        let moving: BTreeMap<usize, f64> = moving;
         let turns_afterwards = axis == Axis::Z && !moving.is_empty() && !angle.is_in_quarters();
         let constant = if turns_afterwards { 0.0 } else { angle.constant };
         let still = AngleSum { factors: still, constant };
@@ -165,15 +165,15 @@ impl<A: Arithmetic> Tree<A> {
     }
 
     /// Adds `Rz(factor * q[joint])` to a frame's orientation.
-    fn spin(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, joint: usize, factor: i64) {
-        if factor == 0 {
+    fn spin(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, joint: usize, factor: f64) {
+        if factor == 0.0 {
             return;
         }
         // Rotations about parallel axes commute: an earlier one by the same joint takes this one in.
         let mut run = Vec::new();
         let mut after = cursor.rotation.clone();
         let mut turning = cursor.turning;
-        let mut sign = 1;
+        let mut sign = 1.0;
         while turning != 0 {
             match along_z(&after) {
                 Some(direction) => sign *= direction,
@@ -181,8 +181,8 @@ impl<A: Arithmetic> Tree<A> {
             }
             run.push(turning);
             let Turning { parent, fixed, joint: known, factor: known_factor, .. } = self.turnings[turning].clone();
-            if known == joint {
-                let total = known_factor + sign * factor;
+            let total = known_factor + sign * factor;
+            if known == joint && (total == 0.0 || algebra.reaches(joint, total)) {
                 return self.rebuild(algebra, cursor, &run, total);
             }
             after = fixed;
@@ -212,7 +212,7 @@ impl<A: Arithmetic> Tree<A> {
     }
 
     /// Builds a run of parallel rotations (last first) again, the first of them turning by `total` instead.
-    fn rebuild(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, run: &[usize], total: i64) {
+    fn rebuild(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, run: &[usize], total: f64) {
         let last = cursor.rotation.clone();
         let chain: Vec<Turning<A>> = run.iter().rev().map(|&turning| self.turnings[turning].clone()).collect();
         cursor.turning = chain[0].parent;
@@ -277,6 +277,6 @@ fn about_z<A: Arithmetic>(algebra: &Algebra<A>, angle: f64) -> Matrix<Polynomial
 }
 
 /// 1 or -1 where a rotation keeps or reverses z.
-fn along_z<A: Arithmetic>(rotation: &Matrix<Polynomial<A>>) -> Option<i64> {
-    rotation[2][2].as_integer().filter(|value| value.abs() == 1)
+fn along_z<A: Arithmetic>(rotation: &Matrix<Polynomial<A>>) -> Option<f64> {
+    rotation[2][2].as_integer().filter(|value| value.abs() == 1).map(|value| value as f64)
 }

@@ -41,7 +41,7 @@ impl EndPoint {
     /// Makes the programs; `None` of a device that names no end point.
     ///
     /// # Errors
-    /// An angle that is no sum of joint variables with whole factors, or an unknown symbol.
+    /// An angle that is no sum of joint variables, or an unknown symbol.
     pub fn new(device: &Device) -> Result<Option<EndPoint>, NoChain> {
         let Some(point) = &device.end_point else { return Ok(None) };
         let mut chain = Chain::new(device);
@@ -82,7 +82,7 @@ fn parameter(symbol: &str) -> Input {
 
 type Vector = [Node; 3];
 
-/// A sum of joint variables with whole factors, and a constant.
+/// A sum of joint variables with factors, and a constant.
 #[derive(Debug, Clone, Default)]
 struct Angle {
     factors: BTreeMap<usize, f64>,
@@ -320,7 +320,7 @@ enum Axis {
 const WHOLE: f64 = 1e-12;
 
 fn angle(expression: &Expression) -> Result<Angle, String> {
-    let wanted = "an angle is a sum of joint variables with whole factors and a constant";
+    let wanted = "an angle is a sum of joint variables with constant factors and a constant";
     let affine = expression.affine().ok_or_else(|| wanted.to_owned())?;
     let mut factors = BTreeMap::new();
     for (name, factor) in affine.coefficients {

@@ -49,7 +49,7 @@ impl<'a> Balance<'a> {
     /// # Errors
     /// A model that makes no equations for the run.
     pub fn of(model: &Model, run: &'a Run) -> Result<Result<Self, MotionError>, SystemError> {
-        let system = model.system(&run.free, |joint| run.log.mean_position(joint))?;
+        let system = model.system_of(run)?;
         Ok(Self::along(model, run, system))
     }
 

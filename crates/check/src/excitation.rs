@@ -140,7 +140,15 @@ pub(crate) mod tests {
     pub(crate) fn run_of(t: Vec<f64>, q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, free: &[usize]) -> Run {
         let settings = Settings { min_speed: vec![0.0; q.len()], ..Settings::default() };
         let log = Log { t, tau, q, reference: None, mask: None };
-        Run { file: "made.csv".to_owned(), role: Role::Fit, free: free.to_vec(), configuration: 1, log, settings }
+        Run {
+            file: "made.csv".to_owned(),
+            role: Role::Fit,
+            free: free.to_vec(),
+            payload: None,
+            configuration: 1,
+            log,
+            settings,
+        }
     }
 
     fn model() -> Model {

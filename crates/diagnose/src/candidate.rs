@@ -39,7 +39,7 @@ impl Candidate {
     }
 }
 
-/// Every effect at every place where `model` could take it and a free joint of `runs` would feel it.
+/// Every effect with a cause of its own at every place where `model` could take it and a free joint of `runs` would feel it.
 ///
 /// Of a pair that acts on both joints alike only one order is listed, and of joints that move the same last link only one has
 /// a body that joins it.
@@ -53,7 +53,7 @@ pub fn candidates(model: &Model, runs: &[&Run]) -> Vec<Candidate> {
             .any(|run| run.free.contains(&joint) && run.log.tau[from].iter().any(|tau| *tau != run.log.tau[from][0]))
     };
     let mut found = Vec::new();
-    for effect in dynid_model::effects() {
+    for effect in dynid_model::effects().iter().filter(|effect| !effect.general) {
         let mut places = Vec::new();
         match effect.scope {
             Scope::Device => places.push((None, None)),
@@ -75,9 +75,7 @@ pub fn candidates(model: &Model, runs: &[&Run]) -> Vec<Candidate> {
             }
         }
         for (joint, from) in places {
-            let there = |joint, from| {
-                model.effects.iter().any(|own| own.effect.id == effect.id && own.joint == joint && own.from == from)
-            };
+            let there = |joint, from| model.effects.iter().any(|own| own.is(&effect.id, joint, from));
             if is_symmetric(effect) && there(from, joint) {
                 continue;
             }
@@ -88,7 +86,10 @@ pub fn candidates(model: &Model, runs: &[&Run]) -> Vec<Candidate> {
                 // Beside one that is known, and held at its values, there may be another.
                 let is_open = |own: &EffectInstance| own.parameters.iter().any(|parameter| !parameter.fixed);
                 if found.iter().any(|other: &Candidate| joins(&other.effect, other.joint))
-                    || model.effects.iter().any(|own| joins(&own.effect.id, own.joint) && is_open(own))
+                    || model
+                        .effects
+                        .iter()
+                        .any(|own| own.payload.is_none() && joins(&own.effect.id, own.joint) && is_open(own))
                 {
                     continue;
                 }
@@ -208,7 +209,7 @@ pub struct Step {
 /// The candidate as it stands in a model that has it.
 pub(super) fn instance<'m>(model: &'m Model, candidate: &Candidate) -> Option<&'m EffectInstance> {
     let Candidate { effect, joint, from } = candidate;
-    model.effects.iter().find(|own| own.effect.id == *effect && own.joint == *joint && own.from == *from)
+    model.effects.iter().find(|own| own.is(effect, *joint, *from))
 }
 
 /// All that a candidate is tried with.

@@ -260,7 +260,15 @@ mod tests {
         let noise = noise_floor(&q);
         let log = Log { t, tau: vec![tau], q: vec![q], reference: None, mask: None };
         let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
-        let run = Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings };
+        let run = Run {
+            file: "made.csv".to_owned(),
+            role: Role::Fit,
+            free: vec![0],
+            payload: None,
+            configuration: 1,
+            log,
+            settings,
+        };
         let runs = [&run];
 
         let before =

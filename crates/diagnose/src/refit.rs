@@ -1,6 +1,6 @@
 //! What a fitted model leaves of the logs: shown beside the likelihood, which decides.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use dynid_model::Parameter;
 use serde::Serialize;
@@ -12,7 +12,7 @@ use dynid_identify::{FitStatus, identify::ErrorSignal, position::noise_of};
 use dynid_judge::{compare::Comparison, compare::compare};
 use dynid_logs::{experiment::Role, experiment::Run, noise::noise_of_log};
 use dynid_signal::is_white;
-use dynid_user_model::Model;
+use dynid_user_model::{EffectInstance, Model};
 
 /// A model that was fitted, and what it leaves.
 #[derive(Debug, Clone)]
@@ -139,9 +139,11 @@ impl Judge<'_> {
 
 /// Number of unknown effect parameters that the runs depend on.
 pub(super) fn count<'a>(model: &Model, runs: impl IntoIterator<Item = &'a Run>) -> f64 {
-    let free: BTreeSet<usize> = runs.into_iter().flat_map(|run| run.free.iter().copied()).collect();
-    let free = |joint: usize| free.contains(&joint);
-    let effects = model.effects.iter().filter(|own| own.joint.is_none_or(free));
+    let runs: Vec<&Run> = runs.into_iter().collect();
+    let acts = |own: &EffectInstance, run: &Run| {
+        own.joint.is_none_or(|joint| run.free.contains(&joint)) && own.acts_with(run.payload.as_deref())
+    };
+    let effects = model.effects.iter().filter(|own| runs.iter().any(|run| acts(own, run)));
     effects.flat_map(|own| &own.parameters).filter(|parameter| !parameter.fixed).count() as f64
 }
 

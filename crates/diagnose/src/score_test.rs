@@ -163,7 +163,7 @@ impl<'a> ScoreTest<'a> {
     }
 
     fn systems(&self, model: &Model) -> Option<Vec<System>> {
-        self.runs.iter().map(|run| model.system(&run.free, |joint| run.log.mean_position(joint)).ok()).collect()
+        self.runs.iter().map(|run| model.system_of(run).ok()).collect()
     }
 
     /// What probes promise along the model's predictions, and the steps that they take.

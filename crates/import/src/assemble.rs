@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use dynid_model::{ModelError, Source};
+use dynid_model::{ModelError, Source, did_you_mean};
 
 use crate::{
     body::{Body, as_written},
@@ -26,7 +26,7 @@ struct Seat {
 
 /// # Errors
 /// What no device can be: joints that move nothing, nothing that has a mass, a mimic that has no place.
-pub(crate) fn draft(source: &Source, robot: &Robot, tree: &Tree) -> Result<Draft, ModelError> {
+pub(crate) fn draft(source: &Source, robot: &Robot, tree: &Tree, end_point: Option<&str>) -> Result<Draft, ModelError> {
     if robot.links.iter().all(|link| link.inertial.is_none()) {
         return Err(source
             .error(robot.place.clone(), "no link has an `<inertial>`: the file describes shapes, not dynamics")
@@ -58,7 +58,12 @@ pub(crate) fn draft(source: &Source, robot: &Robot, tree: &Tree) -> Result<Draft
     let joints = motions.variables.iter().map(|joint| limits(robot, *joint, &mut notes)).collect();
     let effects = losses(robot, &motions, &mut notes);
     note_mimics(robot, tree, &motions, &mut notes);
-    let end_point = end_point(robot, tree, &frames, &seats, &mut notes);
+    let last = match end_point {
+        Some(name) => named(source, robot, &seats, name)?,
+        None => farthest(tree, &frames, &seats),
+    };
+    let verb = if end_point.is_none() { "is taken to be" } else { "is" };
+    let end_point = end_point_at(robot, &seats, last, verb, &mut notes);
     note_rough_angles(robot, &mut notes);
     notes.extend(robot.notes.iter().cloned());
     let title = if robot.name.is_empty() { "Robot without a name".to_owned() } else { robot.name.clone() };
@@ -255,8 +260,22 @@ fn note_mimics(robot: &Robot, tree: &Tree, motions: &Motions, notes: &mut Vec<St
     }
 }
 
-/// The far end of the longest chain: a guess, as the description names none.
-fn end_point(robot: &Robot, tree: &Tree, frames: &[Frame], seats: &[Seat], notes: &mut Vec<String>) -> EndPoint {
+/// A link that moves, by its name.
+fn named(source: &Source, robot: &Robot, seats: &[Seat], name: &str) -> Result<usize, ModelError> {
+    let Some(link) = robot.links.iter().position(|link| link.name == name) else {
+        let known = did_you_mean(name, robot.links.iter().map(|link| link.name.as_str()));
+        let message = format!("there is no link `{name}` for the end point");
+        return Err(source.error(robot.place.clone(), message).help(known));
+    };
+    if seats[link].frame.is_none() {
+        let message = format!("link `{name}` does not move: it is no end point");
+        return Err(source.error(robot.place.clone(), message).help("name a link that a joint moves"));
+    }
+    Ok(link)
+}
+
+/// The link at the far end of the longest chain: a guess, where none is named.
+fn farthest(tree: &Tree, frames: &[Frame], seats: &[Seat]) -> usize {
     let mut depths: Vec<usize> = Vec::new();
     for frame in frames {
         depths.push(1 + frame.parent.map_or(0, |parent| depths[parent]));
@@ -264,12 +283,16 @@ fn end_point(robot: &Robot, tree: &Tree, frames: &[Frame], seats: &[Seat], notes
     // The first of the deepest.
     let frame = (0..frames.len()).rev().max_by_key(|frame| depths[*frame]).unwrap_or_default();
     let here = tree.order.iter().copied().filter(|link| seats[*link].frame == Some(frame));
-    let link = here.rev().max_by_key(|link| seats[*link].fixed_depth).unwrap_or_default();
+    here.rev().max_by_key(|link| seats[*link].fixed_depth).unwrap_or_default()
+}
+
+fn end_point_at(robot: &Robot, seats: &[Seat], link: usize, verb: &str, notes: &mut Vec<String>) -> EndPoint {
+    let frame = seats[link].frame.unwrap_or_default();
     let Pose { place, .. } = seats[link].pose;
     let point = [0, 1, 2].map(|axis| Number::from(without_rounding(place[axis])));
     let name = robot.links[link].name.clone();
     let turned = if seats[link].pose.is_turned() { "; its orientation is left out" } else { "" };
-    notes.push(format!("the end point is taken to be the origin of link `{name}`{turned}"));
+    notes.push(format!("the end point {verb} the origin of link `{name}`{turned}"));
     EndPoint { frame, point, name }
 }
 

@@ -50,7 +50,7 @@ pub struct Imported {
 /// The first thing that is wrong in the URDF, with its place and the remedy.
 pub fn device_from_urdf(text: &str, path: &Path) -> Result<Imported, ModelError> {
     let source = Source::new(path, text);
-    imported(&source, &urdf::read(&source)?)
+    imported(&source, &urdf::read(&source)?, None)
 }
 
 /// Turns the text of an MJCF (MuJoCo's format), which lies at `path`, into a device file.
@@ -61,23 +61,26 @@ pub fn device_from_urdf(text: &str, path: &Path) -> Result<Imported, ModelError>
 /// The first thing that is wrong in the MJCF, or that a device file has no place for although it moves the robot.
 pub fn device_from_mjcf(text: &str, path: &Path) -> Result<Imported, ModelError> {
     let source = Source::new(path, text);
-    imported(&source, &mjcf::read(&source)?)
+    imported(&source, &mjcf::read(&source)?, None)
 }
 
-/// Turns the text of a URDF or an MJCF, as its root element says, into a device file.
+/// Turns the text of a URDF or an MJCF, as its root element says, into a device file. Its end point is the origin of the link of that
+/// name; without one that of the link farthest from the base.
 ///
 /// # Errors
-/// As [`device_from_urdf`] and [`device_from_mjcf`].
-pub fn device_from_description(text: &str, path: &Path) -> Result<Imported, ModelError> {
-    let tolerant = xml::tolerant(&Source::new(path, text));
+/// As [`device_from_urdf`] and [`device_from_mjcf`]; an end point that is no link that moves.
+pub fn device_from_description(text: &str, path: &Path, end_point: Option<&str>) -> Result<Imported, ModelError> {
+    let source = Source::new(path, text);
+    let tolerant = xml::tolerant(&source);
     let is_mjcf = tolerant.is_ok_and(|text| {
         roxmltree::Document::parse(&text).is_ok_and(|document| document.root_element().tag_name().name() == "mujoco")
     });
-    if is_mjcf { device_from_mjcf(text, path) } else { device_from_urdf(text, path) }
+    let robot = if is_mjcf { mjcf::read(&source)? } else { urdf::read(&source)? };
+    imported(&source, &robot, end_point)
 }
 
-fn imported(source: &Source, robot: &urdf::Robot) -> Result<Imported, ModelError> {
+fn imported(source: &Source, robot: &urdf::Robot, end_point: Option<&str>) -> Result<Imported, ModelError> {
     let tree = tree::grow(source, robot)?;
-    let draft = assemble::draft(source, robot, &tree)?;
+    let draft = assemble::draft(source, robot, &tree, end_point)?;
     Ok(Imported { toml: write::device_file(&draft), notes: draft.notes })
 }

@@ -81,19 +81,10 @@ fn followed(
         return error(message, "a device's joints follow joints of their own kind; leave the mimic out".to_owned());
     }
     let factor = mimic.factor.value;
-    let is_wrong = if joint.kind.is_angle() {
-        factor.fract() != 0.0 || factor.abs() > dynid_model::device_reader::MOST_TURNS
-    } else {
-        false
-    };
-    if is_wrong || factor == 0.0 {
-        let message = format!("joint `{}` mimics `{name}` with the factor {factor}", joint.name);
-        let remedy = if factor == 0.0 {
-            "a joint that does not move is `fixed`"
-        } else {
-            "an angle follows another by a whole factor up to 8; write the joint without `<mimic>`, or as `fixed`"
-        };
-        return Err(source.error(mimic.factor_place.clone(), message).help(remedy));
+    if factor == 0.0 {
+        return Err(source
+            .error(mimic.factor_place.clone(), format!("joint `{}` mimics `{name}` with the factor 0", joint.name))
+            .help("a joint that does not move is `fixed`"));
     }
     let sign = if factor < 0.0 { "-" } else { "" };
     let size = match factor.abs() {

@@ -360,14 +360,6 @@ fn of_mimics() {
        |                                                                                            ^^^^
        = help: did you mean `pivot`? known: pivot, l
     "#);
-    assert_snapshot!(error(&hands("continuous", "", r#"<mimic joint="l" multiplier="0.5"/>"#)), @r#"
-    joint `r` mimics `l` with the factor 0.5
-      --> arm.urdf:13:107
-       |
-    13 |   <joint name="r" type="continuous"><parent link="rod"/><child link="right"/><mimic joint="l" multiplier="0.5"/></joint>
-       |                                                                                                           ^^^
-       = help: an angle follows another by a whole factor up to 8; write the joint without `<mimic>`, or as `fixed`
-    "#);
     assert_snapshot!(error(&hands("prismatic", "", r#"<mimic joint="l" multiplier="0"/>"#)), @r#"
     joint `r` mimics `l` with the factor 0
       --> arm.urdf:13:106

@@ -263,3 +263,42 @@ fn base_may_move() {
     assert!(device.frames.iter().any(|frame| frame.name == "base_link"));
     assert_eq!(device.links[0].title, "base");
 }
+
+#[test]
+fn the_end_point_is_where_the_user_says() {
+    let of = |link: &str| dynid_import::device_from_description(END, Path::new("arm.urdf"), Some(link));
+    let imported = of("camera").unwrap();
+    let device = dynid_model::Device::parse(&imported.toml, Path::new("arm.toml")).unwrap();
+    let point = device.end_point.as_ref().expect("an end point");
+    assert_eq!((device.frames[point.frame].name.as_str(), point.point[0]), ("upper", 0.25));
+    assert!(
+        imported.notes.contains(&"the end point is the origin of link `camera`".to_owned()),
+        "{:?}",
+        imported.notes
+    );
+    insta::assert_snapshot!([of("camra"), of("ground")].map(|refused| refused.unwrap_err().to_string()).join("\n"), @r#"
+    there is no link `camra` for the end point
+     --> arm.urdf:1:1
+      |
+    1 | <robot name="arm">
+      | ^^^^^^
+      = help: did you mean `camera`? known: ground, upper, camera, fore
+    link `ground` does not move: it is no end point
+     --> arm.urdf:1:1
+      |
+    1 | <robot name="arm">
+      | ^^^^^^
+      = help: name a link that a joint moves
+    "#);
+}
+
+const END: &str = r#"<robot name="arm">
+  <link name="ground"/>
+  <link name="upper"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <link name="camera"/>
+  <link name="fore"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="shoulder" type="continuous"><parent link="ground"/><child link="upper"/><axis xyz="0 0 1"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="mount" type="fixed"><parent link="upper"/><child link="camera"/><origin xyz="0.25 0 0"/></joint>
+</robot>
+"#;

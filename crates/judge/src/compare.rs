@@ -196,10 +196,7 @@ impl JointComparison {
 /// # Errors
 /// A model that makes no equations for a run.
 pub fn compare(model: &Model, runs: &[&Run]) -> Result<Comparison, CompareError> {
-    let systems = runs
-        .iter()
-        .map(|run| Ok(model.system(&run.free, |joint| run.log.mean_position(joint))?))
-        .collect::<Result<Vec<System>, CompareError>>()?;
+    let systems = runs.iter().map(|run| Ok(model.system_of(run)?)).collect::<Result<Vec<System>, CompareError>>()?;
     let compared: Vec<RunComparison> = runs
         .par_iter()
         .zip(&systems)
@@ -416,7 +413,15 @@ mod tests {
             mask: None,
         };
         let settings = dynid_logs::experiment::Settings::default();
-        Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0, 1], configuration: 1, log, settings }
+        Run {
+            file: "made.csv".to_owned(),
+            role: Role::Fit,
+            free: vec![0, 1],
+            payload: None,
+            configuration: 1,
+            log,
+            settings,
+        }
     }
 
     /// One joint swings, the other stands still: its log is noise, or one value.

@@ -189,26 +189,18 @@ type Add = fn(&mut Model, &str, Option<usize>, Option<usize>) -> Result<Added, E
 /// `before` with the effects of `model` that it lacks.
 fn extended(before: &Model, model: &Model, add: Add) -> Option<Model> {
     let mut extended = before.clone();
-    let lacking = model.effects.iter().filter(|own| !before.effects.iter().any(|other| is_same(own, other)));
+    let lacking = model.effects.iter().filter(|own| !before.effects.iter().any(|other| own.is_same_place(other)));
     let mut n_added = 0;
     for effect in lacking {
-        add(&mut extended, &effect.effect.id, effect.joint, effect.from).ok()?;
+        match effect.payload {
+            Some(_) => extended.effects.push(effect.clone()),
+            None => {
+                add(&mut extended, &effect.effect.id, effect.joint, effect.from).ok()?;
+            }
+        }
         n_added += 1;
     }
     (n_added > 0).then_some(extended)
-}
-
-fn is_same(one: &EffectInstance, other: &EffectInstance) -> bool {
-    (&one.effect.id, one.joint, one.from) == (&other.effect.id, other.joint, other.from)
-}
-
-/// `joint.4.lugre`, `joint.4.input_coupling.5`, `device.<effect>`: a parameter's name without its symbol.
-pub fn place_name(effect: &EffectInstance) -> String {
-    match (effect.joint, effect.from) {
-        (Some(joint), Some(from)) => format!("joint.{joint}.{}.{from}", effect.effect.id),
-        (Some(joint), None) => format!("joint.{joint}.{}", effect.effect.id),
-        _ => format!("device.{}", effect.effect.id),
-    }
 }
 
 /// Puts `models`, each with what it is called, on `runs`.
@@ -271,8 +263,8 @@ pub fn of_judged(models: &[(String, Model)], runs: &[&Run], judged: Vec<Judged>)
 }
 
 fn only_in(model: &Model, other: &Model) -> Vec<String> {
-    let lacks = |own: &&EffectInstance| !other.effects.iter().any(|other| is_same(own, other));
-    model.effects.iter().filter(lacks).map(place_name).collect()
+    let lacks = |own: &&EffectInstance| !other.effects.iter().any(|other| own.is_same_place(other));
+    model.effects.iter().filter(lacks).map(EffectInstance::place_name).collect()
 }
 
 fn changed(before: &Model, model: &Model) -> Vec<Changed> {

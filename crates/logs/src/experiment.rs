@@ -8,14 +8,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::{Device, nearest};
+use dynid_model::{Device, instance::check_payload, nearest};
 use sha2::{Digest, Sha256};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
 };
 
-use crate::{log, log::Log, log::LogError, log::LogFormat};
+use crate::{log, log::Log, log::LogError, log::LogFormat, transmission::Transmission};
 use dynid_dynamics::simulate::Intersample;
 
 /// A list of runs of one device.
@@ -49,6 +49,8 @@ pub struct Run {
     pub role: Role,
     /// Free joints, ascending.
     pub free: Vec<usize>,
+    /// What the robot carries: the effects of this name act, and no others that have one.
+    pub payload: Option<String>,
     /// Number of the device's configuration with these free joints, from 1. Sets that are none are numbered on from the last, in the
     /// order of the runs.
     pub configuration: usize,
@@ -206,7 +208,7 @@ pub enum ExperimentError {
     },
 }
 
-const EXPERIMENT_KEYS: [&str; 13] = [
+const EXPERIMENT_KEYS: [&str; 15] = [
     "device",
     "run",
     "columns",
@@ -220,8 +222,10 @@ const EXPERIMENT_KEYS: [&str; 13] = [
     "from_s",
     "first_half",
     "moving",
+    "payload",
+    "transmission",
 ];
-const RUN_KEYS: [&str; 16] = [
+const RUN_KEYS: [&str; 18] = [
     "file",
     "free",
     "role",
@@ -238,6 +242,8 @@ const RUN_KEYS: [&str; 16] = [
     "first_half",
     "moving",
     "start",
+    "payload",
+    "transmission",
 ];
 
 impl Experiment {
@@ -325,6 +331,7 @@ impl Experiment {
             hash.update([run.role as u8]);
             hash.update((run.configuration as u64).to_le_bytes());
             run.log.digest(&mut hash);
+            run.payload.iter().for_each(|name| hash.update(name));
             read.push(run);
         }
         let digest = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
@@ -409,7 +416,9 @@ impl<'a> RunSource<'a> {
             free: free.clone(),
             start: self.start()?,
             has_controller: self.setting("controller").is_some(),
+            transmission: self.setting("transmission").map(|value| self.transmission(value)).transpose()?,
         };
+        let payload = self.setting("payload").map(|value| self.payload(value)).transpose()?;
         let settings = self.settings(&free)?;
         let path = file.relative(name);
         let log = log::read(&path, &format).map_err(|error| ExperimentError::Log {
@@ -424,26 +433,13 @@ impl<'a> RunSource<'a> {
                 format!("log them; where they have other names, say so: columns = {{ {} = \"...\" }}", columns[0]);
             return Err(file.invalid(value.span().start, message, &remedy));
         }
-        Ok(Run { file: name.to_owned(), role, free, configuration, log, settings })
+        Ok(Run { file: name.to_owned(), role, free, payload, configuration, log, settings })
     }
 
     /// The free joints, ascending.
     fn free(&self, value: &Spanned<DeValue<'a>>) -> Result<Vec<usize>, ExperimentError> {
         let file = self.file;
-        let mut free = Vec::new();
-        for entry in file.array(value, "free", "joint indices, e.g. free = [0, 1]")? {
-            let joint = index(entry).filter(|joint| *joint < self.device.joints.len()).ok_or_else(|| {
-                let last = self.device.joints.len() - 1;
-                let message = match index(entry) {
-                    Some(joint) => {
-                        format!("free: `{}` has no joint {joint}, its joints are 0 to {last}", self.device.id)
-                    }
-                    None => format!("free: expected joints of `{}` (0 to {last})", self.device.id),
-                };
-                file.invalid(entry.span().start, message, "name each free joint by its index")
-            })?;
-            free.push(joint);
-        }
+        let mut free = self.joints(value, "free")?;
         if free.is_empty() {
             let message = format!("free: no joint is free in run {}, so nothing in it moves", self.number);
             let remedy = "name the joints that were not locked, e.g. free = [0], or leave the run out";
@@ -455,6 +451,26 @@ impl<'a> RunSource<'a> {
             return Err(file.invalid(value.span().start, message, "name each free joint once"));
         }
         Ok(free)
+    }
+
+    /// Joints of the device, in the order of the file.
+    fn joints(&self, value: &Spanned<DeValue<'a>>, key: &str) -> Result<Vec<usize>, ExperimentError> {
+        let file = self.file;
+        let mut joints = Vec::new();
+        for entry in file.array(value, key, &format!("joint indices, e.g. {key} = [0, 1]"))? {
+            let joint = index(entry).filter(|joint| *joint < self.device.joints.len()).ok_or_else(|| {
+                let last = self.device.joints.len() - 1;
+                let message = match index(entry) {
+                    Some(joint) => {
+                        format!("{key}: `{}` has no joint {joint}, its joints are 0 to {last}", self.device.id)
+                    }
+                    None => format!("{key}: expected joints of `{}` (0 to {last})", self.device.id),
+                };
+                file.invalid(entry.span().start, message, "name each joint by its index")
+            })?;
+            joints.push(joint);
+        }
+        Ok(joints)
     }
 
     /// Where all joints of a planned run start.
@@ -471,6 +487,104 @@ impl<'a> RunSource<'a> {
             number(entry).ok_or_else(|| self.file.wrong_type(entry, "start", "a finite position"))
         };
         entries.iter().map(position).collect::<Result<Vec<f64>, _>>().map(Some)
+    }
+
+    fn payload(&self, value: &Spanned<DeValue<'a>>) -> Result<String, ExperimentError> {
+        let name = self.file.string(value, "payload")?;
+        check_payload(name).map_err(|message| {
+            let remedy = "choose another name, also for the effects of the model that it stands for";
+            self.file.invalid(value.span().start, message, remedy)
+        })?;
+        Ok(name.to_owned())
+    }
+
+    /// What stands between the logged motors and the joints.
+    fn transmission(&self, value: &Spanned<DeValue<'a>>) -> Result<Transmission, ExperimentError> {
+        let file = self.file;
+        let what = "a table with position, torque and ratio";
+        let table = value.get_ref().as_table().ok_or_else(|| file.wrong_type(value, "transmission", what))?;
+        file.known_keys(table, &["joints", "position", "torque", "reference", "ratio", "motor_constant"])?;
+        let wrong = |message: String, remedy: &str| file.invalid(value.span().start, message, remedy);
+        let joints = match table.get("joints") {
+            Some(value) => self.joints(value, "transmission.joints")?,
+            None => (0..self.device.joints.len()).collect(),
+        };
+        let columns = |key: &str| -> Result<Vec<String>, ExperimentError> {
+            let Some(value) = table.get(key) else { return Ok(Vec::new()) };
+            let names = file.array(value, key, "names of columns, one a motor")?;
+            names.into_iter().map(|name| Ok(file.string(name, key)?.to_owned())).collect()
+        };
+        let (position, torque, reference) = (columns("position")?, columns("torque")?, columns("reference")?);
+        let n_motors = position.len().max(torque.len());
+        let ratio = table.get("ratio").ok_or_else(|| {
+            let remedy = "add ratio = [100, 80], turns of each motor for a turn of its joint; or one row a motor with one number a joint";
+            wrong("transmission: `ratio` is missing".to_owned(), remedy)
+        })?;
+        let ratio = self.ratio(ratio, n_motors, joints.len())?;
+        let motor_constant = match table.get("motor_constant") {
+            Some(value) => self.numbers(value, "motor_constant", n_motors, "motor")?,
+            None => vec![1.0; n_motors],
+        };
+        for (key, columns) in [("position", &position), ("torque", &torque), ("reference", &reference)] {
+            if columns.len() != n_motors && !columns.is_empty() {
+                let message = format!("transmission: {key} names {} columns for {n_motors} motors", columns.len());
+                return Err(wrong(message, "name the column of every motor"));
+            }
+        }
+        let given = [("q", &position), ("tau", &torque), ("ref", &reference)];
+        let given = given.into_iter().filter(|(_, columns)| !columns.is_empty());
+        let names: Vec<String> =
+            given.flat_map(|(kind, _)| joints.iter().map(move |joint| format!("{kind}{joint}"))).collect();
+        let doubly = names.into_iter().find(|name| {
+            let stands_in = |key: &str| {
+                self.setting(key)
+                    .and_then(|value| value.get_ref().as_table())
+                    .is_some_and(|own| own.get(name.as_str()).is_some())
+            };
+            stands_in("columns") || stands_in("scale")
+        });
+        if let Some(name) = doubly {
+            let message = format!("transmission: `{name}` comes from the motors, but stands in columns or scale too");
+            return Err(wrong(message, "remove it there, or take the joint out of transmission.joints"));
+        }
+        Transmission::new(joints, [position, torque, reference], &ratio, motor_constant).map_err(|message| {
+            wrong(format!("transmission: {message}"), "check `ratio`: its rows are motors, its columns joints")
+        })
+    }
+
+    /// One row a motor: turns for a turn of each joint. A plain number is a motor's own joint.
+    fn ratio(
+        &self,
+        value: &Spanned<DeValue<'a>>,
+        n_motors: usize,
+        n_joints: usize,
+    ) -> Result<Vec<Vec<f64>>, ExperimentError> {
+        let rows = self.file.array(value, "ratio", "one number a motor, or one row a motor")?;
+        if rows.len() != n_motors {
+            let message = format!("ratio: found {} rows for {n_motors} motors", rows.len());
+            return Err(self.file.invalid(value.span().start, message, "give one row, or one number, for every motor"));
+        }
+        let row = |(motor, row): (usize, &Spanned<DeValue<'a>>)| match number(row) {
+            Some(ratio) => Ok((0..n_joints).map(|joint| if joint == motor { ratio } else { 0.0 }).collect()),
+            None => self.numbers(row, "ratio", n_joints, "joint"),
+        };
+        rows.into_iter().enumerate().map(row).collect()
+    }
+
+    fn numbers(
+        &self,
+        value: &Spanned<DeValue<'a>>,
+        key: &str,
+        count: usize,
+        of: &str,
+    ) -> Result<Vec<f64>, ExperimentError> {
+        let what = format!("{count} numbers, one a {of}");
+        let entries = self.file.array(value, key, &what)?;
+        let wrong = || self.file.wrong_type(value, key, &what);
+        if entries.len() != count {
+            return Err(wrong());
+        }
+        entries.into_iter().map(|entry| number(entry).ok_or_else(wrong)).collect()
     }
 
     fn rows(&self) -> Result<Option<[usize; 2]>, ExperimentError> {

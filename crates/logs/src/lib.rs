@@ -20,3 +20,4 @@ pub mod motion;
 pub mod noise;
 pub mod part;
 pub mod quality;
+pub mod transmission;

@@ -1,13 +1,19 @@
 //! Logs of a robot: a CSV file with time, commanded torques and measured positions, in SI units.
 //!
 //! Columns: `t` (s), `tau<i>` [N*m or N], `q<i>` [rad or m] and optionally `ref<i>` [rad or m], where `i` is the
-//! device's joint index. Sampling need not be uniform. Every number that is used must be finite and time must rise.
+//! device's joint index. Columns of motors take their place where the experiment says how they move the joints
+//! ([`crate::transmission`]). Sampling need not be uniform. Every number that is used must be finite and time must rise.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use sha2::{Digest, Sha256};
 
 use dynid_model::nearest;
+
+use crate::transmission::Transmission;
 
 /// What a run's log holds. Every inner vector has one entry a sample.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,6 +92,8 @@ pub struct LogFormat {
     pub start: Option<Vec<f64>>,
     /// A controller gives the torques: a planned run has none in its log.
     pub has_controller: bool,
+    /// The log has motors instead of these joints.
+    pub transmission: Option<Transmission>,
 }
 
 /// Why a log cannot be used.
@@ -207,22 +215,31 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     let mut tau = joints
         .clone()
         .map(|joint| match find(&format!("tau{joint}")) {
+            _ if format.comes_from_motors(Kind::Torque, joint) => Ok(None),
             Err(LogError::MissingColumn { .. }) if !format.is_free(joint) || format.is_controlled_plan() => Ok(None),
             found => found.map(Some),
         })
         .collect::<Result<Vec<_>, _>>()?;
-    let mut q = match format.start {
-        Some(_) => Vec::new(),
-        None => joints.clone().map(|joint| find(&format!("q{joint}"))).collect::<Result<Vec<_>, _>>()?,
-    };
+    let mut q = joints
+        .clone()
+        .map(|joint| match format.start {
+            _ if format.comes_from_motors(Kind::Position, joint) => Ok(None),
+            Some(_) => Ok(None),
+            None => find(&format!("q{joint}")).map(Some),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
     let mut reference = joints
-        .map(|joint| format!("ref{joint}"))
-        .map(|name| match find(&name) {
+        .map(|joint| (joint, format!("ref{joint}")))
+        .map(|(joint, name)| match find(&name) {
+            _ if format.comes_from_motors(Kind::Reference, joint) => Ok(None),
             Err(LogError::MissingColumn { .. }) if !format.is_mapped(&name) => Ok(None),
             found => found.map(Some),
         })
         .collect::<Result<Vec<_>, _>>()?;
-    if format.free.iter().any(|&joint| reference[joint].is_none()) {
+    let mut motors = Motors::find(&Header { path, names: &header, format })?;
+    let has_reference = |joint: usize| format.comes_from_motors(Kind::Reference, joint) || reference[joint].is_some();
+    let is_followed = format.free.iter().all(|joint| has_reference(*joint));
+    if !is_followed {
         reference.iter_mut().for_each(|column| *column = None);
     }
     let mut mask = format.mask.as_ref().map(|name| Header { path, names: &header, format }.named(name, "mask"));
@@ -232,7 +249,8 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
 
     let mut columns: Vec<&mut Column> = vec![&mut t];
     columns.extend(tau.iter_mut().flatten());
-    columns.extend(q.iter_mut());
+    columns.extend(q.iter_mut().flatten());
+    columns.extend(motors.columns());
     columns.extend(reference.iter_mut().flatten());
     columns.extend(mask.iter_mut().flatten());
     let n_rows = read_rows(path, &mut reader, format.rows, &mut columns)?;
@@ -248,17 +266,23 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
         return Err(LogError::Empty { path: path.to_owned(), found: found.to_owned() });
     }
 
-    let q: Vec<Vec<f64>> = match &format.start {
-        Some(start) => start.iter().map(|position| vec![*position; n_samples]).collect(),
-        None => q.into_iter().map(|column| column.values).collect(),
-    };
-    let has_reference = reference.iter().any(Option::is_some);
-    let reference = has_reference.then(|| {
-        reference.into_iter().zip(&q).map(|(column, q)| column.map_or_else(|| q.clone(), |c| c.values)).collect()
-    });
+    let mut of_motors = motors.at_joints(format);
+    let mut filled =
+        |columns: Vec<Option<Column>>, kind: Kind, otherwise: &dyn Fn(usize) -> Vec<f64>| -> Vec<Vec<f64>> {
+            let values = columns.into_iter().enumerate().map(|(joint, column)| {
+                let own = of_motors.remove(&(kind, joint)).or(column.map(|column| column.values));
+                own.unwrap_or_else(|| otherwise(joint))
+            });
+            values.collect()
+        };
+    let q =
+        filled(q, Kind::Position, &|joint| vec![format.start.as_ref().map_or(0.0, |start| start[joint]); n_samples]);
+    let tau = filled(tau, Kind::Torque, &|_| vec![0.0; n_samples]);
+    let has_reference = is_followed && (reference.iter().any(Option::is_some) || !motors.reference.is_empty());
+    let reference = has_reference.then(|| filled(reference, Kind::Reference, &|joint| q[joint].clone()));
     Ok(Log {
         t: t.values,
-        tau: tau.into_iter().map(|column| column.map_or_else(|| vec![0.0; n_samples], |c| c.values)).collect(),
+        tau,
         q,
         reference,
         mask: mask.and_then(Result::ok).map(|column| column.values.iter().map(|&value| value != 0.0).collect()),
@@ -315,7 +339,76 @@ fn read_rows(
     Ok(row)
 }
 
+/// What a log has of a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Position,
+    Torque,
+    Reference,
+}
+
+/// The motors' columns.
+struct Motors {
+    position: Vec<Column>,
+    torque: Vec<Column>,
+    reference: Vec<Column>,
+}
+
+impl Motors {
+    /// Those that the format names; of a planned run the ones that it needs.
+    fn find(header: &Header<'_>) -> Result<Self, LogError> {
+        let mut motors = Self { position: Vec::new(), torque: Vec::new(), reference: Vec::new() };
+        let Some(transmission) = &header.format.transmission else { return Ok(motors) };
+        let all = |names: &[String]| -> Result<Vec<Column>, LogError> {
+            names.iter().map(|name| header.named(name, "transmission")).collect()
+        };
+        if header.format.start.is_none() {
+            motors.position = all(&transmission.position)?;
+        }
+        if !header.format.is_controlled_plan() {
+            motors.torque = all(&transmission.torque)?;
+        }
+        motors.reference = all(&transmission.reference)?;
+        Ok(motors)
+    }
+
+    fn columns(&mut self) -> impl Iterator<Item = &mut Column> {
+        self.position.iter_mut().chain(&mut self.torque).chain(&mut self.reference)
+    }
+
+    /// What they are at the joints that they move.
+    fn at_joints(&mut self, format: &LogFormat) -> BTreeMap<(Kind, usize), Vec<f64>> {
+        let mut found = BTreeMap::new();
+        let Some(transmission) = &format.transmission else { return found };
+        let kinds = [Kind::Position, Kind::Torque, Kind::Reference];
+        for (kind, columns) in kinds.into_iter().zip([&mut self.position, &mut self.torque, &mut self.reference]) {
+            let values: Vec<Vec<f64>> = columns.iter_mut().map(|column| std::mem::take(&mut column.values)).collect();
+            if values.is_empty() {
+                continue;
+            }
+            let joints = match kind {
+                Kind::Torque => transmission.joint_torques(&values),
+                Kind::Position | Kind::Reference => transmission.joint_positions(&values),
+            };
+            found.extend(transmission.joints.iter().zip(joints).map(|(joint, values)| ((kind, *joint), values)));
+        }
+        found
+    }
+}
+
 impl LogFormat {
+    /// Whether the log has this of motors instead of the joint.
+    fn comes_from_motors(&self, kind: Kind, joint: usize) -> bool {
+        self.transmission.as_ref().is_some_and(|transmission| {
+            let columns = match kind {
+                Kind::Position => &transmission.position,
+                Kind::Torque => &transmission.torque,
+                Kind::Reference => &transmission.reference,
+            };
+            !columns.is_empty() && transmission.joints.contains(&joint)
+        })
+    }
+
     fn is_free(&self, joint: usize) -> bool {
         self.free.contains(&joint)
     }
@@ -356,6 +449,7 @@ impl Header<'_> {
                 hint: guess.map_or(String::new(), |guess| format!("; the nearest name is `{guess}`")),
                 remedy: match logical {
                     "mask" => format!("mask = \"{example}\""),
+                    "transmission" => format!("`{example}` in [transmission]"),
                     _ => format!("columns = {{ {logical} = \"{example}\" }}"),
                 },
             });

@@ -244,7 +244,15 @@ mod tests {
             reference: None,
             mask: None,
         };
-        Run { file: "sine.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings }
+        Run {
+            file: "sine.csv".to_owned(),
+            role: Role::Fit,
+            free: vec![0],
+            payload: None,
+            configuration: 1,
+            log,
+            settings,
+        }
     }
 
     fn settings() -> Settings {

@@ -223,7 +223,15 @@ mod tests {
     fn run(t: Vec<f64>, q: Vec<f64>, tau: Vec<f64>) -> Run {
         let log = Log { tau: vec![tau], q: vec![q], t, reference: None, mask: None };
         let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
-        Run { file: "made.csv".to_owned(), role: Role::Fit, free: vec![0], configuration: 1, log, settings }
+        Run {
+            file: "made.csv".to_owned(),
+            role: Role::Fit,
+            free: vec![0],
+            payload: None,
+            configuration: 1,
+            log,
+            settings,
+        }
     }
 
     #[test]

@@ -11,7 +11,6 @@ use dynid_dynamics::system::System;
 use dynid_dynamics::system::SystemError;
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::MotionError;
-use dynid_user_model::EffectError;
 use dynid_user_model::Model;
 
 /// The terms of one free joint. Vectors hold one entry a kept sample.
@@ -47,9 +46,6 @@ pub enum TermsError {
     /// A motion that cannot be filtered.
     #[error(transparent)]
     Motion(#[from] MotionError),
-    /// An effect that cannot be taken out.
-    #[error(transparent)]
-    Effect(#[from] EffectError),
 }
 
 /// The terms along the motion of `run`, for each of its free joints. Terms that vanish are left out.
@@ -57,7 +53,7 @@ pub enum TermsError {
 /// # Errors
 /// A model that makes no equations for the run; a motion that cannot be filtered.
 pub fn terms(model: &Model, run: &Run) -> Result<Vec<JointTerms>, TermsError> {
-    let of_model = |model: &Model| model.system(&run.free, |joint| run.log.mean_position(joint));
+    let of_model = |model: &Model| model.system_of(run);
     let system = of_model(model)?;
     let motion = Motion::of(run)?;
     let whole = along(&system, &motion);
@@ -78,7 +74,7 @@ pub fn terms(model: &Model, run: &Run) -> Result<Vec<JointTerms>, TermsError> {
             continue;
         }
         let mut without = rest.clone();
-        without.remove_effect(&effect.effect.id, effect.joint, effect.from)?;
+        without.effects.retain(|own| !own.is_same_place(effect));
         let name = match effect.from {
             Some(from) => format!("{} from {from}", effect.effect.id),
             None => effect.effect.id.clone(),

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use dynid_generated::Signal;
 use dynid_kernels::KernelError;
+use dynid_logs::experiment::Run;
 use dynid_model::Effect;
 
 use dynid_dynamics::kinematics::{Kinematics, KinematicsError};
@@ -12,11 +13,28 @@ use dynid_dynamics::system::{Output, PlacedEffect, SignalSet, System, SystemErro
 use crate::{EffectInstance, Model};
 
 impl Model {
-    /// The equations of this model with the joints `free`, the others locked at `position_of(joint)` [rad or m].
+    /// The equations of this model with the joints `free`, the others locked at `position_of(joint)` [rad or m], and no payload.
     ///
     /// # Errors
     /// Joints that the device does not have, equations or an effect's function that cannot be made, a value that is missing.
     pub fn system(&self, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<System, SystemError> {
+        self.system_with(None, free, position_of)
+    }
+
+    /// The equations of this model in a run: with its free joints, the others locked where they were on the average, and what it carries.
+    ///
+    /// # Errors
+    /// As [`Model::system`].
+    pub fn system_of(&self, run: &Run) -> Result<System, SystemError> {
+        self.system_with(run.payload.as_deref(), &run.free, |joint| run.log.mean_position(joint))
+    }
+
+    fn system_with(
+        &self,
+        payload: Option<&str>,
+        free: &[usize],
+        position_of: impl Fn(usize) -> f64,
+    ) -> Result<System, SystemError> {
         let kernel = dynid_kernels::kernel(self.device, free).map_err(no_kernel)?;
         let values: std::collections::BTreeMap<String, f64> =
             self.parameters().into_iter().map(|(name, parameter)| (name, parameter.value)).collect();
@@ -29,7 +47,8 @@ impl Model {
             })
             .collect::<Result<_, _>>()?;
         let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
-        let effects = self.effects.iter().map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
+        let acting = self.effects.iter().filter(|own| own.acts_with(payload));
+        let effects = acting.map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
         System::new(kernel, self.device.joints.len(), link_parameters, locked, &effects)
     }
 
@@ -64,11 +83,7 @@ impl EffectInstance {
         let effect = self.effect;
         let kernel = dynid_kernels::effect(effect).map_err(no_kernel)?;
         let names: Vec<String> = (0..effect.parameters.len()).map(|index| self.parameter_name(index)).collect();
-        let place = match (self.joint, self.from) {
-            (Some(joint), Some(from)) => format!("joint.{joint}.{}.{from}", effect.id),
-            (Some(joint), None) => format!("joint.{joint}.{}", effect.id),
-            _ => format!("device.{}", effect.id),
-        };
+        let place = self.place_name();
         Ok(PlacedEffect {
             kernel,
             place: effect.place,

@@ -54,7 +54,7 @@ impl Model {
             });
         }
         let contains = |larger: &Effect, smaller: &str| larger.replaces.iter().any(|replaced| replaced.id == smaller);
-        let same_place = |other: &EffectInstance| other.joint == joint && other.from == from;
+        let same_place = |other: &EffectInstance| other.joint == joint && other.from == from && other.payload.is_none();
         for other in self.effects.iter().filter(|other| same_place(other)) {
             let rivals = effect.alternatives.is_some() && effect.alternatives == other.effect.alternatives;
             if contains(other.effect, id) || (rivals && !contains(effect, &other.effect.id)) {
@@ -135,7 +135,7 @@ impl Model {
     #[must_use]
     pub fn with_values_of(&self, other: &Self) -> Self {
         let mut model = self.with_values(&|name| other.parameter(name).map(|parameter| parameter.value));
-        for larger in &other.effects {
+        for larger in other.effects.iter().filter(|larger| larger.payload.is_none()) {
             for smaller in &larger.effect.replaces {
                 let own = model.effects.iter_mut().find(|own| own.is(&smaller.id, larger.joint, larger.from));
                 let Some(own) = own else { continue };

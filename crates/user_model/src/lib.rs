@@ -77,6 +77,8 @@ pub struct EffectInstance {
     pub joint: Option<usize>,
     /// The other joint of a pair.
     pub from: Option<usize>,
+    /// It acts only in runs that carry the payload of this name; `None` for an effect of the machine, which always acts.
+    pub payload: Option<String>,
     /// In the order of [`Effect::parameters`].
     pub parameters: Vec<Parameter>,
 }
@@ -230,7 +232,9 @@ impl Model {
         let parts: Vec<&str> = name.split('.').collect();
         let number = |text: &str| text.parse::<usize>().ok().filter(|number| number.to_string() == text);
         let effect = |id: &str, joint: Option<usize>, from: Option<usize>, symbol: &str| {
-            let instance = self.effects.iter().position(|instance| instance.is(id, joint, from))?;
+            let (id, payload) = id.split_once('@').map_or((id, None), |(id, payload)| (id, Some(payload)));
+            let is_it = |own: &EffectInstance| own.stands_at(id, joint, from) && own.payload.as_deref() == payload;
+            let instance = self.effects.iter().position(is_it)?;
             let own = &self.effects[instance].effect.parameters;
             Some(ParameterPlace::Effect(instance, own.iter().position(|parameter| parameter.symbol == symbol)?))
         };
@@ -289,7 +293,7 @@ impl EffectInstance {
             .iter()
             .map(|own| default_parameter(device, effect, (joint, from), &own.symbol).unwrap_or_else(|| own.parameter()))
             .collect();
-        Some(Self { effect, joint, from, parameters })
+        Some(Self { effect, joint, from, payload: None, parameters })
     }
 
     /// The value of a parameter by its symbol.
@@ -303,23 +307,44 @@ impl EffectInstance {
         self.parameters.iter().map(|parameter| parameter.value).collect()
     }
 
-    /// `joint.3.lugre.sigma0`, `joint.4.input_coupling.5.gain`, `device.<effect>.<symbol>`.
+    /// `joint.3.lugre.sigma0`, `joint.4.input_coupling.5.gain`, `joint.5.payload@box.m`, `device.<effect>.<symbol>`.
     pub fn parameter_name(&self, index: usize) -> String {
-        let symbol = &self.effect.parameters[index].symbol;
-        let id = &self.effect.id;
+        format!("{}.{}", self.place_name(), self.effect.parameters[index].symbol)
+    }
+
+    /// A parameter's name without its symbol: `joint.3.lugre`, `joint.4.input_coupling.5`, `joint.5.payload@box`.
+    pub fn place_name(&self) -> String {
+        let payload = self.payload.iter().map(|name| format!("@{name}"));
+        let id: String = std::iter::once(self.effect.id.clone()).chain(payload).collect();
         match (self.joint, self.from) {
-            (Some(joint), Some(from)) => format!("joint.{joint}.{id}.{from}.{symbol}"),
-            (Some(joint), None) => format!("joint.{joint}.{id}.{symbol}"),
-            _ => format!("device.{id}.{symbol}"),
+            (Some(joint), Some(from)) => format!("joint.{joint}.{id}.{from}"),
+            (Some(joint), None) => format!("joint.{joint}.{id}"),
+            _ => format!("device.{id}"),
         }
     }
 
-    /// "`lugre` at joint 3", for messages.
+    /// "`lugre` at joint 3", "`payload` at joint 5 with `box`", for messages.
     pub fn label(&self) -> String {
-        instance_name(&self.effect.id, self.joint, self.from)
+        let place = instance_name(&self.effect.id, self.joint, self.from);
+        self.payload.as_ref().map_or(place.clone(), |name| format!("{place} with `{name}`"))
     }
 
-    fn is(&self, id: &str, joint: Option<usize>, from: Option<usize>) -> bool {
+    /// Whether both are the same effect at the same place, whatever their values.
+    pub fn is_same_place(&self, other: &Self) -> bool {
+        other.stands_at(&self.effect.id, self.joint, self.from) && self.payload == other.payload
+    }
+
+    /// Whether it acts in a run that carries `payload`, or nothing.
+    pub fn acts_with(&self, payload: Option<&str>) -> bool {
+        self.payload.is_none() || self.payload.as_deref() == payload
+    }
+
+    /// Whether it is this effect of the machine at this place.
+    pub fn is(&self, id: &str, joint: Option<usize>, from: Option<usize>) -> bool {
+        self.stands_at(id, joint, from) && self.payload.is_none()
+    }
+
+    fn stands_at(&self, id: &str, joint: Option<usize>, from: Option<usize>) -> bool {
         self.effect.id == id && self.joint == joint && self.from == from
     }
 }

@@ -8,7 +8,7 @@ use dynid_model::{
     did_you_mean,
     document::{self, Table},
     effects,
-    instance::{check_instances, read_instance},
+    instance::{check_instances, read_instances},
     physical_consistency::check_body,
 };
 
@@ -181,19 +181,22 @@ fn read_effects(root: &Table, model: &mut Model) -> Result<(), ModelError> {
     let tables = root.tables("effect", "effect", 1)?;
     let mut instances = Vec::new();
     for table in &tables {
-        let read = read_instance(table, device.joints.len(), effects(), &|effect, place, symbol, stated| {
+        let read = read_instances(table, device.joints.len(), effects(), &|effect, place, symbol, stated| {
             let default = default_parameter(device, effect, place, symbol)?;
             Some(stated.map_or(default, |value| widened(default, value)))
         })?;
-        let Some(mut instance) = EffectInstance::new(device, &read.id, read.joint, read.from) else { continue };
-        for (symbol, parameter) in &read.values {
-            let index = instance.effect.parameters.iter().position(|own| own.symbol == *symbol);
-            let Some(index) = index else { continue };
-            model.note_outside(&instance.parameter_name(index), *parameter, instance.parameters[index]);
-            instance.parameters[index] = *parameter;
+        for read in read {
+            let Some(mut instance) = EffectInstance::new(device, &read.id, read.joint, read.from) else { continue };
+            instance.payload.clone_from(&read.payload);
+            for (symbol, parameter) in &read.values {
+                let index = instance.effect.parameters.iter().position(|own| own.symbol == *symbol);
+                let Some(index) = index else { continue };
+                model.note_outside(&instance.parameter_name(index), *parameter, instance.parameters[index]);
+                instance.parameters[index] = *parameter;
+            }
+            model.effects.push(instance);
+            instances.push((table, read));
         }
-        model.effects.push(instance);
-        instances.push(read);
     }
-    check_instances(&tables, &instances, effects())
+    check_instances(&instances, effects())
 }

@@ -326,3 +326,56 @@ Fv = 0.02
     assert_eq!(after.parameter("link.6.Izz"), larger.parameter("link.6.Izz"));
     assert_eq!(after.effects.len(), before.effects.len());
 }
+
+const SHARED: &str = "device = \"planar2r\"\n\n[[effect]] # both alike\nid = \"viscous\"\njoint = \"all\"\nFv = 0.2\n\n\
+                      [[effect]]\nid = \"coulomb\"\njoint = [1, 0]\n";
+
+#[test]
+fn one_table_for_several_joints() {
+    let mut model = Model::parse(SHARED, "shared.toml".as_ref()).unwrap();
+    let labels: Vec<String> = model.effects.iter().map(super::EffectInstance::label).collect();
+    assert_eq!(
+        labels,
+        ["`viscous` at joint 0", "`viscous` at joint 1", "`coulomb` at joint 1", "`coulomb` at joint 0"]
+    );
+    assert_eq!(model.parameter("joint.1.viscous.Fv").unwrap().value, 0.2);
+    // What stays alike stays one table.
+    assert_eq!(model.to_toml(), SHARED);
+    for joint in [0, 1] {
+        model.set_value(&format!("joint.{joint}.viscous.Fv"), 0.3).unwrap();
+    }
+    assert_eq!(model.to_toml(), SHARED.replace("0.2", "0.3"));
+    model.set_value("joint.1.viscous.Fv", 0.1).unwrap();
+    let text = model.to_toml();
+    let again = Model::parse(&text, "shared.toml".as_ref()).unwrap();
+    assert_eq!(again.digest(), model.digest(), "{text}");
+    assert_eq!(text.matches("# both alike").count(), 2, "{text}");
+    assert!(text.contains("joint = [1, 0]"), "{text}");
+    model.remove_effect("coulomb", Some(0), None).unwrap();
+    let again = Model::parse(&model.to_toml(), "shared.toml".as_ref()).unwrap();
+    assert_eq!(again.digest(), model.digest(), "{}", model.to_toml());
+}
+
+const LADEN: &str = "device = \"planar2r\"\n[[effect]]\nid = \"payload\"\njoint = 1\nm = 0.2\n\
+                     [[effect]]\nid = \"payload\"\njoint = 1\npayload = \"box\"\nm = 0.5\n\
+                     [[effect]]\nid = \"viscous\"\njoint = 1\npayload = \"box\"\n";
+
+#[test]
+fn effects_of_a_payload() {
+    let mut model = Model::parse(LADEN, "laden.toml".as_ref()).unwrap();
+    let masses = ["joint.1.payload.m", "joint.1.payload@box.m"];
+    assert_eq!(masses.map(|name| model.parameter(name).unwrap().value), [0.2, 0.5]);
+    assert_eq!(model.effects[1].label(), "`payload` at joint 1 with `box`");
+    assert!(model.names().iter().all(|name| model.parameter(name).is_some()));
+    // Without the box only the first acts.
+    let bare = model.system(&[1], |_| 0.0).unwrap();
+    assert_eq!(bare.effect_names().iter().filter(|name| name.contains('@')).count(), 0);
+    assert!(bare.effect_names().contains(&"joint.1.payload.m".to_owned()));
+    model.set_value("joint.1.payload@box.m", 0.7).unwrap();
+    assert_eq!(model.to_toml(), LADEN.replace("m = 0.5", "m = 0.7"));
+    // A machine may have the effect that a payload has.
+    assert!(model.add_effect("viscous", Some(1), None).is_ok());
+    let wrong = |old: &str, new: &str| Model::parse(&LADEN.replacen(old, new, 1), "laden.toml".as_ref()).unwrap_err();
+    assert!(wrong("\"box\"", "\"a box\"").to_string().contains("is no name of a payload"));
+    assert!(wrong("m = 0.2\n", "payload = \"box\"\n").to_string().contains("stands twice"));
+}

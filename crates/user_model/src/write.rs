@@ -91,6 +91,9 @@ impl Model {
         if let Some(joint) = instance.joint {
             table.insert("joint", value(joint as i64));
         }
+        if let Some(payload) = &instance.payload {
+            table.insert("payload", value(payload));
+        }
         for (own, parameter) in instance.effect.parameters.iter().zip(&instance.parameters) {
             let default = self.effect_default(instance, &own.symbol).unwrap_or_else(|| own.parameter());
             table.insert(&own.symbol, Item::Value(stated(*parameter, default)));
@@ -145,21 +148,25 @@ impl Model {
         let empty = ArrayOfTables::new();
         let old = document.get("effect").and_then(Item::as_array_of_tables).unwrap_or(&empty).clone();
         let mut new = ArrayOfTables::new();
+        let mut shared: Vec<&EffectInstance> = Vec::new();
         for instance in &self.effects {
-            let index_at = |table: &Table, key: &str| table.get(key).and_then(Item::as_integer);
-            let found = old.iter().find(|table| {
-                table.get("id").and_then(Item::as_str) == Some(instance.effect.id.as_str())
-                    && index_at(table, "joint") == instance.joint.map(|joint| joint as i64)
-                    && index_at(table, "from") == instance.from.map(|from| from as i64)
-            });
-            let Some(found) = found else {
+            if shared.iter().any(|known| known.is_same_place(instance)) {
+                continue;
+            }
+            let Some(found) = old.iter().find(|table| self.is_of(table, instance)) else {
                 new.push(self.effect_table(instance));
                 continue;
             };
-            let mut table = found.clone();
-            for (own, parameter) in instance.effect.parameters.iter().zip(&instance.parameters) {
-                let default = self.effect_default(instance, &own.symbol).unwrap_or_else(|| own.parameter());
-                update_in(&mut table, &own.symbol, *parameter, default);
+            let mut table = self.updated_table(found, instance);
+            // A table of several joints stays one as long as it says the same of all of them.
+            let named: Vec<&EffectInstance> = self.effects.iter().filter(|own| self.is_of(found, own)).collect();
+            let n_named = self.joints_of(found).len();
+            let says_the_same = |own: &&EffectInstance| self.updated_table(found, own).to_string() == table.to_string();
+            if named.len() == n_named && named.iter().all(says_the_same) {
+                shared.extend(named);
+            } else if n_named > 1 {
+                // Joint numbers are small.
+                table.insert("joint", value(instance.joint.map_or(0, |joint| joint as i64)));
             }
             new.push(table);
         }
@@ -167,6 +174,41 @@ impl Model {
             document.remove("effect");
         } else {
             document.insert("effect", Item::ArrayOfTables(new));
+        }
+    }
+}
+
+impl Model {
+    /// A table of the file with the values of this effect.
+    fn updated_table(&self, table: &Table, instance: &EffectInstance) -> Table {
+        let mut table = table.clone();
+        for (own, parameter) in instance.effect.parameters.iter().zip(&instance.parameters) {
+            let default = self.effect_default(instance, &own.symbol).unwrap_or_else(|| own.parameter());
+            update_in(&mut table, &own.symbol, *parameter, default);
+        }
+        table
+    }
+
+    /// Whether a table of the file stands for this effect, perhaps among others.
+    fn is_of(&self, table: &Table, instance: &EffectInstance) -> bool {
+        let text = |key: &str| table.get(key).and_then(Item::as_str);
+        text("id") == Some(instance.effect.id.as_str())
+            && text("payload") == instance.payload.as_deref()
+            && table.get("from").and_then(Item::as_integer) == instance.from.map(|from| from as i64)
+            && match instance.joint {
+                Some(joint) => self.joints_of(table).contains(&(joint as i64)),
+                None => true,
+            }
+    }
+
+    /// The joints that an `[[effect]]` table names: one, several or all.
+    fn joints_of(&self, table: &Table) -> Vec<i64> {
+        let Some(item) = table.get("joint") else { return Vec::new() };
+        let from = table.get("from").and_then(Item::as_integer);
+        match (item.as_integer(), item.as_array()) {
+            (Some(joint), _) => vec![joint],
+            (_, Some(joints)) => joints.iter().filter_map(Value::as_integer).collect(),
+            _ => (0..self.device.joints.len() as i64).filter(|joint| Some(*joint) != from).collect(),
         }
     }
 }

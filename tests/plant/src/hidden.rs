@@ -695,7 +695,7 @@ mod tests {
     #[test]
     fn every_effect_of_the_library_is_hidden_somewhere() {
         let cases = table::cases();
-        for effect in dynid_model::effects() {
+        for effect in dynid_model::effects().iter().filter(|effect| !effect.general) {
             let is_hidden = |case: &Case| case.hidden.as_ref().is_some_and(|hidden| hidden.id == effect.id);
             assert!(cases.iter().any(is_hidden), "no case hides `{}`", effect.id);
         }

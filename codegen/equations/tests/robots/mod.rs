@@ -40,6 +40,11 @@ pub fn random_robot_of(seed: u64, n_joints: usize, general: bool) -> Device {
     robot(seed, Random(2000 + seed), n_joints, general)
 }
 
+/// Of a joint variable that stands in another row already: a whole one, a fraction, a number or a gear ratio.
+fn multiple(random: &mut Random, joint: usize) -> String {
+    random.one_of(&["-q#", "2 * q#", "q# / 3", "-1.7 * q#", "-12 * q#"]).replace('#', &joint.to_string())
+}
+
 fn robot(seed: u64, mut random: Random, n_joints: usize, general: bool) -> Device {
     let prismatic: Vec<bool> = (0..n_joints).map(|_| random.below(4) == 0).collect();
     let angles = ["0", "pi/2", "-pi/2", "pi", "0.3", "-1.1"];
@@ -58,8 +63,8 @@ fn robot(seed: u64, mut random: Random, n_joints: usize, general: bool) -> Devic
         let (a, mut alpha) = (random.one_of(&lengths), random.one_of(&angles).to_owned());
         match (prismatic[joint], random.below(4)) {
             (true, _) => d = format!("{d} {} q{joint}", random.one_of(&["+", "-"])),
-            (false, 0) if used[joint] => theta = format!("-q{joint} + {theta}"),
-            (false, 1) if used[joint] => alpha = format!("{alpha} + 2 * q{joint}"),
+            (false, 0) if used[joint] => theta = format!("{} + {theta}", multiple(&mut random, joint)),
+            (false, 1) if used[joint] => alpha = format!("{alpha} + {}", multiple(&mut random, joint)),
             (false, _) => theta = format!("q{joint} + {theta}"),
         }
         used[joint] = true;

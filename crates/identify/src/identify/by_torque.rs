@@ -20,12 +20,7 @@ pub(super) fn by_torque(
         .iter()
         .filter(|run| run.role == Role::Fit)
         .map(|run| {
-            Ok(TorqueRun {
-                name: run.label(),
-                role: run.role,
-                system: model.system(&run.free, |joint| run.log.mean_position(joint))?,
-                motion: Motion::of(run)?,
-            })
+            Ok(TorqueRun { name: run.label(), role: run.role, system: model.system_of(run)?, motion: Motion::of(run)? })
         })
         .collect::<Result<_, FitError>>()?;
     let TorqueFit { status, iterations, cost_before, cost_after, parameters, flat, .. } =

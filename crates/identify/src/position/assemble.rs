@@ -8,7 +8,7 @@ use dynid_user_model::Model;
 impl FitRun {
     /// The run of an experiment as `model` sees it: locked joints stand where their log says.
     pub fn of_run(model: &Model, run: &Run) -> Result<Self, SystemError> {
-        let system = model.system(&run.free, |joint| run.log.mean_position(joint))?;
+        let system = model.system_of(run)?;
         let samples = 0..run.log.len();
         let time = run.elapsed_s();
         let command = samples.clone().flat_map(|k| run.log.tau.iter().map(move |tau| tau[k])).collect();

@@ -87,8 +87,15 @@ fn play(system: &System, torque_noise: f64, seed: u64) -> TorqueRun {
         intersample: Intersample::FirstOrder,
         ..Settings::default()
     };
-    let run =
-        Run { file: "made.csv".to_owned(), role: Role::Fit, free: (0..n).collect(), configuration: 1, log, settings };
+    let run = Run {
+        file: "made.csv".to_owned(),
+        role: Role::Fit,
+        free: (0..n).collect(),
+        payload: None,
+        configuration: 1,
+        log,
+        settings,
+    };
     let motion = Motion::of(&run).expect("long enough");
     TorqueRun { name: run.file.clone(), role: Role::Fit, system: system.clone(), motion }
 }

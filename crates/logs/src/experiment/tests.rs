@@ -146,14 +146,14 @@ fn any_joints_may_be_free() {
 fn bad_experiments_are_refused_with_place_and_remedy() {
     let refused = |experiment: &str| refusal(experiment, GOOD_LOG);
     assert_snapshot!(refused("device = arm"), @"experiment.toml:1:10: string values must be quoted, expected literal string; write it as TOML: `key = value`, runs under `[[run]]`");
-    assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving");
+    assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, payload, transmission");
     assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @r#"experiment.toml:1:10: there is no device `arn`; known: double_pendulum, freedom6s, oscillator, planar2r, servo_pendulum, staubli_tx40; a device of your own is named by its file: "arn.toml""#);
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 0]")), @"experiment.toml:4:8: free: joint 0 is named twice; name each free joint once");
-    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each free joint by its index");
+    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
     assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);
-    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, start");
+    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, start, payload, transmission");
     assert_snapshot!(refused(&format!("{GOOD}cutoff_hz = -3.0\n")), @"experiment.toml:6:13: cutoff_hz: expected a positive frequency [Hz], found `-3.0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}decimate = 0\n")), @"experiment.toml:6:12: decimate: expected a whole number from 1, found `0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}min_speed = [0.1, 0.1, 0.1]\n")), @"experiment.toml:6:13: min_speed: found 3 speeds for 2 free joints; give one a free joint of the run, or one for each of the device's 2 joints");
@@ -180,4 +180,73 @@ fn bad_logs_are_refused_with_row_column_and_remedy() {
     assert_snapshot!(refusal(&format!("{GOOD}rows = [1, 4]\n"), GOOD_LOG), @"log.csv: rows = [1, 4] lies outside the log, which has 3 rows; expected 0 <= from < to <= 3 (run 1 of experiment.toml)");
     assert_snapshot!(refusal(&format!("{GOOD}mask = \"used\"\n"), GOOD_LOG), @r#"log.csv: column `used` is missing; the log has `t`, `tau0`, `tau1`, `q0`, `q1`. If it has another name there, say so in the experiment: mask = "its name in the log" (run 1 of experiment.toml)"#);
     assert_snapshot!(refusal(&GOOD.replace("log.csv", "lag.csv"), GOOD_LOG), @"lag.csv: cannot be read: No such file or directory (os error 2); give the path of a CSV file, relative to the experiment file (run 1 of experiment.toml)");
+}
+
+/// The motors of a coupled wrist: both turn with joint 0, and against each other with joint 1.
+const MOTORS: &str = "[transmission]\nposition = [\"m0\", \"m1\"]\ntorque = [\"i0\", \"i1\"]\nratio = [[50, 40], [50, -40]]\n\
+                      motor_constant = [0.05, 0.1]\n";
+const MOTOR_LOG: &str = "t,m0,m1,i0,i1\n0,310,-10,1,2\n0.1,330,-30,1,2\n0.2,350,-50,1,-2\n";
+
+#[test]
+fn joints_of_motors() {
+    let (_folder, experiment) =
+        read(&format!("{GOOD}{}", MOTORS.replace("[transmission]", "[run.transmission]")), MOTOR_LOG);
+    let log = &experiment.expect("a good experiment").runs[0].log;
+    for (found, expected) in log.q.iter().flatten().zip([3.0, 3.0, 3.0, 4.0, 4.5, 5.0]) {
+        assert!((found - expected).abs() < 1e-14, "{:?}", log.q);
+    }
+    let torque = |i0: f64, i1: f64, sign: f64| {
+        if sign > 0.0 { 50.0 * (0.05 * i0 + 0.1 * i1) } else { 40.0 * (0.05 * i0 - 0.1 * i1) }
+    };
+    for (joint, sign) in [(0, 1.0), (1, -1.0)] {
+        for (found, (i0, i1)) in log.tau[joint].iter().zip([(1.0, 2.0), (1.0, 2.0), (1.0, -2.0)]) {
+            assert!((found - torque(i0, i1, sign)).abs() < 1e-12, "joint {joint}: {found}");
+        }
+    }
+}
+
+/// Gears alone, encoders at the joints: `ratio` as a list, and positions that are logged as ever.
+#[test]
+fn gears_of_some_joints() {
+    let text = format!(
+        "{GOOD}[run.transmission]\njoints = [1]\ntorque = [\"current\"]\nratio = [100]\nmotor_constant = [0.02]\n"
+    );
+    let (_folder, experiment) = read(&text, "t,tau0,q0,q1,current\n0,1,2,3,4\n0.1,1,2,3,4.5\n");
+    let log = &experiment.expect("a good experiment").runs[0].log;
+    assert_eq!((&log.tau[1], &log.q[1]), (&vec![8.0, 9.0], &vec![3.0, 3.0]));
+}
+
+#[test]
+fn what_is_wrong_with_a_transmission() {
+    let of = |old: &str, new: &str| {
+        let motors = MOTORS.replace("[transmission]", "[run.transmission]");
+        assert!(motors.contains(old), "{old}");
+        format!("{GOOD}{}", motors.replace(old, new))
+    };
+    let errors = [
+        ("ratio = [[50, 40], [50, -40]]\n", ""),
+        ("[[50, 40], [50, -40]]", "[[50, 40], [100, 80]]"),
+        ("[[50, 40], [50, -40]]", "[[50, 40]]"),
+        ("[[50, 40], [50, -40]]", "[[50, 40, 1], [50, -40, 1]]"),
+        ("[\"i0\", \"i1\"]", "[\"i0\"]"),
+        ("\"m1\"", "\"m2\""),
+        ("[run.transmission]\n", "columns = { q1 = \"m1\" }\n[run.transmission]\n"),
+        ("[run.transmission]\n", "[run.transmission]\njoints = [0, 2]\n"),
+        ("ratio", "gear"),
+    ];
+    let told: Vec<String> = errors.iter().map(|(old, new)| refusal(&of(old, new), MOTOR_LOG)).collect();
+    assert_snapshot!(told.join("\n"));
+}
+
+#[test]
+fn a_payload_has_a_name() {
+    let (_folder, experiment) = read(
+        &format!(
+            "payload = \"box\"\n{GOOD}[[run]]\nfile = \"log.csv\"\nfree = [1]\nrole = \"fit\"\npayload = \"two\"\n"
+        ),
+        GOOD_LOG,
+    );
+    let runs = experiment.expect("a good experiment").runs;
+    assert_eq!(runs.iter().map(|run| run.payload.as_deref()).collect::<Vec<_>>(), [Some("box"), Some("two")]);
+    assert_snapshot!(refusal(&format!("{GOOD}payload = \"a box\"\n"), GOOD_LOG), @"experiment.toml:6:11: `a box` is no name of a payload; use letters, digits and `_`; choose another name, also for the effects of the model that it stands for");
 }

@@ -1,6 +1,9 @@
 //! Friction laws: torque that resists the motion, as a function of speed, load and time, some with a memory.
 
-use super::{Moment, Values};
+use super::{
+    Moment, Values,
+    load::{coefficients, spline},
+};
 
 /// One law at one joint.
 #[derive(Debug, Clone, Copy)]
@@ -15,6 +18,7 @@ pub(super) enum Friction {
     Dahl { sigma0: f64, fc: f64 },
     Drift { fd: f64, tau: f64, v_eps: f64 },
     QuadraticDrag { cd: f64 },
+    Spline { coefficients: [f64; 8], v_max: f64 },
     Coupled(Coupled),
 }
 
@@ -105,6 +109,7 @@ impl Friction {
             },
             "dahl" => Self::Dahl { sigma0: value("sigma0")?, fc: value("Fc")? },
             "friction_drift" => Self::Drift { fd: value("Fd")?, tau: value("tau")?, v_eps: value("v_eps")? },
+            "friction_over_speed" => Self::Spline { coefficients: coefficients(values)?, v_max: value("v_max")? },
             "quadratic_drag" => Self::QuadraticDrag { cd: value("Cd")? },
             "friction_coupled" => {
                 let (other, fv, fc, v_eps) = (values.from()?, value("Fv")?, value("Fc")?, value("v_eps")?);
@@ -148,6 +153,7 @@ impl Friction {
                 torque
             }
             Self::Drift { fd, tau, v_eps } => fd * ((-moment.time / tau).exp() - 1.0) * (speed / v_eps).tanh(),
+            Self::Spline { coefficients, v_max } => spline(&coefficients, -v_max, v_max, speed),
             Self::QuadraticDrag { cd } => cd * speed.abs() * speed,
             Self::Coupled(Coupled { other, fv, fc, v_eps }) => {
                 let other = moment.dq[other];

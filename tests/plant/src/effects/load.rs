@@ -21,6 +21,17 @@ pub(super) enum Load {
         sine: f64,
         period: f64,
     },
+    /// Cubic B-spline on six equal knots from `low` to `high`
+    Spline {
+        coefficients: [f64; 8],
+        low: f64,
+        high: f64,
+    },
+    /// Amplitudes of cosine and sine of each harmonic
+    Harmonics {
+        amplitudes: [[f64; 2]; 4],
+        period: f64,
+    },
     /// Reid's damping, whose sign turns over a travel: `stiffness |q - rest| z`.
     Hysteresis {
         stiffness: f64,
@@ -40,6 +51,16 @@ impl Load {
                 middle: value("q_mid")?,
             },
             "cogging" => Self::Cogging { cosine: value("A")?, sine: value("B")?, period: value("period")? },
+            "torque_over_position" => {
+                Self::Spline { coefficients: coefficients(values)?, low: value("q_low")?, high: value("q_high")? }
+            }
+            "torque_over_turn" => {
+                let mut amplitudes = [[0.0; 2]; 4];
+                for (n, amplitudes) in amplitudes.iter_mut().enumerate() {
+                    *amplitudes = [value(&format!("A{}", n + 1))?, value(&format!("B{}", n + 1))?];
+                }
+                Self::Harmonics { amplitudes, period: value("period")? }
+            }
             "hysteresis" => Self::Hysteresis { stiffness: value("Kh")?, travel: value("travel")? },
             _ => return Ok(None),
         }))
@@ -69,10 +90,44 @@ impl Load {
                 rates[0] = dq.abs() * (1.0_f64.copysign(dq) - branch) / travel;
                 stiffness * (q - rest).abs() * branch
             }
+            Self::Spline { coefficients, low, high } => spline(&coefficients, low, high, q),
+            Self::Harmonics { amplitudes, period } => amplitudes
+                .iter()
+                .zip(1..)
+                .map(|([cosine, sine], n)| {
+                    let (s, c) = (TAU * f64::from(n) * q / period).sin_cos();
+                    cosine * c + sine * s
+                })
+                .sum(),
             Self::Cogging { cosine, sine, period } => {
                 let (s, c) = (TAU * q / period).sin_cos();
                 cosine * c + sine * s
             }
         }
     }
+}
+
+/// Of a spline's eight.
+pub(super) fn coefficients(values: &Values<'_>) -> Result<[f64; 8], String> {
+    let mut found = [0.0; 8];
+    for (k, coefficient) in found.iter_mut().enumerate() {
+        *coefficient = values.get(&format!("c{k}"))?;
+    }
+    Ok(found)
+}
+
+/// A cubic B-spline on six equal knots by de Boor's recursion; constant beyond the outer ones.
+pub(super) fn spline(coefficients: &[f64; 8], low: f64, high: f64, at: f64) -> f64 {
+    let place = 5.0 * (at.max(low).min(high) - low) / (high - low);
+    let interval = place.floor().clamp(0.0, 4.0);
+    let mut d: [f64; 4] = std::array::from_fn(|k| coefficients[interval as usize + k]);
+    for level in 1..4 {
+        for k in (level..4).rev() {
+            // the knot at which this coefficient's bump begins
+            let knot = interval + k as f64 - 3.0;
+            let share = (place - knot) / (4 - level) as f64;
+            d[k] = (1.0 - share) * d[k - 1] + share * d[k];
+        }
+    }
+    d[3]
 }

@@ -1,7 +1,8 @@
 //! The inertia matrix by composite bodies (Walker & Orin 1982; Featherstone's CRBA), over turnings and places.
 //!
 //! From the tips inwards, each turning takes in the second and first moments of what it carries. Turning at unit
-//! acceleration, the composite gives a moment and forces; what they ask of the turnings below is a column of D.
+//! acceleration, the composite gives a moment and forces; what they ask of the turnings below is a column of D. A column of a joint that
+//! slides is the recursion at its unit acceleration.
 
 use std::collections::BTreeMap;
 
@@ -9,24 +10,18 @@ use dynid_lower::{Node, Program};
 
 use crate::{
     arithmetic::Arithmetic,
+    emit::Context,
+    lumps::Coupling,
     recursion::{Mechanism, Motion},
-    spatial::{ENTRIES, Symmetric, Vector, add, cross, dot, entry, rotate_symmetric},
-    tree::Place,
+    spatial::{ENTRIES, Symmetric, Vector, add, cross, dot, entry, rotate_symmetric, scale},
+    tree::{Place, Segment},
 };
 
 /// Inertia between turnings, (upper, lower) with the lower index first; what vanishes is missing.
 type TurningInertia = BTreeMap<(usize, usize), Node>;
 
-/// D by joint pairs (i, j), i <= j; `None` where something slides.
-pub fn inertia<A: Arithmetic>(
-    mechanism: &Mechanism<A>,
-    program: &mut Program,
-) -> Option<BTreeMap<(usize, usize), Node>> {
-    let lumps = mechanism.lumps;
-    let slides = |place: &Place<A>| place.values().any(|segment| !segment.slides.is_empty());
-    if lumps.places.all().iter().any(slides) || !lumps.mass.is_empty() {
-        return None;
-    }
+/// D by joint pairs (i, j), i <= j; what vanishes may be missing.
+pub fn inertia<A: Arithmetic>(mechanism: &Mechanism<A>, program: &mut Program) -> BTreeMap<(usize, usize), Node> {
     let by_turning = Composite::new(mechanism, program).turning_inertia();
     let turnings = &mechanism.tree.turnings;
     let mut inertia: BTreeMap<(usize, usize), Node> = BTreeMap::new();
@@ -40,7 +35,26 @@ pub fn inertia<A: Arithmetic>(
         let sum = inertia.entry((i.min(j), i.max(j))).or_insert(zero);
         *sum = program.add(*sum, part);
     }
-    Some(inertia)
+    let places = mechanism.lumps.places.all();
+    let slides =
+        |joint: usize| places.iter().flat_map(BTreeMap::values).any(|segment| segment.slides.contains_key(&joint));
+    for &sliding in mechanism.context.free.iter().filter(|joint| slides(**joint)) {
+        let motion = unit_acceleration(&mechanism.context, program, sliding);
+        let torques = mechanism.torques(program, &motion);
+        for &joint in mechanism.context.free {
+            inertia.insert((joint.min(sliding), joint.max(sliding)), torques[joint]);
+        }
+    }
+    inertia
+}
+
+/// Unit acceleration of one joint from rest, without gravity: the torques are a column of D.
+fn unit_acceleration<A: Arithmetic>(context: &Context<A>, program: &mut Program, joint: usize) -> Motion {
+    let (zero, one): (Node, Node) = (program.number(0.0), program.number(1.0));
+    let dq = vec![zero; context.device.joints.len()];
+    let mut ddq = dq.clone();
+    ddq[joint] = one;
+    Motion { dq, ddq, gravity: [zero; 3], prefix: format!("s{joint}_") }
 }
 
 /// Composite bodies under way.
@@ -50,6 +64,8 @@ struct Composite<'a, 'b, A: Arithmetic> {
     places: Vec<Place<A>>,
     second: Vec<Symmetric>,
     first: BTreeMap<(usize, usize), Vector<Node>>,
+    /// First moments at places that turn with something else.
+    irregular: Vec<Coupling>,
     /// Moments on lower turnings that unit acceleration of a turning asks for through couplings: by (of, on).
     extra: BTreeMap<(usize, usize), Vector<Node>>,
     inertia: TurningInertia,
@@ -62,7 +78,8 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
             mechanism,
             places: lumps.places.all().to_vec(),
             second: lumps.second.clone(),
-            first: lumps.first.clone(),
+            first: BTreeMap::new(),
+            irregular: lumps.couplings.clone(),
             extra: BTreeMap::new(),
             inertia: BTreeMap::new(),
             program,
@@ -70,6 +87,7 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
     }
 
     fn turning_inertia(mut self) -> TurningInertia {
+        self.take_in_places();
         self.couplings();
         for turning in (1..self.mechanism.tree.turnings.len()).rev() {
             self.take_in_own_offsets(turning);
@@ -77,6 +95,52 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
             self.hand_down(turning);
         }
         self.inertia
+    }
+
+    /// What lies at places that slide, where it is now: masses and first moments become second ones and couplings.
+    fn take_in_places(&mut self) {
+        for (&(turning, place), &first) in &self.mechanism.lumps.first {
+            self.take_in_first(turning, self.mechanism.lumps.places.place(place).clone(), first);
+        }
+        for (&place, &mass) in &self.mechanism.lumps.mass {
+            let mut place = self.mechanism.lumps.places.place(place).clone();
+            while let Some((turning, segment)) = place.pop_last() {
+                let offset = self.mechanism.offset(self.program, &segment);
+                let first = scale(self.program, mass, offset);
+                for (at, (row, column)) in ENTRIES.into_iter().enumerate() {
+                    let product = self.program.multiply(first[row], offset[column]);
+                    self.second[turning][at] = self.program.add(self.second[turning][at], product);
+                }
+                self.take_in_first(turning, place.clone(), first);
+            }
+        }
+    }
+
+    /// A first moment at a place, all of whose parts then carry the turning.
+    fn take_in_first(&mut self, turning: usize, mut place: Place<A>, first: Vector<Node>) {
+        // The base does not turn.
+        place.remove(&0);
+        if let Some(segment) = place.remove(&turning) {
+            self.take_in_offset(turning, &segment, first);
+        }
+        let carries = |carrier: &usize| self.mechanism.tree.carries(*carrier, turning);
+        let irregular: Vec<usize> = place.keys().copied().filter(|carrier| !carries(carrier)).collect();
+        for carrier in irregular {
+            let Some(segment) = place.remove(&carrier) else { continue };
+            let offset = self.mechanism.offset(self.program, &segment);
+            self.irregular.push(Coupling { turning, first, carrier, offset });
+        }
+        self.add_first(turning, place, first);
+    }
+
+    fn take_in_offset(&mut self, turning: usize, segment: &Segment<A>, first: Vector<Node>) {
+        let offset = self.mechanism.offset(self.program, segment);
+        for (at, (row, column)) in ENTRIES.into_iter().enumerate() {
+            let one = self.program.multiply(first[row], offset[column]);
+            let other = self.program.multiply(first[column], offset[row]);
+            let both = self.program.add(one, other);
+            self.second[turning][at] = self.program.add(self.second[turning][at], both);
+        }
     }
 
     /// First moments at places that end in the turning itself move to where it turns about.
@@ -91,13 +155,7 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
             else {
                 continue;
             };
-            let offset = self.mechanism.offset(self.program, &segment);
-            for (at, (row, column)) in ENTRIES.into_iter().enumerate() {
-                let one = self.program.multiply(first[row], offset[column]);
-                let other = self.program.multiply(first[column], offset[row]);
-                let both = self.program.add(one, other);
-                self.second[turning][at] = self.program.add(self.second[turning][at], both);
-            }
+            self.take_in_offset(turning, &segment, first);
             let mut before = self.places[key.1].clone();
             before.remove(&turning);
             self.add_first(turning, before, first);
@@ -172,7 +230,7 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
     /// terms above.
     fn couplings(&mut self) {
         let tree = self.mechanism.tree;
-        for coupling in &self.mechanism.lumps.couplings {
+        for coupling in std::mem::take(&mut self.irregular) {
             let (turning, carrier) = (coupling.turning, coupling.carrier);
             let mut common = turning;
             while !tree.carries(common, carrier) {

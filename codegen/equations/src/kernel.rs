@@ -1,7 +1,7 @@
 //! One configuration's equations: each form of them, and the cheapest kept.
 
 use dynid_lower::kir::NO_CONFIGURATION;
-use dynid_lower::{Form, Kir, Node, OperationCounts, Program};
+use dynid_lower::{Form, Kir, OperationCounts, Program};
 use dynid_model::Device;
 
 use crate::{
@@ -178,19 +178,10 @@ pub fn recursion<A: Arithmetic>(context: &Context<A>, tree: &Tree<A>, group: Gro
             }
         }
         Group::Inertia => {
-            if let Some(inertia) = composite::inertia(&mechanism, &mut program) {
-                let zero = program.number(0.0);
-                for (pair, name) in pairs(context.free).iter().zip(group.outputs(context.free)) {
-                    program.output(&name, inertia.get(pair).copied().unwrap_or(zero));
-                }
-                return program;
-            }
-            for &j in context.free {
-                let motion = unit_acceleration(context, &mut program, j);
-                let torques = mechanism.torques(&mut program, &motion);
-                for &i in context.free.iter().filter(|&&i| i <= j) {
-                    program.output(&format!("D_{i}_{j}"), torques[i]);
-                }
+            let inertia = composite::inertia(&mechanism, &mut program);
+            let zero = program.number(0.0);
+            for (pair, name) in pairs(context.free).iter().zip(group.outputs(context.free)) {
+                program.output(&name, inertia.get(pair).copied().unwrap_or(zero));
             }
         }
     }
@@ -212,13 +203,4 @@ fn motion<A: Arithmetic>(context: &Context<A>, program: &mut Program, group: Gro
     let gravity = ["base.gx", "base.gy", "base.gz"].map(|name| context.emit(program, &context.algebra.parameter(name)));
     let prefix = if group == Group::Torque { "tau_" } else { "" };
     Motion { dq, ddq, gravity, prefix: prefix.to_owned() }
-}
-
-/// Unit acceleration of one joint from rest, without gravity: the torques are a column of D.
-fn unit_acceleration<A: Arithmetic>(context: &Context<A>, program: &mut Program, joint: usize) -> Motion {
-    let (zero, one): (Node, Node) = (program.number(0.0), program.number(1.0));
-    let dq = vec![zero; context.device.joints.len()];
-    let mut ddq = dq.clone();
-    ddq[joint] = one;
-    Motion { dq, ddq, gravity: [zero; 3], prefix: format!("e{joint}_") }
 }

@@ -9,6 +9,7 @@
 //! effects. Where an effect sits is resolved once, here, so that a step only walks flat arrays.
 
 mod along;
+mod apart;
 mod block;
 mod body;
 mod delay;
@@ -77,6 +78,8 @@ pub struct System {
     friction_is_read: bool,
     /// The drive depends on the commands alone, so it is constant over a held sample.
     steady_drive: bool,
+    /// Joint effects or accelerations read what the drive delivers: only not in [`System::loads_apart`].
+    drive_is_read: bool,
 }
 
 /// Why a model and a configuration do not make a system.
@@ -227,6 +230,7 @@ impl System {
             added_inertia: Vec::new(),
             friction_is_read: false,
             steady_drive: true,
+            drive_is_read: true,
         };
         system.arrange(effects)?;
         system.prepare();

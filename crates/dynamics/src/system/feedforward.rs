@@ -132,7 +132,9 @@ impl System {
 
     /// The drive's torques and the loads at `x`, into `scratch`, and the rates of the effects' states, into `dx`.
     pub fn effects_alone(&self, scratch: &mut Scratch, t: f64, x: &[f64], command: &[f64], dx: &mut [f64]) {
-        self.drive(scratch, t, x, command, dx);
+        if self.drive_is_read {
+            self.drive(scratch, t, x, command, dx);
+        }
         self.loads(scratch, t, x, dx);
     }
 }

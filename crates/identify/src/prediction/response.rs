@@ -133,7 +133,13 @@ impl Predicted {
         if self.intervals() == 0 {
             return Some(Forces { torques: Vec::new(), shown: None });
         }
-        let changed = &self.aligned(changed);
+        let aligned = self.aligned(changed);
+        // What both have alike takes the same torque of both.
+        let apart = aligned.loads_apart(&self.system);
+        let (changed, without) = match &apart {
+            Some([with, without]) => (with, Some(without)),
+            None => (&aligned, None),
+        };
         let n = self.system.n_free();
         let input = self.run.input();
         // Where the model has the same state, it goes along; what is new starts as it does.
@@ -150,7 +156,7 @@ impl Predicted {
             places.filter_map(|(k, known)| Some((2 * n + k, (*known)?))).for_each(|(to, from)| x[to] = own[from]);
         };
         let has_new = known.iter().any(Option::is_none);
-        let mut room = Room::new(changed);
+        let (mut room, mut own_room) = (Room::new(changed), Room::new(&self.system));
         let mut missing = vec![0.0; n];
         let mut torques = Vec::with_capacity(self.intervals() * 2 * n);
         let mut at = [vec![0.0; n], vec![0.0; n]];
@@ -164,13 +170,25 @@ impl Predicted {
                 let t = self.time(interval, share);
                 let place = interval * POINTS.len() + point;
                 let n_own = own.len();
-                take(&self.states[place * n_own..(place + 1) * n_own], &mut x);
+                let own_x = &self.states[place * n_own..(place + 1) * n_own];
+                take(own_x, &mut x);
                 let ddq = &self.ddq[place * n..(place + 1) * n];
                 let Room { scratch, command, dx } = &mut room;
                 input.command_at(changed, interval, (point, POINTS.len()), t, command);
-                changed.missing_torque(scratch, t, (&x, ddq), command, dx, &mut missing);
-                for slot in 0..n {
-                    at[point][slot] = self.missed[place * n + slot] - missing[slot];
+                match without {
+                    Some(without) => {
+                        changed.effects_alone(scratch, t, &x, command, dx);
+                        without.effects_alone(&mut own_room.scratch, t, own_x, command, &mut own_room.dx);
+                        for slot in 0..n {
+                            at[point][slot] = own_room.scratch.load[slot] - scratch.load[slot];
+                        }
+                    }
+                    None => {
+                        changed.missing_torque(scratch, t, (&x, ddq), command, dx, &mut missing);
+                        for slot in 0..n {
+                            at[point][slot] = self.missed[place * n + slot] - missing[slot];
+                        }
+                    }
                 }
             }
             if has_new {

@@ -15,6 +15,7 @@ mod delay;
 mod effects;
 mod feedforward;
 mod linear;
+mod parts;
 mod solve;
 mod switch;
 
@@ -22,6 +23,7 @@ pub use along::{StateGroup, StateKey};
 pub use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub use feedforward::InverseError;
+pub use parts::Part;
 pub use linear::{Linear, fastest_rate};
 pub use solve::substitute;
 pub use switch::Switch;

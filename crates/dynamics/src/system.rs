@@ -23,8 +23,8 @@ pub use along::{StateGroup, StateKey};
 pub use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub use feedforward::InverseError;
-pub use parts::Part;
 pub use linear::{Linear, fastest_rate};
+pub use parts::Part;
 pub use solve::substitute;
 pub use switch::Switch;
 

@@ -62,6 +62,9 @@ mod tests {
         // Reduced mass 2/3 kg, 0.3 m apart.
         let inertia = 0.01 + 2.0 / 3.0 * 0.09;
         let expected = [3.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, inertia, 0.0, inertia];
-        found.iter().zip(expected).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-15, "{found} {expected}"));
+        found
+            .iter()
+            .zip(expected)
+            .for_each(|(found, expected)| assert!((found - expected).abs() < 1e-15, "{found} {expected}"));
     }
 }

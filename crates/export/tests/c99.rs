@@ -27,7 +27,10 @@ struct Calls {
 impl Calls {
     fn new(model: &Model) -> Self {
         let prefix = model.device.id.clone();
-        let body = format!("    double prepared[{}_N_PREPARED];\n    {prefix}_prepare_model(prepared);\n", prefix.to_uppercase());
+        let body = format!(
+            "    double prepared[{}_N_PREPARED];\n    {prefix}_prepare_model(prepared);\n",
+            prefix.to_uppercase()
+        );
         Self { prefix, body, expected: Vec::new() }
     }
 

@@ -132,14 +132,10 @@ impl<'a> Description<'a> {
     }
 }
 
-const REMEDY: &str = "name the file that `dynid device import` made the model's device from, or import this one and fit anew";
+const REMEDY: &str =
+    "name the file that `dynid device import` made the model's device from, or import this one and fit anew";
 
-fn refuse_other_joints(
-    source: &Source,
-    robot: &Robot,
-    motions: &Motions,
-    device: &Device,
-) -> Result<(), ModelError> {
+fn refuse_other_joints(source: &Source, robot: &Robot, motions: &Motions, device: &Device) -> Result<(), ModelError> {
     let (found, expected) = (motions.variables.len(), device.joints.len());
     if found != expected {
         let message = format!(
@@ -152,11 +148,15 @@ fn refuse_other_joints(
     for (number, (joint, own)) in motions.variables.iter().zip(&device.joints).enumerate() {
         let joint = &robot.joints[*joint];
         if joint.name != own.title {
-            let message = format!("joint {number} is `{}` here, and `{}` in the model's device `{}`", joint.name, own.title, device.id);
+            let message = format!(
+                "joint {number} is `{}` here, and `{}` in the model's device `{}`",
+                joint.name, own.title, device.id
+            );
             return Err(source.error(joint.place.clone(), message).help(REMEDY));
         }
         if joint.kind.is_angle() != (own.kind == JointKind::Revolute) {
-            let message = format!("joint `{}` turns or slides otherwise in the model's device `{}`", joint.name, device.id);
+            let message =
+                format!("joint `{}` turns or slides otherwise in the model's device `{}`", joint.name, device.id);
             return Err(source.error(joint.place.clone(), message).help(REMEDY));
         }
     }
@@ -174,7 +174,10 @@ fn refuse_other_frames(
     let is_known = |name: &str| draft.frames.iter().any(|frame| frame.name == name);
     match identified.bodies.keys().find(|name| !is_known(name)) {
         Some(name) => {
-            let message = format!("the model's device `{}` has a link at frame `{name}`, which is no link that moves here", device.id);
+            let message = format!(
+                "the model's device `{}` has a link at frame `{name}`, which is no link that moves here",
+                device.id
+            );
             Err(source.error(robot.place.clone(), message).help(REMEDY))
         }
         None => Ok(()),

@@ -50,12 +50,7 @@ pub struct CFunction {
 ///
 /// # Errors
 /// As [`crate::kernel`], [`crate::effect`] and [`crate::end_point`].
-pub fn c_kernels(
-    device: &Device,
-    free: &[usize],
-    effects: &[&Effect],
-    prefix: &str,
-) -> Result<CKernels, KernelError> {
+pub fn c_kernels(device: &Device, free: &[usize], effects: &[&Effect], prefix: &str) -> Result<CKernels, KernelError> {
     check_joints(device, free)?;
     let configuration = Configuration::new(&dynid_equations::by_recursion(device, free)?)?;
     let end_point = end_point::EndPoint::new(device)?;

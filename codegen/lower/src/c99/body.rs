@@ -11,11 +11,58 @@ use crate::{Node, Operation, Program};
 
 /// What no local variable may be called: words of C, and macros of `<math.h>` that look like variables.
 const TAKEN: [&str; 52] = [
-    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern", "float",
-    "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed", "sizeof",
-    "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "_Bool", "_Complex",
-    "_Imaginary", "asm", "near", "far", "NAN", "INFINITY", "HUGE_VAL", "EDOM", "ERANGE", "OVERFLOW", "UNDERFLOW",
-    "DOMAIN", "SING", "PLOSS", "TLOSS", "linux",
+    "auto",
+    "break",
+    "case",
+    "char",
+    "const",
+    "continue",
+    "default",
+    "do",
+    "double",
+    "else",
+    "enum",
+    "extern",
+    "float",
+    "for",
+    "goto",
+    "if",
+    "inline",
+    "int",
+    "long",
+    "register",
+    "restrict",
+    "return",
+    "short",
+    "signed",
+    "sizeof",
+    "static",
+    "struct",
+    "switch",
+    "typedef",
+    "union",
+    "unsigned",
+    "void",
+    "volatile",
+    "while",
+    "_Bool",
+    "_Complex",
+    "_Imaginary",
+    "asm",
+    "near",
+    "far",
+    "NAN",
+    "INFINITY",
+    "HUGE_VAL",
+    "EDOM",
+    "ERANGE",
+    "OVERFLOW",
+    "UNDERFLOW",
+    "DOMAIN",
+    "SING",
+    "PLOSS",
+    "TLOSS",
+    "linux",
 ];
 
 /// How tightly an expression binds.
@@ -145,7 +192,13 @@ impl<'a> Body<'a> {
         let results = self.function.results.iter().map(|own| own.name);
         let mut taken: BTreeSet<String> = arrays.chain(results).chain(TAKEN).map(str::to_owned).collect();
         let live = self.program.live();
-        let outputs: Vec<Node> = self.function.results.iter().flat_map(|own| &own.elements).filter_map(|output| self.program.find_output(output)).collect();
+        let outputs: Vec<Node> = self
+            .function
+            .results
+            .iter()
+            .flat_map(|own| &own.elements)
+            .filter_map(|output| self.program.find_output(output))
+            .collect();
         let mut uses: BTreeMap<Node, usize> = BTreeMap::new();
         let read = live.iter().flat_map(|node| self.program.operation_of(*node).operands());
         read.chain(outputs).for_each(|node| *uses.entry(node).or_default() += 1);

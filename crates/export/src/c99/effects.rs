@@ -104,8 +104,7 @@ fn write_law(
         }
     };
     let read = |own: Signal| element.uses.contains(own).then(|| of_signal(own).or_else(|| of_motion(own))).flatten();
-    let signals: Vec<String> =
-        SIGNALS.into_iter().map(|own| read(own).unwrap_or_else(|| "0.0".to_owned())).collect();
+    let signals: Vec<String> = SIGNALS.into_iter().map(|own| read(own).unwrap_or_else(|| "0.0".to_owned())).collect();
     let at = if element.joint.joint == NONE { String::new() } else { format!(" at joint {}", element.joint.joint) };
     let id = element.kernel.id;
     writeln!(text, "    {{ /* {}{at} */", one_line(id))?;

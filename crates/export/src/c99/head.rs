@@ -76,10 +76,7 @@ pub(super) const MODEL_FUNCTIONS: [(&str, &str); 7] = [
         "Accelerations of the free joints, and rates of the effects' states, under the commands of all joints and torques from outside (zeros without any). Together with dq they are the derivative of (q, dq, states).",
         "void PREFIX_model_accelerations(const double prepared[P], double t, const double q[N], const double dq[N], const double *states, const double command[J], const double external[N], double ddq[N], double *rates)",
     ),
-    (
-        "What the sensors show of the positions.",
-        "void PREFIX_measure(double t, const double q[N], double shown[N])",
-    ),
+    ("What the sensors show of the positions.", "void PREFIX_measure(double t, const double q[N], double shown[N])"),
 ];
 
 /// A head with its sizes.

@@ -30,9 +30,9 @@ impl<'a> Edits<'a> {
 
     /// Gives an attribute numbers, unless it has them already.
     pub fn set_numbers(&mut self, element: Node, attribute: &str, numbers: &[f64]) {
-        let stated = element.attribute(attribute).map(|text| {
-            text.split_whitespace().map(|word| word.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>()
-        });
+        let stated = element
+            .attribute(attribute)
+            .map(|text| text.split_whitespace().map(|word| word.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>());
         if stated.as_deref() != Some(numbers) {
             let words: Vec<String> = numbers.iter().map(|number| written(*number)).collect();
             self.set(element, attribute, &words.join(" "));

@@ -32,7 +32,8 @@ pub(super) fn compare(
     for posture in POSTURES {
         let (expected, found) = (poses(&other, posture), poses(device, posture));
         for frame in &draft.frames {
-            let place = robot.links.iter().find(|link| link.name == frame.name).map_or(&robot.place, |link| &link.place);
+            let place =
+                robot.links.iter().find(|link| link.name == frame.name).map_or(&robot.place, |link| &link.place);
             let Some(own) = found.get(frame.name.as_str()) else {
                 let message = format!("the model's device `{}` has no frame `{}`", device.id, frame.name);
                 return Err(source.error(place.clone(), message).help(REMEDY));
@@ -40,7 +41,10 @@ pub(super) fn compare(
             let between = expected[frame.name.as_str()].inverse() * own;
             let distance = between.translation.vector.norm().max(between.rotation.angle());
             if distance > EDITED || distance.is_nan() {
-                let message = format!("the model's device `{}` has frame `{}` elsewhere than this description", device.id, frame.name);
+                let message = format!(
+                    "the model's device `{}` has frame `{}` elsewhere than this description",
+                    device.id, frame.name
+                );
                 return Err(source.error(place.clone(), message).help(REMEDY));
             }
             farthest = farthest.max(distance);
@@ -63,8 +67,8 @@ fn poses(device: &Device, posture: f64) -> BTreeMap<&str, Isometry3<f64>> {
     let mut poses: Vec<Isometry3<f64>> = Vec::new();
     for frame in &device.frames {
         // The reader of device files lets no other symbols pass.
-        let [theta, d, a, alpha] =
-            [&frame.theta, &frame.d, &frame.a, &frame.alpha].map(|formula| formula.evaluate(&value).unwrap_or(f64::NAN));
+        let [theta, d, a, alpha] = [&frame.theta, &frame.d, &frame.a, &frame.alpha]
+            .map(|formula| formula.evaluate(&value).unwrap_or(f64::NAN));
         let about_z = along_and_about(Vector3::z_axis(), d, theta);
         let about_x = along_and_about(Vector3::x_axis(), a, alpha);
         let step = match device.convention {

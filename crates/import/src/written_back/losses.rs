@@ -74,12 +74,7 @@ pub(super) fn write(description: &mut Description, identified: &Identified) {
 }
 
 /// Which joints of the description get which value, where the sum is another than it states: the leader what its followers leave.
-fn divided(
-    description: &mut Description,
-    variable: usize,
-    values: &JointValues,
-    loss: &Loss,
-) -> Vec<(usize, f64)> {
+fn divided(description: &mut Description, variable: usize, values: &JointValues, loss: &Loss) -> Vec<(usize, f64)> {
     let value = (loss.value)(values);
     let stated = description.draft.effects.iter().find(|own| own.id == loss.effect && own.joint == variable);
     if stated.map_or(0.0, |own| own.value.value) == value {
@@ -115,7 +110,9 @@ fn write_joint(description: &mut Description, joint: usize, values: &[(&'static 
         return;
     }
     match child(element, "dynamics") {
-        Some(dynamics) => values.iter().for_each(|(attribute, value)| edits.set_numbers(dynamics, attribute, &[*value])),
+        Some(dynamics) => {
+            values.iter().for_each(|(attribute, value)| edits.set_numbers(dynamics, attribute, &[*value]))
+        }
         None => {
             let attributes: Vec<String> = values.iter().map(|(name, value)| format!("{name}=\"{value:?}\"")).collect();
             edits.add_child(element, &format!("<dynamics {}/>", attributes.join(" ")));

@@ -1,6 +1,7 @@
 //! `dynid export`: a model for other programs.
 
 use std::fmt::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{anyhow, bail};
@@ -110,6 +111,11 @@ fn refuse_what_does_not_go_together(arguments: &Arguments) -> anyhow::Result<()>
     }
     if *format != Format::Json && out.is_none() {
         bail!("--out is missing: name the file to write");
+    }
+    if let (Some(from), Some(out)) = (from, out)
+        && fs::canonicalize(from).is_ok_and(|from| fs::canonicalize(out).is_ok_and(|out| from == out))
+    {
+        bail!("--out {}: this is the file of --from, which stays as it is; choose another name", out.display());
     }
     Ok(())
 }

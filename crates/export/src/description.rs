@@ -57,6 +57,7 @@ pub fn as_description(model: &Model, format: Format, text: &str, path: &Path) ->
     };
     let Described { text, mut notes } = dynid_import::description_with(text, path, model.device, &identified)?;
     notes.extend(left_out(model, format));
+    notes.extend(not_alone(model));
     Ok(Exported { text, notes })
 }
 
@@ -117,6 +118,18 @@ fn left_out(model: &Model, format: Format) -> Vec<String> {
         }
     }
     notes
+}
+
+/// Logs determine some values only together with others.
+fn not_alone(model: &Model) -> Option<String> {
+    let names = model.fit.as_ref().map_or(&[][..], |fit| &fit.not_identifiable);
+    let count = names.iter().filter(|name| model.parameter(name).is_some()).count();
+    (count > 0).then(|| {
+        format!(
+            "values that the logs determined only together with others, not each by itself: {count} (`not alone` in \
+             `dynid table`)"
+        )
+    })
 }
 
 /// Whether an effect is where it vanishes.

@@ -17,7 +17,7 @@ pub(super) fn write_head(parts: &Parts, text: &mut String) -> std::fmt::Result {
     writeln!(text, " * free joints: {}", one_line(&joints(kernel.free)))?;
     writeln!(text, " * locked joints: {}", one_line(&joints(kernel.locked)))?;
     text.push_str(&ABOUT.replace("PREFIX", prefix).replace("GUARD", &guard));
-    writeln!(text, "#ifndef {guard}_H\n#define {guard}_H\n")?;
+    writeln!(text, "#ifndef {guard}_DYNAMICS_H\n#define {guard}_DYNAMICS_H\n")?;
     for (name, what, size) in [
         ("N_FREE", "free joints", system.n_free()),
         ("N_JOINTS", "joints", system.n_joints()),
@@ -47,7 +47,7 @@ pub(super) fn write_head(parts: &Parts, text: &mut String) -> std::fmt::Result {
     for (does, prototype) in MODEL_FUNCTIONS {
         writeln!(text, "/* {does} */\n{};\n", prototype_of(parts, prototype))?;
     }
-    writeln!(text, "#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {guard}_H */\n")
+    writeln!(text, "#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {guard}_DYNAMICS_H */\n")
 }
 
 /// Functions of the whole model: what they do, and their heads with `N` for the free joints, `J` for all and `P` for what is prepared.

@@ -22,7 +22,8 @@ impl<'a> Edits<'a> {
         match element.attribute_node(attribute) {
             Some(own) => self.parts.push((own.range_value(), value.to_owned())),
             None => {
-                let place = element.range().start + 1 + element.tag_name().name().len();
+                let after_name = element.range().start + 1 + element.tag_name().name().len();
+                let place = element.attributes().last().map_or(after_name, |last| last.range().end);
                 self.insert(place, &format!(" {attribute}=\"{value}\""));
             }
         }
@@ -132,7 +133,7 @@ mod tests {
         edits.set_numbers(links[1], "mass", &[2.0]);
         assert_eq!(
             edits.applied(),
-            "<robot>\n  <!-- a -->\n  <link  name='a' mass = \"1.50\" pose='0 0.1'><y/></link>\n  <link mass=\"2.0\" name=\"b\">\n    <y/>\n    <x/>\n  </link>\n</robot>\n"
+            "<robot>\n  <!-- a -->\n  <link  name='a' mass = \"1.50\" pose='0 0.1'><y/></link>\n  <link name=\"b\" mass=\"2.0\">\n    <y/>\n    <x/>\n  </link>\n</robot>\n"
         );
         let mut edits = Edits::new(text);
         edits.remove_attribute(links[0], "mass");

@@ -71,7 +71,12 @@ fn a_urdf_has_the_models_values_and_its_own_text() {
     <inertia ixx="0.0010391585119156638" ixy="0.000244379031137602" ixz="0" iyy="0.0072825081547510054" iyz="0" izz="0.007321666666666665"/>
     "#);
     assert!(refused(&folder, &export).contains("identified.urdf exists already and is kept"));
-    dynid(&folder, &[&export[..], &["--force"]].concat());
+    let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
+    let said = dynid(&folder, &[&export[..], &["--force"]].concat());
+    let changed = changed_lines(&text(&folder, "arm.urdf"), &text(&folder, "identified.urdf"));
+    for shown in [said.trim_end(), &changed] {
+        assert!(readme.contains(shown), "the README shows something else than\n{shown}");
+    }
 
     // What is imported again has the model's values.
     dynid(&folder, &["device", "import", "identified.urdf", "--out", "again.toml"]);

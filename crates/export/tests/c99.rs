@@ -106,6 +106,7 @@ impl Calls {
     }
 }
 
+#[derive(Clone, Copy)]
 enum Argument<'a> {
     Text(&'a str),
     Number(f64),
@@ -243,29 +244,21 @@ fn assert_model_is_the_same(model: &Model, free: &[usize]) {
         let mut dx = vec![0.0; x.len()];
         system.derivative_under(&mut scratch, t, &x, &command, &external, &mut dx);
         let motion = [Number(t), Array(q), Array(dq), Array(states)];
-        let [t_, q_, dq_, states_] = &motion;
-        let given = [&Text("prepared"), t_, q_, dq_, states_, &Array(&command), &Array(&external)].map(copied);
+        let [t_, q_, dq_, states_] = motion;
+        let given = [Text("prepared"), t_, q_, dq_, states_, Array(&command), Array(&external)];
         calls.call("model_accelerations", &given, &[&dx[n..2 * n], &dx[2 * n..]]);
         system.effects_alone(&mut scratch, t, &x, &command, &mut dx);
         let drive = scratch.drive.clone();
         let mut torque = vec![0.0; n];
         system.missing_torque(&mut scratch, t, (&x, &ddq), &command, &mut dx, &mut torque);
         torque.iter_mut().zip(&drive).for_each(|(torque, drive)| *torque += drive);
-        let given = [&Text("prepared"), t_, q_, dq_, &Array(&ddq), states_, &Array(&drive)].map(copied);
+        let given = [Text("prepared"), t_, q_, dq_, Array(&ddq), states_, Array(&drive)];
         calls.call("model_torque", &given, &[&torque]);
         let mut shown = vec![0.0; n];
         system.measure(t, &x, &mut shown);
         calls.call("measure", &[Number(t), Array(q)], &[&shown]);
     }
     calls.check(&as_c99(model, free, &posture).unwrap().text);
-}
-
-fn copied<'a>(argument: &Argument<'a>) -> Argument<'a> {
-    match *argument {
-        Text(text) => Text(text),
-        Number(number) => Number(number),
-        Array(values) => Array(values),
-    }
 }
 
 /// Each effect of the library alone, at either joint and with the other one locked.

@@ -23,7 +23,7 @@ impl<'a> Edits<'a> {
             Some(own) => self.parts.push((own.range_value(), value.to_owned())),
             None => {
                 let after_name = element.range().start + 1 + element.tag_name().name().len();
-                let place = element.attributes().last().map_or(after_name, |last| last.range().end);
+                let place = element.attributes().next_back().map_or(after_name, |last| last.range().end);
                 self.insert(place, &format!(" {attribute}=\"{value}\""));
             }
         }

@@ -1,7 +1,7 @@
 //! From programs to C99 that needs `<math.h>` and nothing else.
 //!
 //! [`prototype`] and [`definition`] write a [`Function`]: straight-line code over doubles, the operations and their order those of the
-//! emitted Rust. [`runtime`] writes what such functions call: sines, cosines and exponentials by the polynomials of
+//! emitted Rust. [`runtime()`] writes what such functions call: sines, cosines and exponentials by the polynomials of
 //! `dynid-generated`, so that both languages give the same bits where the compiler contracts no operations.
 //!
 //! Every identifier of file scope begins with a prefix of the caller's, so that several files can be linked, or included, together.

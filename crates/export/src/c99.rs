@@ -72,7 +72,7 @@ fn write(parts: &Parts, text: &mut String) -> std::fmt::Result {
     writeln!(text, "{}", kernels.helpers)?;
     section("The equations of motion of the rigid bodies.", text)?;
     for own in kernels.equations.iter().chain(&kernels.end_point) {
-        write_function(own, text)?;
+        unless_left_out(own, &guard, text, |text| write_function(own, text))?;
     }
     write_values(parts, text)?;
     section("Laws of effects: outputs and rates of states from parameters, signals and states.", text)?;
@@ -86,6 +86,24 @@ fn write(parts: &Parts, text: &mut String) -> std::fmt::Result {
 
 fn section(title: &str, text: &mut String) -> std::fmt::Result {
     writeln!(text, "/* --- {title} {} */\n", "-".repeat(104_usize.saturating_sub(title.len())))
+}
+
+/// What no torque needs and what compilers take most time for: derivatives, and the matrix that is one.
+const DERIVATIVES: [&str; 3] = ["coriolis", "regressor", "inverse_dynamics_gradient"];
+
+/// Lets whoever compiles the file leave derivatives out.
+fn unless_left_out(
+    function: &CFunction,
+    guard: &str,
+    text: &mut String,
+    write: impl FnOnce(&mut String) -> std::fmt::Result,
+) -> std::fmt::Result {
+    if !DERIVATIVES.iter().any(|name| function.name.ends_with(&format!("_{name}"))) {
+        return write(text);
+    }
+    writeln!(text, "#ifndef {guard}_WITHOUT_DERIVATIVES")?;
+    write(text)?;
+    writeln!(text, "#endif\n")
 }
 
 fn write_function(function: &CFunction, text: &mut String) -> std::fmt::Result {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Parts, one_line};
+use super::{Parts, one_line, unless_left_out};
 
 pub(super) fn write_head(parts: &Parts, text: &mut String) -> std::fmt::Result {
     let Parts { model, system, kernels, prefix } = parts;
@@ -31,7 +31,9 @@ pub(super) fn write_head(parts: &Parts, text: &mut String) -> std::fmt::Result {
     }
     writeln!(text, "\n#ifdef __cplusplus\nextern \"C\" {{\n#endif\n")?;
     for own in kernels.equations.iter().chain(&kernels.end_point) {
-        writeln!(text, "/* {} */\n{};\n", one_line(&own.title), own.prototype)?;
+        unless_left_out(own, &guard, text, |text| {
+            writeln!(text, "/* {} */\n{};\n", one_line(&own.title), own.prototype)
+        })?;
     }
     let lengths = [
         ("parameters", kernels.parameters.len()),
@@ -93,6 +95,8 @@ const ABOUT: &str = " *
  * Other files get the declarations from the same file:
  *     #define GUARD_DECLARATIONS_ONLY
  *     #include \"PREFIX.c\"
+ * Of a robot of many joints, -DGUARD_WITHOUT_DERIVATIVES leaves out what takes compilers long: PREFIX_coriolis, PREFIX_regressor and
+ * PREFIX_inverse_dynamics_gradient.
  * Without -std=c99 (or with -ffast-math) compilers contract or reorder operations: results then differ in the last digits.
  *
  * Units are SI: rad, rad/s, rad/s^2 and N*m of revolute joints; m, m/s, m/s^2 and N of prismatic ones; commands as they were

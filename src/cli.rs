@@ -10,6 +10,7 @@ mod device;
 mod devices;
 mod diagnose;
 mod excite;
+mod export;
 mod fit;
 mod inputs;
 mod interrupt;
@@ -58,6 +59,7 @@ The loop, all of it plain files:
   dynid report   experiment.toml fitted.toml --out report.html   one page that opens with no network
   dynid table    believed.toml fitted.toml                       parameters side by side, with their errors
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
+  dynid export   fitted.toml --as c --out robot.c                for other programs: also URDF, MJCF, JSON
   dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
 
 A robot of your own? `dynid device import robot.urdf --out robot.toml`, or `dynid devices --help`.
@@ -96,6 +98,8 @@ enum Verb {
     Table(tabulate::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
     Tour(tour::Arguments),
+    /// A model for other programs: URDF, MJCF, C or JSON.
+    Export(export::Arguments),
     /// Touch a virtual wall: walls under many hands, and better walls.
     Wall(wall::Arguments),
 }
@@ -142,6 +146,7 @@ impl Verb {
             Verb::Compare(own) => model_and_experiment(&own.model, &own.experiment),
             Verb::Diagnose(own) => model_and_experiment(&own.model, &own.experiment),
             Verb::Add(own) => vec![&own.model],
+            Verb::Export(own) => vec![&own.model],
             Verb::Ladder(own) => paths(&own.models).chain([own.experiment.as_path()]).collect(),
             Verb::Report(own) => paths(&own.models).chain([own.experiment.as_path()]).collect(),
             Verb::Table(own) => paths(&own.models).collect(),
@@ -179,6 +184,7 @@ fn run(verb: &Verb) -> anyhow::Result<Outcome> {
         Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
         Verb::Tour(arguments) => tour::run(arguments),
+        Verb::Export(arguments) => export::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),
     }
 }

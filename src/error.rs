@@ -5,6 +5,7 @@ use dynid_diagnose::DiagnoseError;
 use std::path::PathBuf;
 
 use dynid_dynamics::{kinematics::KinematicsError, simulate::SimulationError, system::SystemError};
+use dynid_export::ExportError;
 use dynid_files::{DocumentError, FileError};
 use dynid_format::{UnknownName, number};
 use dynid_identify::{FitError, checkpoint::CheckpointError};
@@ -66,6 +67,9 @@ pub enum Error {
     /// A comparison that cannot be made.
     #[error(transparent)]
     Compare(#[from] CompareError),
+    /// A model that does not go into a description.
+    #[error(transparent)]
+    Export(#[from] ExportError),
     /// A diagnosis that cannot be made, or was stopped.
     #[error(transparent)]
     Diagnose(#[from] DiagnoseError),

@@ -11,6 +11,7 @@
 //! | [`ladder()`] | the models of a lineage on the same runs |
 //! | [`simulate()`] | the positions that a model shows under the logged torques |
 //! | [`report()`] | one page with all that is known |
+//! | [`as_description()`], [`as_c99()`], [`as_json()`] | the model for other programs |
 //!
 //! Each takes a [`Model`], an [`Experiment`] (logs and what was free in each) and one struct of settings, whose default is what
 //! `dynid` on the command line does. Each reports its progress to a function of yours, which may stop it. A real-time control loop
@@ -68,6 +69,7 @@ pub use dynid_logs::experiment::{Experiment, Role, Run};
 pub use dynid_sentences as sentences;
 
 /// Device files from other descriptions of robots.
+pub use dynid_export::{ExportError, Exported, Format as DescriptionFormat, as_c99, as_description, as_json};
 pub use dynid_import::{Imported, device_from_description};
 pub use dynid_model::{Device, add_effects, device, device_named, devices};
 pub use dynid_user_model::{Added, Model};

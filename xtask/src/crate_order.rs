@@ -23,7 +23,7 @@ const LAYERS: &[&[(&str, &str)]] = &[
     ],
     &[
         ("dynid-files", "reading and writing whole files"),
-        ("dynid-lower", "named equations and effects to Rust"),
+        ("dynid-lower", "named equations and effects to Rust and C"),
         ("dynid-plant", "an independent derivation, which tests are made of"),
         ("dynid-format", "how numbers and names are written for people"),
     ],
@@ -35,12 +35,13 @@ const LAYERS: &[&[(&str, &str)]] = &[
     ],
     &[("dynid-kernels", "the kernels of any device, free joints and effect: compiled in, or made")],
     &[
-        ("dynid-import", "other descriptions of robots to device files"),
+        ("dynid-import", "other descriptions of robots to device files, and values back into them"),
         ("dynid-control", "what a real-time loop links"),
         ("dynid-logs", "experiments and their logs"),
         ("dynid-user-model", "the user's model: effects, values, and the record of its fit"),
     ],
     &[
+        ("dynid-export", "the user's model to what other programs read"),
         ("dynid-haptics", "virtual walls under simulated hands"),
         ("dynid-plan", "what the configurations of a device reveal"),
         ("dynid-torque", "the torque of a measured motion"),

@@ -1,9 +1,10 @@
-//! Code generation without computer algebra: from named equations (`.kir`) and formulas of effects to Rust kernels.
+//! Code generation without computer algebra: from named equations (`.kir`) and formulas of effects to kernels in Rust and C.
 //!
 //! [`Program`] is a shared graph of scalar operations; [`Kir`] is its text, which people review; the module [`kir`] describes the
 //! format. [`kernel::Configuration`] makes the programs of a configuration's kernels, [`effect::EffectKernels`] those of an effect,
-//! [`end_point::EndPoint`] those of a device's kinematics; [`emit`] writes them as Rust.
+//! [`end_point::EndPoint`] those of a device's kinematics; [`emit`] writes them as Rust, [`c99`] as C.
 
+pub mod c99;
 pub mod effect;
 pub mod emit;
 pub mod end_point;

@@ -16,6 +16,7 @@ mod delay;
 mod effects;
 mod feedforward;
 mod linear;
+mod parts;
 mod solve;
 mod switch;
 
@@ -24,6 +25,7 @@ pub use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub use feedforward::InverseError;
 pub use linear::{Linear, fastest_rate};
+pub use parts::Part;
 pub use solve::substitute;
 pub use switch::Switch;
 

@@ -18,9 +18,9 @@ use crate::{
 /// Where a link ended up: the frame that it moves with (none: it stands still), its pose there, and how many fixed joints lie
 /// between.
 #[derive(Debug, Clone)]
-struct Seat {
-    frame: Option<usize>,
-    pose: Pose,
+pub(crate) struct Seat {
+    pub frame: Option<usize>,
+    pub pose: Pose,
     fixed_depth: usize,
 }
 
@@ -73,7 +73,7 @@ pub(crate) fn draft(source: &Source, robot: &Robot, tree: &Tree, end_point: Opti
 }
 
 /// A frame for each joint that moves, parents first, and the seat of every link.
-fn frames(robot: &Robot, tree: &Tree, motions: &Motions) -> (Vec<Frame>, Vec<Seat>) {
+pub(crate) fn frames(robot: &Robot, tree: &Tree, motions: &Motions) -> (Vec<Frame>, Vec<Seat>) {
     let root = Seat { frame: None, pose: Pose::identity(), fixed_depth: 0 };
     let mut seats = vec![root; robot.links.len()];
     let mut frames: Vec<Frame> = Vec::new();

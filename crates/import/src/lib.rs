@@ -14,6 +14,8 @@
 //! [`device_from_mjcf`] does the same for MuJoCo's format: hinges, slides and explicit `<inertial>`s; several joints of a body get frames
 //! without a link between them.
 //!
+//! [`description_with`] goes the other way: identified values into a copy of the description that a device was imported from.
+//!
 //! What is wrong is an error that points at the line of the description. Whatever is guessed, changed or left out is in
 //! [`Imported::notes`] and stands at the head of the device file.
 
@@ -29,11 +31,35 @@ mod pose;
 mod tree;
 mod urdf;
 mod write;
+mod written_back;
 mod xml;
 
 use std::path::Path;
 
-use dynid_model::{ModelError, Source};
+use dynid_model::{Device, ModelError, Source};
+
+pub use written_back::{Described, Identified, JointValues};
+
+/// A format of robot descriptions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// That of ROS.
+    Urdf,
+    /// That of MuJoCo.
+    Mjcf,
+}
+
+impl Format {
+    /// That of a description, as its root element says; a URDF where nothing says so.
+    pub fn of(text: &str, path: &Path) -> Self {
+        let tolerant = xml::tolerant(&Source::new(path, text));
+        let is_mjcf = tolerant.is_ok_and(|text| {
+            roxmltree::Document::parse(&text)
+                .is_ok_and(|document| document.root_element().tag_name().name() == "mujoco")
+        });
+        if is_mjcf { Self::Mjcf } else { Self::Urdf }
+    }
+}
 
 /// A device file, and what its makers should know about it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -71,12 +97,24 @@ pub fn device_from_mjcf(text: &str, path: &Path) -> Result<Imported, ModelError>
 /// As [`device_from_urdf`] and [`device_from_mjcf`]; an end point that is no link that moves.
 pub fn device_from_description(text: &str, path: &Path, end_point: Option<&str>) -> Result<Imported, ModelError> {
     let source = Source::new(path, text);
-    let tolerant = xml::tolerant(&source);
-    let is_mjcf = tolerant.is_ok_and(|text| {
-        roxmltree::Document::parse(&text).is_ok_and(|document| document.root_element().tag_name().name() == "mujoco")
-    });
-    let robot = if is_mjcf { mjcf::read(&source)? } else { urdf::read(&source)? };
+    let robot = match Format::of(text, path) {
+        Format::Mjcf => mjcf::read(&source)?,
+        Format::Urdf => urdf::read(&source)?,
+    };
     imported(&source, &robot, end_point)
+}
+
+/// The description `text`, which lies at `path` and which `device` was imported from, with other values; all other text stays.
+///
+/// # Errors
+/// What is wrong in the description, or where it is none of this device.
+pub fn description_with(
+    text: &str,
+    path: &Path,
+    device: &Device,
+    identified: &Identified,
+) -> Result<Described, ModelError> {
+    written_back::written_back(&Source::new(path, text), Format::of(text, path), device, identified)
 }
 
 fn imported(source: &Source, robot: &urdf::Robot, end_point: Option<&str>) -> Result<Imported, ModelError> {

@@ -72,14 +72,14 @@ pub(crate) fn read(source: &Source) -> Result<Robot, ModelError> {
 }
 
 /// `<compiler>`
-struct Conventions {
-    radians_per_angle: f64,
+pub(crate) struct Conventions {
+    pub radians_per_angle: f64,
     euler: String,
     ranges_are_limits: bool,
 }
 
 impl Conventions {
-    fn read(source: &Source, root: Node) -> Result<Self, ModelError> {
+    pub fn read(source: &Source, root: Node) -> Result<Self, ModelError> {
         let compilers: Vec<Node> = root.children().filter(|node| node.has_tag_name("compiler")).collect();
         let find = |key: &str| compilers.iter().rev().find_map(|node| node.attribute_node(key));
         let refuse = |key: &str, value: &str, message: &str, remedy: &str| match find(key) {
@@ -310,6 +310,7 @@ impl<'a> Reader<'a> {
             damping: number("damping")?,
             friction: number("frictionloss")?,
             rotor: number("armature")?,
+            stiffness: number("stiffness")?,
             ..fixed(from, to, origin, place)
         }
         .named(name))
@@ -403,6 +404,7 @@ fn fixed(from: &str, to: &str, origin: Origin, place: Range<usize>) -> Joint {
         damping: None,
         friction: None,
         rotor: None,
+        stiffness: None,
         mimic: None,
         place,
     }

@@ -68,6 +68,8 @@ pub(crate) struct Joint {
     pub friction: Option<Number>,
     /// Inertia of what turns with the joint but is no part of its link.
     pub rotor: Option<Number>,
+    /// Of a spring at the joint.
+    pub stiffness: Option<Number>,
     pub mimic: Option<Mimic>,
     pub place: Range<usize>,
 }
@@ -307,6 +309,7 @@ fn read_joint(source: &Source, node: Node) -> Result<Joint, ModelError> {
         damping,
         friction,
         rotor: None,
+        stiffness: None,
         mimic: mimic.transpose()?,
         place: tag(node),
     })

@@ -5,6 +5,7 @@
 //! | the equations of a device with these joints free | [`kernel`] |
 //! | an effect's functions | [`effect`] |
 //! | where the end point is and how it moves | [`end_point`] |
+//! | all of these as C99, for other programs | [`c_kernels`] |
 //!
 //! What ships is compiled in (`dynid-generated`). Everything else is made here when it is first asked for, from the same
 //! programs: equations by the recursion (`dynid-equations`), kernels from them (`dynid-lower`), machine code of those functions that
@@ -13,6 +14,7 @@
 //! What was made stays until the process ends: a process works with few devices.
 
 mod appearing;
+mod c99;
 mod made;
 
 use std::{
@@ -26,6 +28,8 @@ use dynid_equations::DeriveError;
 use dynid_generated::{EffectKernel, EndPoint, Kernel};
 use dynid_lower::{effect::UnknownSymbol, end_point::NoChain, kernel::MissingOutput};
 use dynid_model::{Device, Effect};
+
+pub use c99::{CFunction, CKernels, c_kernels, c_number};
 
 /// Why there are no kernels.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -61,10 +65,7 @@ pub enum KernelError {
 /// Joints that the device does not have, or a frames table without equations.
 pub fn kernel(device: &'static Device, free: &[usize]) -> Result<&'static Kernel, KernelError> {
     static MADE: Made<(usize, Vec<usize>), Kernel> = Made::new();
-    let n_joints = device.joints.len();
-    if free.is_empty() || !free.is_sorted_by(|a, b| a < b) || free.iter().any(|&joint| joint >= n_joints) {
-        return Err(KernelError::NoSuchJoints { device: device.id.clone(), free: free.to_vec(), n_joints });
-    }
+    check_joints(device, free)?;
     let number = device.configuration_of(free).filter(|_| ships(device));
     if let Some(compiled_in) = number.and_then(|number| dynid_generated::kernel(&device.id, number)) {
         return Ok(compiled_in);
@@ -100,6 +101,14 @@ pub fn end_point(device: &'static Device) -> Result<Option<&'static EndPoint>, K
 /// executable memory.
 pub fn are_interpreted() -> bool {
     made::INTERPRETED.load(Ordering::Relaxed)
+}
+
+fn check_joints(device: &Device, free: &[usize]) -> Result<(), KernelError> {
+    let n_joints = device.joints.len();
+    if free.is_empty() || !free.is_sorted_by(|a, b| a < b) || free.iter().any(|&joint| joint >= n_joints) {
+        return Err(KernelError::NoSuchJoints { device: device.id.clone(), free: free.to_vec(), n_joints });
+    }
+    Ok(())
 }
 
 /// Whether the device is one of the library's, for which everything is compiled in. A user's file may have the same id.

@@ -28,7 +28,7 @@ pub struct Other {
 }
 
 /// What the other program says of each file; `None` where it is not there.
-fn asked(other: &Other, files: &[PathBuf]) -> Option<Vec<Value>> {
+pub fn asked(other: &Other, files: &[PathBuf]) -> Option<Vec<Value>> {
     let python = std::env::var("DYNID_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let Other { module, package, script, .. } = other;
     let is_there = Command::new(&python).args(["-c", &format!("import {module}, numpy")]).output();

@@ -260,7 +260,7 @@ impl<'a> Header<'a> {
             (lacks(own), stands(own), rank(group), group.unknown.len(), group.origin == Origin::Commanded)
         };
         let in_order = || self.in_order(groups);
-        let Some((_, mut best)) = all.iter().min_by_key(key).cloned() else { return in_order() };
+        let Some((group, mut best)) = all.iter().min_by_key(key).cloned() else { return in_order() };
         if lacks(&best) > 0
             && let Some(ordered) = in_order()
         {
@@ -268,7 +268,8 @@ impl<'a> Header<'a> {
         }
         for (joint, others) in best.others.iter_mut().enumerate() {
             let own = best.places[joint].as_ref().map(|(place, _)| *place);
-            let of_joint = all.iter().filter_map(|(_, other)| other.places[joint].as_ref().map(|(place, _)| *place));
+            let as_clear = all.iter().filter(|(other, _)| other.unknown.len() <= group.unknown.len());
+            let of_joint = as_clear.filter_map(|(_, other)| other.places[joint].as_ref().map(|(place, _)| *place));
             *others = of_joint.filter(|place| Some(*place) != own).collect();
         }
         Some(best)

@@ -36,10 +36,17 @@ pub(crate) fn apply(
             guess.is_straight = true;
             runs.iter_mut().for_each(|run| run.settings.intersample = Intersample::FirstOrder);
         } else {
-            guess.findings = findings;
+            guess.findings = findings.into_iter().filter(|own| is_open(guess, own)).collect();
             return Ok(());
         }
     }
+}
+
+/// Whether a finding still asks something: a position whose unit was found is not in degrees once more.
+fn is_open(guess: &FirstGuess, finding: &Finding) -> bool {
+    let is_decided =
+        |column: &ColumnGuess| column.kind() == "q" && column.joint() == finding.joint && !column.factors.is_empty();
+    !(matches!(finding.kind, FindingKind::Degrees { .. }) && guess.columns.iter().any(is_decided))
 }
 
 /// Factors on columns of the project's names.

@@ -132,8 +132,10 @@ pub struct RunGuess {
     pub log: usize,
     /// Its rows, to excluded; `None` for all.
     pub rows: Option<[usize; 2]>,
-    /// The joints that move, ascending.
+    /// The free joints, ascending.
     pub free: Vec<usize>,
+    /// Why they are.
+    pub why_free: WhyFree,
     /// What it is for.
     #[serde(serialize_with = "as_text")]
     pub role: Role,
@@ -149,6 +151,16 @@ pub struct RunGuess {
     pub rate_hz: f64,
 }
 
+/// Why joints are taken for free.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WhyFree {
+    /// A person said so.
+    Said,
+    /// They move by more than their noise.
+    Moves,
+}
+
 /// Why a run is for fitting or held out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
@@ -158,7 +170,7 @@ pub enum RoleReason {
         /// The word that does.
         word: String,
     },
-    /// Of several logs the last ones, about a fifth, are held out.
+    /// Of several logs in which the same joints are free the last ones, about a fifth, are held out.
     Last,
     /// Of a single log the last quarter is held out.
     LastQuarter,

@@ -27,7 +27,7 @@ use dynid_logs::log::LogError;
 use dynid_model::Device;
 use serde::Serialize;
 
-pub use guess::{ColumnGuess, Factor, FactorReason, Remark, RoleReason, RunGuess, WhyColumn};
+pub use guess::{ColumnGuess, Factor, FactorReason, Remark, RoleReason, RunGuess, WhyColumn, WhyFree};
 pub use names::Quantity;
 
 /// What a person knows better.
@@ -221,7 +221,8 @@ pub fn first_guess(device: &'static Device, logs: &[PathBuf], known: &Known) -> 
     };
     let mut read = runs::read(device, &tables, &guess, &chosen.free)?;
     corrections::apply(device, &mut read, &mut guess, chosen.torque)?;
-    guess.runs = runs::guess(&tables, &read);
+    let why_free = if known.free.is_some() { WhyFree::Said } else { WhyFree::Moves };
+    guess.runs = runs::guess(&tables, &read, why_free);
     Ok(guess)
 }
 

@@ -1,5 +1,6 @@
 //! The logs as runs: in SI, which begin in motion, which are held out.
 
+use std::ops::Range;
 use std::path::Path;
 
 use dynid_logs::experiment::{Role, Run, Settings};
@@ -8,7 +9,7 @@ use dynid_logs::noise::noise_of_log;
 use dynid_logs::part::LEAST_SAMPLES;
 use dynid_model::Device;
 
-use crate::guess::{RoleReason, RunGuess};
+use crate::guess::{RoleReason, RunGuess, WhyFree};
 use crate::names::words;
 use crate::table::Table;
 use crate::{FirstGuess, FirstGuessError};
@@ -39,7 +40,7 @@ pub(crate) fn read(
             has_controller: false,
         };
         Ok(Run {
-            file: table.path.display().to_string(),
+            file: table.name(),
             role: Role::Fit,
             configuration: device.configuration_of(free).unwrap_or(device.configurations.len() + 1),
             free: free.clone(),
@@ -51,8 +52,10 @@ pub(crate) fn read(
 }
 
 /// What each run is for.
-pub(crate) fn guess(tables: &[Table], runs: &[Run]) -> Vec<RunGuess> {
-    let whole = |log: usize, role: Role, why: RoleReason| of_part(log, &runs[log], None, 0, role, why);
+pub(crate) fn guess(tables: &[Table], runs: &[Run], why_free: WhyFree) -> Vec<RunGuess> {
+    let whole = |log: usize, role: Role, why: RoleReason| {
+        of_part((log, &runs[log]), None, 0..runs[log].log.len(), (role, why), why_free)
+    };
     if let [run] = runs {
         let n_rows = tables[0].columns[0].len();
         let from = n_rows - n_rows / 4;
@@ -60,10 +63,10 @@ pub(crate) fn guess(tables: &[Table], runs: &[Run]) -> Vec<RunGuess> {
         if !is_worth_parting(run, sample) {
             return vec![whole(0, Role::Fit, RoleReason::NothingToHoldOut)];
         }
-        let part = |rows, sample, role, why| of_part(0, run, Some(rows), sample, role, why);
+        let part = |rows, samples, role, why| of_part((0, run), Some(rows), samples, (role, why), why_free);
         return vec![
-            part([0, from], 0, Role::Fit, RoleReason::Rest),
-            part([from, n_rows], sample, Role::Validate, RoleReason::LastQuarter),
+            part([0, from], 0..sample, Role::Fit, RoleReason::Rest),
+            part([from, n_rows], sample..run.log.len(), Role::Validate, RoleReason::LastQuarter),
         ];
     }
     let named: Vec<Option<(Role, String)>> = tables.iter().map(|table| named_role(&table.path)).collect();
@@ -85,13 +88,31 @@ pub(crate) fn guess(tables: &[Table], runs: &[Run]) -> Vec<RunGuess> {
         .collect()
 }
 
-fn of_part(log: usize, run: &Run, rows: Option<[usize; 2]>, from: usize, role: Role, why: RoleReason) -> RunGuess {
+/// The samples of a log that stand in these rows.
+fn of_part(
+    (log, run): (usize, &Run),
+    rows: Option<[usize; 2]>,
+    samples: Range<usize>,
+    (role, why): (Role, RoleReason),
+    why_free: WhyFree,
+) -> RunGuess {
     let t = &run.log.t;
-    let to = if rows.is_some_and(|rows| rows[0] == 0) { t.len() * 3 / 4 } else { t.len() };
-    let moving = run.free.iter().any(|&joint| begins_in_motion(&t[from..to], &run.log.q[joint][from..to]));
-    let duration_s = t[to - 1] - t[from];
+    let moving =
+        run.free.iter().any(|&joint| begins_in_motion(&t[samples.clone()], &run.log.q[joint][samples.clone()]));
+    let duration_s = t[samples.end - 1] - t[samples.start];
     let rate_hz = 1.0 / run.log.sample_time();
-    RunGuess { log, rows, free: run.free.clone(), role, why, moving, n_samples: to - from, duration_s, rate_hz }
+    RunGuess {
+        log,
+        rows,
+        free: run.free.clone(),
+        why_free,
+        role,
+        why,
+        moving,
+        n_samples: samples.len(),
+        duration_s,
+        rate_hz,
+    }
 }
 
 /// What the name of a file says of its use.
@@ -107,17 +128,23 @@ fn named_role(path: &Path) -> Option<(Role, String)> {
     find(Role::Validate, &HELD_OUT).or_else(|| find(Role::Fit, &FOR_FIT))
 }
 
-/// The last runs, about a fifth, whose free joints the others free as well.
+/// Of the runs with the same free joints the last ones, about a fifth. Where all have others free, the last one whose joints
+/// the rest frees as well.
 fn last_fifth(runs: &[Run]) -> Vec<usize> {
-    let wanted = (runs.len() / 5).max(1);
     let mut held_out: Vec<usize> = Vec::new();
-    for log in (0..runs.len()).rev() {
-        let others = |joint: &usize| {
-            (0..runs.len()).any(|other| other != log && !held_out.contains(&other) && runs[other].free.contains(joint))
-        };
-        if held_out.len() < wanted && runs[log].free.iter().all(others) {
+    for (log, run) in runs.iter().enumerate() {
+        let alike: Vec<usize> = (0..runs.len()).filter(|other| runs[*other].free == run.free).collect();
+        let wanted = if alike.len() > 1 { (alike.len() / 5).max(1) } else { 0 };
+        if alike[alike.len() - wanted..].contains(&log) {
             held_out.push(log);
         }
+    }
+    if held_out.is_empty() {
+        let is_freed_elsewhere =
+            |log: usize, joint: &usize| (0..runs.len()).any(|other| other != log && runs[other].free.contains(joint));
+        let last =
+            (0..runs.len()).rev().find(|log| runs[*log].free.iter().all(|joint| is_freed_elsewhere(*log, joint)));
+        held_out.extend(last);
     }
     held_out
 }
@@ -135,24 +162,27 @@ fn is_worth_parting(run: &Run, at: usize) -> bool {
     run.log.len() - at >= LEAST_SAMPLES && at >= LEAST_SAMPLES && run.free.iter().all(moves)
 }
 
-/// Whether a position changes from the first sample on: the slope at the beginning of the parabola through the means of
-/// three blocks, `(-2 a + 3 b - c) / h` for blocks `h` apart, against its noise and the speed of the whole.
+/// Whether a position changes from the first sample on: the slope at the beginning of the cubic through the means of four
+/// blocks, `(-71 a + 141 b - 93 c + 23 d) / (24 h)` for blocks `h` apart, against its noise and the speed of the whole. A
+/// motion from rest, by a torque that begins as a straight line, has none.
 fn begins_in_motion(t: &[f64], q: &[f64]) -> bool {
     /// A block's length (s), and in samples at least.
     const BLOCK_S: f64 = 0.01;
-    const LEAST: usize = 4;
+    const LEAST: usize = 2;
+    const WEIGHTS: [f64; 4] = [-71.0 / 24.0, 141.0 / 24.0, -93.0 / 24.0, 23.0 / 24.0];
     /// The slope must exceed so many of its standard deviations, and this share of the typical speed.
     const SURE: f64 = 6.0;
-    const SHARE: f64 = 0.05;
+    const SHARE: f64 = 0.1;
     let step = dynid_signal::median_step(t);
     let block = ((BLOCK_S / step) as usize).max(LEAST);
-    if q.len() < 4 * block {
+    if q.len() < 8 * block {
         return false;
     }
-    let mean = |from: usize| q[from..from + block].iter().sum::<f64>() / block as f64;
     let h = block as f64 * step;
-    let slope = (-2.0 * mean(0) + 3.0 * mean(block) - mean(2 * block)) / h;
-    let noise = noise_of_log(q) * (14.0 / block as f64).sqrt() / h;
+    let mean = |block: &[f64]| block.iter().sum::<f64>() / block.len() as f64;
+    let slope = q.chunks(block).zip(WEIGHTS).map(|(block, weight)| weight * mean(block)).sum::<f64>() / h;
+    let size = WEIGHTS.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+    let noise = noise_of_log(q) * size / (block as f64).sqrt() / h;
     let speeds: Vec<f64> = (0..q.len() - block).step_by(block).map(|k| (q[k + block] - q[k]) / h).collect();
     let typical = (speeds.iter().map(|speed| speed * speed).sum::<f64>() / speeds.len() as f64).sqrt();
     slope.abs() > SURE * noise && slope.abs() > SHARE * typical
@@ -177,5 +207,7 @@ mod tests {
         let swing = |phase: f64| -> Vec<f64> { t.iter().map(|t| 0.3 * (5.0 * t + phase).sin()).collect() };
         assert!(begins_in_motion(&t, &swing(0.0)), "at full speed");
         assert!(!begins_in_motion(&t, &swing(0.5 * std::f64::consts::PI)), "at a turning point");
+        let pushed: Vec<f64> = t.iter().map(|t| 2.0 * t * t + 5.0 * t.powi(3)).collect();
+        assert!(!begins_in_motion(&t, &pushed), "from rest, by a torque that rises");
     }
 }

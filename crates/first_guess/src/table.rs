@@ -22,6 +22,11 @@ impl Table {
         Some(&self.columns[place])
     }
 
+    /// The name of its file, for messages.
+    pub fn name(&self) -> String {
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
     /// The header, for messages.
     pub fn header(&self) -> String {
         self.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")

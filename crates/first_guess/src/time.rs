@@ -69,7 +69,7 @@ pub(crate) fn repeated(tables: &[Table], chosen: &Chosen, remarks: &mut Vec<Rema
         let count = t.windows(2).filter(|pair| pair[1] == pair[0]).count();
         if count > 0 {
             let percent = 100.0 * count as f64 / t.len() as f64;
-            remarks.push(Remark::RepeatedTimes { log: table.path.display().to_string(), count, percent });
+            remarks.push(Remark::RepeatedTimes { log: table.name(), count, percent });
         }
     }
     remarks.len() > before

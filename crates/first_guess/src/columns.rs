@@ -5,38 +5,13 @@
 
 use dynid_check::excitation::MOVES;
 use dynid_logs::noise::noise_of_log;
-use dynid_model::{Device, JointKind};
+use dynid_model::Device;
 
+use crate::chosen::Chosen;
 use crate::guess::{ColumnGuess, Factor, FactorReason, Remark, WhyColumn};
 use crate::names::{JointKey, Meaning, Origin, Quantity, Unit, meaning, words};
 use crate::table::Table;
-use crate::{FirstGuessError, Known, time};
-
-/// The columns that were chosen.
-pub(crate) struct Chosen {
-    /// Time, then positions, torques, references by joint.
-    pub columns: Vec<ColumnGuess>,
-    pub is_time_unit_known: bool,
-    pub is_position_unit_known: bool,
-    /// What the torque columns hold, where that is not the device's command.
-    pub torque: Option<Quantity>,
-    /// Speed column of each joint, and the factor that its name's unit has.
-    pub speeds: Vec<Option<(String, Option<f64>)>>,
-    pub mask: Option<String>,
-    /// Free joints of each log.
-    pub free: Vec<Vec<usize>>,
-    pub remarks: Vec<Remark>,
-}
-
-impl Chosen {
-    pub fn time(&self) -> &ColumnGuess {
-        &self.columns[0]
-    }
-
-    pub fn of_kind(&self, kind: &str) -> impl Iterator<Item = &ColumnGuess> {
-        self.columns.iter().filter(move |column| column.kind() == kind)
-    }
-}
+use crate::{FirstGuessError, Known, Lacking, time};
 
 /// Chooses the columns of the logs.
 pub(crate) fn choose(device: &Device, tables: &[Table], known: &Known) -> Result<Chosen, FirstGuessError> {
@@ -82,16 +57,6 @@ pub(crate) fn choose(device: &Device, tables: &[Table], known: &Known) -> Result
         free,
         remarks,
     })
-}
-
-/// Puts a factor on the positions and references of revolute joints.
-pub(crate) fn scale_positions(device: &Device, columns: &mut [ColumnGuess], factor: &Factor) {
-    for column in columns {
-        let is_angle = column.joint().is_some_and(|joint| device.joints[joint].kind == JointKind::Revolute);
-        if is_angle && matches!(column.kind(), "q" | "ref") && column.factors.is_empty() {
-            column.factors.push(factor.clone());
-        }
-    }
 }
 
 /// Names of the columns that are not used.
@@ -295,9 +260,7 @@ impl<'a> Header<'a> {
         let all: Vec<usize> = (0..self.n_joints()).collect();
         let own = self.with_said("q", self.best(&measured, None, &all, |_| 0));
         match own.places.iter().position(Option::is_none) {
-            Some(joint) => {
-                Err(self.missing("position", "q", joint, "; a locked joint needs one as well, of where it stands"))
-            }
+            Some(joint) => Err(self.missing(Lacking::Position, joint)),
             None => Ok(own),
         }
     }
@@ -388,8 +351,7 @@ impl<'a> Header<'a> {
         let found = self.best(&drives, positions.first, &joints, rank);
         let mut own = self.with_said("tau", found);
         if let Some(&joint) = joints.iter().find(|joint| own.places[**joint].is_none()) {
-            let remedy = "; if it was locked, say which joints were free: `--free 0,1`";
-            return Err(self.missing("torque", "tau", joint, remedy));
+            return Err(self.missing(Lacking::Torque, joint));
         }
         let quantity = own.places.iter().flatten().next().and_then(|(place, _)| self.meanings[*place].quantity);
         if quantity.is_none() {
@@ -400,16 +362,9 @@ impl<'a> Header<'a> {
         Ok((own, quantity.filter(|own| matches!(own, Current | Voltage) && *own != command)))
     }
 
-    fn missing(&self, what: &'static str, kind: &str, joint: usize, remedy: &'static str) -> FirstGuessError {
-        FirstGuessError::NoColumn {
-            path: self.tables[0].path.clone(),
-            what,
-            joint,
-            title: self.device.joints[joint].title.clone(),
-            logical: format!("{kind}{joint}"),
-            available: self.tables[0].header(),
-            remedy,
-        }
+    fn missing(&self, lacking: Lacking, joint: usize) -> FirstGuessError {
+        let (path, title) = (self.tables[0].path.clone(), self.device.joints[joint].title.clone());
+        FirstGuessError::NoColumn { path, lacking, joint, title, available: self.tables[0].header() }
     }
 
     fn speeds(&self, groups: &[Group], first: Option<usize>) -> Vec<Option<(String, Option<f64>)>> {

@@ -10,6 +10,7 @@
 //!
 //! What cannot be guessed is a [`FirstGuessError`] that says how to state it. Nothing is fitted, nothing is written.
 
+mod chosen;
 mod columns;
 mod corrections;
 pub mod guess;
@@ -20,12 +21,15 @@ mod table;
 mod time;
 mod turns;
 
+use std::fmt;
 use std::path::PathBuf;
 
 use dynid_dynamics::{simulate::Intersample, system::SystemError};
 use dynid_logs::log::LogError;
 use dynid_model::Device;
 use serde::Serialize;
+
+use chosen::scale_positions;
 
 pub use guess::{ColumnGuess, Factor, FactorReason, Remark, RoleReason, RunGuess, WhyColumn, WhyFree};
 pub use names::Quantity;
@@ -122,22 +126,18 @@ pub enum FirstGuessError {
         part: String,
     },
     /// A joint without a column.
-    #[error("{}: no column is the {what} of joint {joint} ({title}); the columns are {available}. Name it with `--column {logical}=NAME`{remedy}", path.display())]
+    #[error("{}: no column is the {lacking} of joint {joint} ({title}); the columns are {available}. Name it with `--column {}{joint}=NAME`; {}", path.display(), lacking.kind(), lacking.remedy())]
     NoColumn {
         /// The log.
         path: PathBuf,
-        /// `position` or `torque`.
-        what: &'static str,
+        /// Of what.
+        lacking: Lacking,
         /// The device's joint index.
         joint: usize,
         /// Its title.
         title: String,
-        /// The project's name of the column.
-        logical: String,
         /// The header.
         available: String,
-        /// What else may be done.
-        remedy: &'static str,
     },
     /// A name of `Known::columns` that the project does not have.
     #[error(
@@ -184,6 +184,41 @@ pub enum FirstGuessError {
     System(#[from] SystemError),
 }
 
+/// What a joint must have a column of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lacking {
+    /// Every joint.
+    Position,
+    /// Every joint that moves.
+    Torque,
+}
+
+impl Lacking {
+    /// The project's name of such columns.
+    fn kind(self) -> &'static str {
+        match self {
+            Self::Position => "q",
+            Self::Torque => "tau",
+        }
+    }
+
+    fn remedy(self) -> &'static str {
+        match self {
+            Self::Position => "a locked joint needs one as well, of where it stands",
+            Self::Torque => "if it was locked, say which joints were free: `--free 0,1`",
+        }
+    }
+}
+
+impl fmt::Display for Lacking {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Position => "position",
+            Self::Torque => "torque",
+        })
+    }
+}
+
 impl From<LogError> for FirstGuessError {
     fn from(error: LogError) -> Self {
         Self::Log(Box::new(error))
@@ -206,7 +241,7 @@ pub fn first_guess(device: &'static Device, logs: &[PathBuf], known: &Known) -> 
     let told = speed::compare(&tables, &chosen);
     remarks.extend(told.remarks);
     time::factor(&tables, &mut chosen, told.time.as_ref());
-    told.position.iter().for_each(|factor| columns::scale_positions(device, &mut chosen.columns, factor));
+    told.position.iter().for_each(|factor| scale_positions(device, &mut chosen.columns, factor));
     let repeats_times = time::repeated(&tables, &chosen, &mut remarks);
 
     let mut guess = FirstGuess {

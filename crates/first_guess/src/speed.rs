@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use crate::columns::Chosen;
+use crate::chosen::Chosen;
 use crate::guess::{Factor, FactorReason, Remark};
 use crate::table::Table;
 use crate::time::{UNITS, median};

@@ -2,7 +2,7 @@
 
 use dynid_signal::median_step;
 
-use crate::columns::Chosen;
+use crate::chosen::Chosen;
 use crate::guess::{Factor, FactorReason, Remark};
 use crate::names::{Meaning, Quantity};
 use crate::table::Table;

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use dynid_check::columns::wraps;
 
-use crate::columns::{Chosen, scale_positions};
+use crate::chosen::{Chosen, scale_positions};
 use crate::guess::{Factor, FactorReason};
 use crate::table::Table;
 use dynid_model::{Device, JointKind};

@@ -61,7 +61,9 @@ pub use dynid_check::{
 pub use dynid_diagnose::{
     Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, RejectedCandidate, Rejection, Statement, Verdict,
 };
-pub use dynid_first_guess::{ColumnGuess, FirstGuess, FirstGuessError, Known as KnownOfLogs, RunGuess};
+pub use dynid_first_guess::{
+    ColumnGuess, FirstGuess, FirstGuessError, Known as KnownOfLogs, Lacking as LackingColumn, RunGuess,
+};
 pub use dynid_identify::FitStatus;
 pub use dynid_identify::identify::{ErrorSignal, FitResult, FittedParameter, Progress};
 pub use dynid_identify::sequence::Weighting;

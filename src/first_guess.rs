@@ -14,7 +14,7 @@ pub use experiment_file::experiment_file;
 pub use model_file::model_file;
 
 /// Says what logs of `device` hold, from their header and their numbers: columns, units, signs, free joints, runs to hold out;
-/// each with its reason. [`experiment_file`] and [`model_file`] write it down.
+/// each with its reason. [`experiment_file()`] and [`model_file()`] write it down.
 ///
 /// # Errors
 /// A log that cannot be read; a column that is needed and cannot be guessed.

@@ -15,6 +15,7 @@ mod fit;
 mod inputs;
 mod interrupt;
 mod ladder;
+mod new;
 mod plan;
 mod progress;
 mod report;
@@ -48,6 +49,7 @@ struct Arguments {
 
 const HELP: &str = "\
 The loop, all of it plain files:
+  dynid new      run-1.csv run-2.csv --device robot.urdf         an experiment and a model, guessed from logs
   dynid plan     freedom6s --method isolated                     which joints to free, and what that reveals
   dynid excite   freedom6s --list                                what to play on the robot
   dynid check    experiment.toml                                 what the logs cannot answer, and what looks wrong
@@ -62,7 +64,7 @@ The loop, all of it plain files:
   dynid export   fitted.toml --as c --out robot.c                for other programs: also URDF, MJCF, JSON
   dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
 
-A robot of your own? `dynid device import robot.urdf --out robot.toml`, or `dynid devices --help`.
+A robot of your own? `dynid new --help` if you have logs; else `dynid device import robot.urdf --out robot.toml`.
 Never seen it work? `dynid tour` goes through this loop on logs that it carries, in seconds.
 
 Exit status: 0 done; 1 it worked and the answer is no; 2 bad input, with one error that says what and where; 130 Ctrl-C
@@ -70,6 +72,8 @@ stopped it: `fit` goes on with --resume, `diagnose` with the same command.";
 
 #[derive(Subcommand)]
 enum Verb {
+    /// An experiment and a model from logs and a device, every guess stated.
+    New(new::Arguments),
     /// What is known about the devices: joints, links, configurations, default effects.
     Devices(devices::Arguments),
     /// A device file from a URDF or an MJCF.
@@ -131,6 +135,7 @@ impl Verb {
             paths.iter().map(PathBuf::as_path)
         }
         match self {
+            Verb::New(own) => vec![Path::new(&own.device)],
             Verb::Device(_) | Verb::Tour(_) => Vec::new(),
             Verb::Devices(own) => {
                 own.check.as_deref().into_iter().chain(own.device.as_deref().map(Path::new)).collect()
@@ -170,6 +175,7 @@ fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn run(verb: &Verb) -> anyhow::Result<Outcome> {
     match verb {
+        Verb::New(arguments) => new::run(arguments),
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Device(arguments) => device::run(arguments),
         Verb::Plan(arguments) => plan::run(arguments),

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use dynid_dynamics::{kinematics::KinematicsError, simulate::SimulationError, system::SystemError};
 use dynid_export::ExportError;
 use dynid_files::{DocumentError, FileError};
+use dynid_first_guess::FirstGuessError;
 use dynid_format::{UnknownName, number};
 use dynid_identify::{FitError, checkpoint::CheckpointError};
 use dynid_judge::CompareError;
@@ -61,6 +62,9 @@ pub enum Error {
     /// A checkpoint that cannot be used.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// Logs that say too little of themselves.
+    #[error(transparent)]
+    FirstGuess(#[from] FirstGuessError),
     /// A check that cannot be made.
     #[error(transparent)]
     Check(#[from] CheckError),

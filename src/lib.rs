@@ -3,6 +3,7 @@
 //!
 //! | call | what it does |
 //! | --- | --- |
+//! | [`first_guess()`] | what logs hold, from their header and numbers: an experiment and a model to begin with |
 //! | [`check()`] | what logs cannot answer, how to excite what is missing, and what looks wrong in them |
 //! | [`fit()`] | a model's parameters from logs |
 //! | [`compare()`] | how far a model is from its logs, and where |
@@ -13,7 +14,7 @@
 //! | [`report()`] | one page with all that is known |
 //! | [`as_description()`], [`as_c99()`], [`as_json()`] | the model for other programs |
 //!
-//! Each takes a [`Model`], an [`Experiment`] (logs and what was free in each) and one struct of settings, whose default is what
+//! Each but the first takes a [`Model`], an [`Experiment`] (logs and what was free in each) and one struct of settings, whose default is what
 //! `dynid` on the command line does. Each reports its progress to a function of yours, which may stop it. A real-time control loop
 //! needs none of this: it links the crate `dynid-control`.
 //!
@@ -34,6 +35,7 @@ mod check;
 mod compare;
 mod diagnose;
 mod error;
+mod first_guess;
 mod fit;
 mod ladder;
 mod progress;
@@ -46,6 +48,7 @@ pub use check::{CheckSettings, check};
 pub use compare::{CompareSettings, Compared, compare};
 pub use diagnose::{DiagnoseProgress, DiagnoseSettings, diagnose};
 pub use error::Error;
+pub use first_guess::{experiment_file, first_guess, model_file};
 pub use fit::{Begin, Checkpoint, FitProgress, FitSettings, FitSettingsError, fit};
 pub use ladder::{LadderSettings, ladder};
 pub use progress::Done;
@@ -58,6 +61,9 @@ pub use dynid_check::{
 };
 pub use dynid_diagnose::{
     Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, RejectedCandidate, Rejection, Statement, Verdict,
+};
+pub use dynid_first_guess::{
+    ColumnGuess, FirstGuess, FirstGuessError, Known as KnownOfLogs, Lacking as LackingColumn, RunGuess,
 };
 pub use dynid_identify::FitStatus;
 pub use dynid_identify::identify::{ErrorSignal, FitResult, FittedParameter, Progress};

@@ -200,8 +200,8 @@ fn a_device_is_described_with_its_end_point() {
 fn every_verb_teaches_by_example() {
     let folder = TempDir::new().unwrap();
     let verbs = [
-        "devices", "plan", "excite", "simulate", "check", "fit", "compare", "diagnose", "add", "ladder", "report",
-        "wall", "tour",
+        "new", "devices", "plan", "excite", "simulate", "check", "fit", "compare", "diagnose", "add", "ladder",
+        "report", "wall", "tour",
     ];
     let help: BTreeMap<&str, String> = verbs
         .into_iter()

@@ -83,11 +83,16 @@ pub fn device_named(name: &str, folder: &Path) -> Result<&'static Device, NoDevi
 impl Device {
     /// How a file in `folder` names the device, as [`device_named`] finds it again: its id, or the path of its file from there.
     pub fn name_from(&self, folder: &Path) -> String {
-        let Some(file) = &self.file else { return self.id.clone() };
-        let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        let path = fs::canonicalize(here).ok().and_then(|here| relative(file, &here)).unwrap_or_else(|| file.clone());
-        path.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/")
+        self.file.as_ref().map_or_else(|| self.id.clone(), |file| path_from(file, folder))
     }
+}
+
+/// The path of a file as a file in `folder` writes it: from there, with slashes.
+pub fn path_from(file: &Path, folder: &Path) -> String {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let both = absolute(file).ok().zip(fs::canonicalize(here).ok());
+    let path = both.and_then(|(file, here)| relative(&file, &here)).unwrap_or_else(|| file.to_owned());
+    path.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/")
 }
 
 /// Links in the folders are followed, one that is the file itself is not: its name is the device's.

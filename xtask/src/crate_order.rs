@@ -52,7 +52,10 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-excite", "what to play so that motion tells the parameters, or two models apart"),
         ("dynid-judge", "how far a model is from logs, and where"),
     ],
-    &[("dynid-diagnose", "which physical effect a model lacks, and where")],
+    &[
+        ("dynid-diagnose", "which physical effect a model lacks, and where"),
+        ("dynid-first-guess", "what the header and the numbers of logs suggest"),
+    ],
     &[("dynid-sentences", "findings as sentences, for text, page and JSON")],
     &[("dynid-report", "results for people: pictures and pages")],
     &[("dynid", "the library that users see, and the program"), ("xtask", "the project's own commands")],

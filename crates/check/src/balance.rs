@@ -183,8 +183,9 @@ fn zero_torque(own: &Balance<'_>, slot: usize) -> Option<FindingKind> {
         .then(|| FindingKind::ZeroTorque { needed: (needed / load.len().max(1) as f64).sqrt() })
 }
 
-/// Logged over needed torque by least squares, and their correlation.
-fn ratio(own: &Balance<'_>, slot: usize) -> Option<(f64, f64)> {
+/// Logged torque over what the model needs for the motion, by least squares, and the correlation of the two; `None` where one
+/// of them is constant. `slot` counts the run's free joints.
+pub fn ratio(own: &Balance<'_>, slot: usize) -> Option<(f64, f64)> {
     let (logged, needed) = (centred(&own.logged(slot)), centred(&own.needed(slot)));
     let size = square(&needed);
     (size > 0.0 && square(&logged) > 0.0).then(|| (dot(&logged, &needed) / size, correlation(&logged, &needed)))

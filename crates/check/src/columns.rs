@@ -57,21 +57,31 @@ fn time_stamps(run: &Run, quality: &Quality) -> Vec<FindingKind> {
     kinds
 }
 
-/// Jumps of about a turn, in radians or degrees, in a motion whose other steps are far smaller.
+/// Jumps of about a turn, in radians or degrees.
 fn encoder_wrap(q: &[f64]) -> Option<FindingKind> {
+    let found = [2.0 * PI, 360.0].into_iter().find_map(|turn| wraps(q, turn));
+    found.map(|Wraps { count, jump }| FindingKind::EncoderWrap { count, jump })
+}
+
+/// Jumps of a position that begins anew after each turn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wraps {
+    /// How many.
+    pub count: usize,
+    /// Their mean size [unit of the position].
+    pub jump: f64,
+}
+
+/// Jumps of about `turn`, in the unit of the position, in a motion whose other steps are far smaller.
+pub fn wraps(q: &[f64], turn: f64) -> Option<Wraps> {
     /// How far from a turn a jump may be: the motion of one sample is in it.
     const NEAR: f64 = 0.1;
-    for turn in [2.0 * PI, 360.0] {
-        let steps = || q.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-        let is_jump = |step: &f64| (step / turn - 1.0).abs() < NEAR;
-        let count = steps().filter(is_jump).count();
-        let largest_other = steps().filter(|step| !is_jump(step)).fold(0.0, f64::max);
-        if count > 0 && largest_other < 2.0 * NEAR * turn {
-            let jump = steps().filter(is_jump).sum::<f64>() / count as f64;
-            return Some(FindingKind::EncoderWrap { count, jump });
-        }
-    }
-    None
+    let steps = || q.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let is_jump = |step: &f64| (step / turn - 1.0).abs() < NEAR;
+    let count = steps().filter(is_jump).count();
+    let largest_other = steps().filter(|step| !is_jump(step)).fold(0.0, f64::max);
+    let jump = steps().filter(is_jump).sum::<f64>() / count as f64;
+    (count > 0 && largest_other < 2.0 * NEAR * turn).then_some(Wraps { count, jump })
 }
 
 /// A position that stands from row to row although it has moved on by several digits about those rows.

@@ -1,4 +1,4 @@
-//! Reading text files ([`read`]) and writing results ([`write_new`]): a file is written whole or not at all, and an existing one
+//! Reading text files ([`read`]) and writing results ([`write_new`], [`write_together`]): a file is written whole or not at all, and an existing one
 //! is replaced only with [`Overwrite`] saying so.
 //!
 //! Errors name the file: [`FileError`]; [`DocumentError`] also says where in the text.
@@ -122,6 +122,23 @@ pub fn write_new(path: &Path, text: &str, overwrite: Overwrite) -> Result<(), Fi
     })
 }
 
+/// Writes several files that belong together, each with its text: all of them, or none where one of them cannot be written.
+///
+/// # Errors
+/// As [`write_new`]; what was written before the error is taken back, unless it replaced a file.
+pub fn write_together(files: &[(PathBuf, String)], overwrite: Overwrite) -> Result<(), FileError> {
+    files.iter().try_for_each(|(path, _)| check_output(path, overwrite))?;
+    for (index, (path, text)) in files.iter().enumerate() {
+        if let Err(error) = write_new(path, text, overwrite) {
+            let written = if overwrite == Overwrite::Force { &[] } else { &files[..index] };
+            // The first error is the one to tell.
+            written.iter().for_each(|(path, _)| drop(fs::remove_file(path)));
+            return Err(error);
+        }
+    }
+    Ok(())
+}
+
 fn write_all(path: &Path, text: &str) -> io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(text.as_bytes())?;
@@ -156,6 +173,17 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), "two");
         let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
         assert_eq!(left.len(), 1, "no partial file is left");
+    }
+
+    #[test]
+    fn files_that_belong_together_are_all_written_or_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = ["one.toml", "two.toml"].map(|name| (folder.path().join(name), name.to_owned()));
+        fs::write(&files[1].0, "mine").unwrap();
+        assert!(matches!(write_together(&files, Overwrite::Refuse), Err(FileError::Exists { .. })));
+        assert!(!files[0].0.exists(), "the first is not written");
+        write_together(&files, Overwrite::Force).unwrap();
+        assert_eq!(files.map(|(path, _)| fs::read_to_string(path).unwrap()), ["one.toml", "two.toml"]);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use crate::{log, log::Log, log::LogError, log::LogFormat, transmission::Transmission};
+use crate::{log, log::Log, log::LogError, log::LogFormat, log::Repeated, transmission::Transmission};
 use dynid_dynamics::simulate::Intersample;
 
 /// A list of runs of one device.
@@ -208,11 +208,13 @@ pub enum ExperimentError {
     },
 }
 
-const EXPERIMENT_KEYS: [&str; 15] = [
+const EXPERIMENT_KEYS: [&str; 17] = [
     "device",
     "run",
     "columns",
     "scale",
+    "turn",
+    "repeated_times",
     "cutoff_hz",
     "decimate",
     "min_speed",
@@ -225,12 +227,14 @@ const EXPERIMENT_KEYS: [&str; 15] = [
     "payload",
     "transmission",
 ];
-const RUN_KEYS: [&str; 18] = [
+const RUN_KEYS: [&str; 20] = [
     "file",
     "free",
     "role",
     "columns",
     "scale",
+    "turn",
+    "repeated_times",
     "rows",
     "cutoff_hz",
     "decimate",
@@ -408,6 +412,10 @@ impl<'a> RunSource<'a> {
             scale: self.pairs("scale", "a finite number other than 0, e.g. scale = { tau0 = 10.0 }", |value| {
                 number(value).filter(|factor| *factor != 0.0)
             })?,
+            turn: self.pairs("turn", "a positive number, e.g. turn = { q0 = 360 }", |value| {
+                number(value).filter(|turn| *turn > 0.0)
+            })?,
+            repeated: self.repeated()?,
             rows: self.rows()?,
             mask: match self.setting("mask") {
                 Some(value) => Some(file.string(value, "mask")?.to_owned()),
@@ -585,6 +593,20 @@ impl<'a> RunSource<'a> {
             return Err(wrong());
         }
         entries.into_iter().map(|entry| number(entry).ok_or_else(wrong)).collect()
+    }
+
+    fn repeated(&self) -> Result<Repeated, ExperimentError> {
+        let file = self.file;
+        let Some(value) = self.setting("repeated_times") else { return Ok(Repeated::Refuse) };
+        match file.string(value, "repeated_times")? {
+            "refuse" => Ok(Repeated::Refuse),
+            "skip" => Ok(Repeated::Skip),
+            other => {
+                let message = format!("repeated_times: expected \"refuse\" or \"skip\", found \"{other}\"");
+                let remedy = "say \"skip\" where a row with the time of the row before is to be left out";
+                Err(file.invalid(value.span().start, message, remedy))
+            }
+        }
     }
 
     fn rows(&self) -> Result<Option<[usize; 2]>, ExperimentError> {

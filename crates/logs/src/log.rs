@@ -3,9 +3,12 @@
 //! Columns: `t` (s), `tau<i>` [N*m or N], `q<i>` [rad or m] and optionally `ref<i>` [rad or m], where `i` is the
 //! device's joint index. Columns of motors take their place where the experiment says how they move the joints
 //! ([`crate::transmission`]). Sampling need not be uniform. Every number that is used must be finite and time must rise.
+//! Cells are parted by commas, semicolons or tabs, whichever parts the header into the most.
 
 use std::{
     collections::BTreeMap,
+    fs::File,
+    io::{BufRead, BufReader},
     path::{Path, PathBuf},
 };
 
@@ -84,6 +87,10 @@ pub struct LogFormat {
     pub columns: Vec<(String, String)>,
     /// Factor that brings a column to SI: (`tau0`, 10.0).
     pub scale: Vec<(String, f64)>,
+    /// A column of an encoder that begins anew after each turn, and how much a turn is in the log's own unit: (`q0`, 360.0).
+    pub turn: Vec<(String, f64)>,
+    /// What becomes of a row whose time is that of the row before.
+    pub repeated: Repeated,
     /// Rows `from..to` of the data (0 is the first row below the header); everything when absent.
     pub rows: Option<[usize; 2]>,
     /// Column whose zeros leave the torque error.
@@ -94,6 +101,16 @@ pub struct LogFormat {
     pub has_controller: bool,
     /// The log has motors instead of these joints.
     pub transmission: Option<Transmission>,
+}
+
+/// What becomes of a row whose time is that of the row before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Repeated {
+    /// The log is refused.
+    #[default]
+    Refuse,
+    /// The row is left out.
+    Skip,
 }
 
 /// Why a log cannot be used.
@@ -153,7 +170,7 @@ pub enum LogError {
         found: String,
     },
     /// Time must rise from row to row.
-    #[error("{path}:{line}: column `{column}`, row {row}: time {what} ({before} s, then {now} s); sort the log, or split it where it restarts (rows = [from, to])", path = path.display())]
+    #[error("{path}:{line}: column `{column}`, row {row}: time {what} ({before} s, then {now} s); {remedy}", path = path.display())]
     TimeNotRising {
         /// The log.
         path: PathBuf,
@@ -169,6 +186,8 @@ pub enum LogError {
         before: f64,
         /// Time of this row (s).
         now: f64,
+        /// What to do.
+        remedy: &'static str,
     },
     /// `rows` reaches past the end.
     #[error("{path}: rows = [{from}, {to}] lies outside the log, which has {n_rows} rows; expected 0 <= from < to <= {n_rows}", path = path.display())]
@@ -192,8 +211,21 @@ struct Column {
     name: String,
     /// To SI.
     scale: f64,
+    /// How much a turn of its encoder is, in SI, where that begins anew after each.
+    turn: Option<f64>,
     /// Values of the selected rows.
     values: Vec<f64>,
+}
+
+impl Column {
+    /// A value in SI, with the turns that the encoder has forgotten.
+    fn in_si(&self, number: f64) -> f64 {
+        let value = number * self.scale;
+        match (self.turn, self.values.last()) {
+            (Some(turn), Some(before)) => value + turn * ((before - value) / turn).round(),
+            _ => value,
+        }
+    }
 }
 
 /// Reads the log at `path`.
@@ -201,6 +233,7 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     let mut reader = csv::ReaderBuilder::new()
         .flexible(true)
         .trim(csv::Trim::All)
+        .delimiter(delimiter_of_file(path)?)
         .from_path(path)
         .map_err(|error| unreadable(path, &error))?;
     let header: Vec<String> =
@@ -253,7 +286,7 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     columns.extend(motors.columns());
     columns.extend(reference.iter_mut().flatten());
     columns.extend(mask.iter_mut().flatten());
-    let n_rows = read_rows(path, &mut reader, format.rows, &mut columns)?;
+    let n_rows = read_rows(path, &mut reader, format, &mut columns)?;
 
     if let Some([from, to]) = format.rows
         && (from >= to || to > n_rows)
@@ -289,22 +322,36 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     })
 }
 
+/// What parts the cells below this header: of comma, semicolon and tab the one that stands in it most often.
+pub fn delimiter(header: &str) -> u8 {
+    let count = |delimiter: &u8| header.bytes().filter(|byte| byte == delimiter).count();
+    // Of equals the last is taken: a comma where there is none of them.
+    [b'\t', b';', b','].into_iter().max_by_key(count).unwrap_or(b',')
+}
+
+fn delimiter_of_file(path: &Path) -> Result<u8, LogError> {
+    let mut header = Vec::new();
+    let file = File::open(path).and_then(|file| BufReader::new(file).read_until(b'\n', &mut header));
+    file.map_err(|error| LogError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
+    Ok(delimiter(&String::from_utf8_lossy(&header)))
+}
+
 /// Reads the selected rows into the columns (the first is time) and returns how many rows the file has.
 fn read_rows(
     path: &Path,
-    reader: &mut csv::Reader<std::fs::File>,
-    rows: Option<[usize; 2]>,
+    reader: &mut csv::Reader<File>,
+    format: &LogFormat,
     columns: &mut [&mut Column],
 ) -> Result<usize, LogError> {
-    let [from, to] = rows.unwrap_or([0, usize::MAX]);
+    let [from, to] = format.rows.unwrap_or([0, usize::MAX]);
     let mut record = csv::ByteRecord::new();
     let mut row = 0;
     while reader.read_byte_record(&mut record).map_err(|error| unreadable(path, &error))? {
         if (from..to).contains(&row) {
             let line = record.position().map_or(0, csv::Position::line);
-            for column in columns.iter_mut() {
+            for (place, column) in columns.iter_mut().enumerate() {
                 let cell = record.get(column.index).and_then(|cell| std::str::from_utf8(cell).ok());
-                let number = cell.and_then(|cell| cell.parse::<f64>().ok()).map(|number| number * column.scale);
+                let number = cell.and_then(|cell| cell.parse::<f64>().ok()).map(|number| column.in_si(number));
                 let Some(number) = number.filter(|number| number.is_finite()) else {
                     let found = match cell {
                         None | Some("") => "nothing".to_owned(),
@@ -318,6 +365,10 @@ fn read_rows(
                         found,
                     });
                 };
+                let is_repeated = place == 0 && column.values.last() == Some(&number);
+                if is_repeated && format.repeated == Repeated::Skip {
+                    break;
+                }
                 column.values.push(number);
             }
             if let [.., before, now] = columns[0].values[..]
@@ -331,6 +382,11 @@ fn read_rows(
                     what: if now < before { "runs backwards" } else { "stands still" },
                     before,
                     now,
+                    remedy: if now < before {
+                        "sort the log, or split it where it restarts (rows = [from, to])"
+                    } else {
+                        "leave such rows out (repeated_times = \"skip\" in the experiment), or give each its own time"
+                    },
                 });
             }
         }
@@ -457,8 +513,10 @@ impl Header<'_> {
         if places.next().is_some() {
             return Err(LogError::DuplicateColumn { path: self.path.to_owned(), column: name.to_owned() });
         }
-        let scale = self.format.scale.iter().find(|(other, _)| other == logical).map_or(1.0, |(_, factor)| *factor);
-        Ok(Column { index, name: name.to_owned(), scale, values: Vec::new() })
+        let of = |numbers: &[(String, f64)]| numbers.iter().find(|(other, _)| other == logical).map(|(_, own)| *own);
+        let scale = of(&self.format.scale).unwrap_or(1.0);
+        let turn = of(&self.format.turn).map(|turn| turn * scale.abs());
+        Ok(Column { index, name: name.to_owned(), scale, turn, values: Vec::new() })
     }
 
     /// True for the project's own name of another column.

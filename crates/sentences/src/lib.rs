@@ -8,6 +8,7 @@ pub mod compare;
 pub mod diagnosis;
 pub mod discovered;
 pub mod finding;
+pub mod first_guess;
 pub mod ladder;
 pub mod quality;
 

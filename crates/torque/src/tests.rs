@@ -48,7 +48,15 @@ fn run() -> Run {
         intersample: Intersample::FirstOrder,
         ..Settings::default()
     };
-    Run { file: "arm.csv".to_owned(), role: Role::Fit, free: vec![0, 1], payload: None, configuration: 1, log, settings }
+    Run {
+        file: "arm.csv".to_owned(),
+        role: Role::Fit,
+        free: vec![0, 1],
+        payload: None,
+        configuration: 1,
+        log,
+        settings,
+    }
 }
 
 #[test]

@@ -143,23 +143,51 @@ fn any_joints_may_be_free() {
 }
 
 #[test]
+fn turns_that_an_encoder_forgets_are_counted() {
+    let log = "t,tau0,tau1,q0,q1\n0,0,0,170,3\n1,0,0,-175,3\n2,0,0,179,3\n3,0,0,-170,3\n4,0,0,100,3\n";
+    let experiment = format!("{GOOD}scale = {{ q0 = -0.5 }}\nturn = {{ q0 = 360 }}\n");
+    let (_folder, result) = read(&experiment, log);
+    let q0 = result.expect("the experiment is good").runs[0].log.q[0].clone();
+    assert_eq!(q0, [-85.0, -92.5, -89.5, -95.0, -50.0], "in the log's own unit a turn is 360");
+}
+
+#[test]
+fn rows_whose_time_is_repeated_are_left_out_where_the_experiment_says_so() {
+    let log = "t,tau0,tau1,q0,q1\n0,1,2,3,4\n0,9,9,9,9\n0.1,1,2,3,5\n0.1,9,9,9,nan\n0.2,1,2,3,6\n";
+    let (_folder, result) = read(&format!("{GOOD}repeated_times = \"skip\"\n"), log);
+    let own = result.expect("the experiment is good").runs[0].log.clone();
+    assert_eq!((own.t, own.q[1].clone()), (vec![0.0, 0.1, 0.2], vec![4.0, 5.0, 6.0]));
+}
+
+#[test]
+fn semicolons_and_tabs_part_cells_as_well() {
+    let expected = read(GOOD, GOOD_LOG).1.expect("the experiment is good").digest;
+    for delimiter in [";", "\t"] {
+        let (_folder, result) = read(GOOD, &GOOD_LOG.replace(',', delimiter));
+        assert_eq!(result.expect("the experiment is good").digest, expected);
+    }
+}
+
+#[test]
 fn bad_experiments_are_refused_with_place_and_remedy() {
     let refused = |experiment: &str| refusal(experiment, GOOD_LOG);
     assert_snapshot!(refused("device = arm"), @"experiment.toml:1:10: string values must be quoted, expected literal string; write it as TOML: `key = value`, runs under `[[run]]`");
-    assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, payload, transmission");
+    assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, turn, repeated_times, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, payload, transmission");
     assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @r#"experiment.toml:1:10: there is no device `arn`; known: double_pendulum, freedom6s, oscillator, planar2r, servo_pendulum, staubli_tx40; a device of your own is named by its file: "arn.toml""#);
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 0]")), @"experiment.toml:4:8: free: joint 0 is named twice; name each free joint once");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
     assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);
-    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, start, payload, transmission");
+    assert_snapshot!(refused(&format!("{GOOD}cutof_hz = 3.0\n")), @"experiment.toml:6:1: unknown key `cutof_hz`; did you mean `cutoff_hz`? the keys here are file, free, role, columns, scale, turn, repeated_times, rows, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, start, payload, transmission");
     assert_snapshot!(refused(&format!("{GOOD}cutoff_hz = -3.0\n")), @"experiment.toml:6:13: cutoff_hz: expected a positive frequency [Hz], found `-3.0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}decimate = 0\n")), @"experiment.toml:6:12: decimate: expected a whole number from 1, found `0`; correct the value");
     assert_snapshot!(refused(&format!("{GOOD}min_speed = [0.1, 0.1, 0.1]\n")), @"experiment.toml:6:13: min_speed: found 3 speeds for 2 free joints; give one a free joint of the run, or one for each of the device's 2 joints");
     assert_snapshot!(refused(&format!("{GOOD}columns = {{ tau2 = \"a\" }}\n")), @"experiment.toml:6:13: columns: there is no column `tau2` of `arm`; did you mean `tau0`? the columns are t, tau0, q0, ref0, tau1, q1, ref1");
     assert_snapshot!(refused(&format!("{GOOD}scale = {{ tau0 = \"a\" }}\n")), @r#"experiment.toml:6:18: scale.tau0: expected a finite number other than 0, e.g. scale = { tau0 = 10.0 }, found `"a"`; correct the value"#);
     assert_snapshot!(refused(&format!("{GOOD}rows = [1]\n")), @"experiment.toml:6:8: rows: expected two row numbers, rows = [from, to], to excluded, found `[1]`; correct the value");
+    assert_snapshot!(refused(&format!("{GOOD}turn = {{ q0 = 0 }}\n")), @"experiment.toml:6:15: turn.q0: expected a positive number, e.g. turn = { q0 = 360 }, found `0`; correct the value");
+    assert_snapshot!(refused(&format!("{GOOD}repeated_times = \"keep\"\n")), @r#"experiment.toml:6:18: repeated_times: expected "refuse" or "skip", found "keep"; say "skip" where a row with the time of the row before is to be left out"#);
     assert_snapshot!(refused(&format!("{GOOD}hold = \"cubic\"\n")), @r#"experiment.toml:6:8: hold: expected "zero" or "linear", found "cubic"; say "zero" where the torque of a row acts until the next row, "linear" where it runs straight between them"#);
     assert_snapshot!(refused(&format!("{GOOD}controller = \"control.toml\"\n")), @"experiment.toml:6:14: controller: there is no file control.toml; give the path of the controller file, relative to the experiment");
 }
@@ -176,7 +204,7 @@ fn bad_logs_are_refused_with_row_column_and_remedy() {
     assert_snapshot!(refused(&GOOD_LOG.replace(",4.5", "")), @"log.csv:3: column `q1`, row 1: expected a finite number, found nothing; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
     assert_snapshot!(refused(&GOOD_LOG.replace("4.5", "fast")), @"log.csv:3: column `q1`, row 1: expected a finite number, found `fast`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
     assert_snapshot!(refused(&GOOD_LOG.replace("0.2,", "0.05,")), @"log.csv:4: column `t`, row 2: time runs backwards (0.1 s, then 0.05 s); sort the log, or split it where it restarts (rows = [from, to]) (run 1 of experiment.toml)");
-    assert_snapshot!(refused(&GOOD_LOG.replace("0.2,", "0.1,")), @"log.csv:4: column `t`, row 2: time stands still (0.1 s, then 0.1 s); sort the log, or split it where it restarts (rows = [from, to]) (run 1 of experiment.toml)");
+    assert_snapshot!(refused(&GOOD_LOG.replace("0.2,", "0.1,")), @r#"log.csv:4: column `t`, row 2: time stands still (0.1 s, then 0.1 s); leave such rows out (repeated_times = "skip" in the experiment), or give each its own time (run 1 of experiment.toml)"#);
     assert_snapshot!(refusal(&format!("{GOOD}rows = [1, 4]\n"), GOOD_LOG), @"log.csv: rows = [1, 4] lies outside the log, which has 3 rows; expected 0 <= from < to <= 3 (run 1 of experiment.toml)");
     assert_snapshot!(refusal(&format!("{GOOD}mask = \"used\"\n"), GOOD_LOG), @r#"log.csv: column `used` is missing; the log has `t`, `tau0`, `tau1`, `q0`, `q1`. If it has another name there, say so in the experiment: mask = "its name in the log" (run 1 of experiment.toml)"#);
     assert_snapshot!(refusal(&GOOD.replace("log.csv", "lag.csv"), GOOD_LOG), @"lag.csv: cannot be read: No such file or directory (os error 2); give the path of a CSV file, relative to the experiment file (run 1 of experiment.toml)");

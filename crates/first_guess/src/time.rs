@@ -1,0 +1,114 @@
+//! The time column: which one it is, its unit, stamps that stand twice.
+
+use dynid_signal::median_step;
+
+use crate::chosen::Chosen;
+use crate::guess::{Factor, FactorReason, Remark};
+use crate::names::{Meaning, Quantity};
+use crate::table::Table;
+use crate::{ColumnGuess, FirstGuessError, WhyColumn};
+
+/// The time column of the logs.
+pub(crate) fn choose(tables: &[Table], meanings: &[Meaning]) -> Result<ColumnGuess, FirstGuessError> {
+    let first = &tables[0];
+    let is_named = |place: &usize| meanings[*place].quantity == Some(Quantity::Time);
+    let of_all = |place: usize| tables.iter().filter_map(move |table| table.column(&first.names[place]));
+    let mut named: Vec<usize> = (0..first.names.len()).filter(is_named).collect();
+    named.sort_by_key(|place| meanings[*place].unknown.len());
+    let rising: Vec<usize> = named.iter().copied().filter(|place| of_all(*place).all(mostly_rises)).collect();
+    let name = |place: usize| first.names[place].clone();
+    let guess = |place: usize, why, others: &[usize]| ColumnGuess {
+        logical: "t".to_owned(),
+        name: name(place),
+        why,
+        others: others.iter().filter(|other| **other != place).map(|other| name(*other)).collect(),
+        factors: Vec::new(),
+        turn: None,
+    };
+    let unit = |place: usize| meanings[place].unit.map(|unit| unit.factor);
+    if let Some(&place) = rising.first() {
+        let why = if name(place) == "t" { WhyColumn::OwnName } else { WhyColumn::OnlyOne };
+        let mut own = guess(place, why, &rising);
+        own.factors.extend(
+            meanings[place]
+                .unit
+                .filter(|unit| unit.factor != 1.0)
+                .map(|unit| Factor { factor: unit.factor, reason: FactorReason::UnitInName { unit: unit.name } }),
+        );
+        return Ok(own);
+    }
+    let whole = named.iter().find(|place| unit(**place).is_none_or(|factor| factor == 1.0));
+    let part = named.iter().find(|place| unit(**place).is_some_and(|factor| factor < 1.0));
+    if let (Some(&whole), Some(&part)) = (whole, part) {
+        let (whole, part) = (name(whole), name(part));
+        return Err(FirstGuessError::TimeInParts { path: first.path.clone(), whole, part });
+    }
+    let even = (0..first.names.len()).find(|place| of_all(*place).all(rises_evenly));
+    let even = even.map(|place| guess(place, WhyColumn::RisesEvenly, &[]));
+    even.ok_or_else(|| FirstGuessError::NoTime { path: first.path.clone(), available: first.header() })
+}
+
+/// Never falls, and stands still in fewer than half of its rows.
+fn mostly_rises(t: &[f64]) -> bool {
+    let rising = t.windows(2).filter(|pair| pair[1] > pair[0]).count();
+    t.windows(2).all(|pair| pair[1] >= pair[0]) && 2 * rising > t.len() - 1
+}
+
+fn rises_evenly(t: &[f64]) -> bool {
+    /// A step may be off the typical one by this share of it.
+    const UNEVEN: f64 = 0.2;
+    let typical = median_step(t);
+    typical > 0.0 && t.windows(2).all(|pair| ((pair[1] - pair[0]) / typical - 1.0).abs() < UNEVEN)
+}
+
+/// Whether stamps stand twice.
+pub(crate) fn repeated(tables: &[Table], chosen: &Chosen, remarks: &mut Vec<Remark>) -> bool {
+    let before = remarks.len();
+    for table in tables {
+        let t = table.column(&chosen.time().name).unwrap_or_default();
+        let count = t.windows(2).filter(|pair| pair[1] == pair[0]).count();
+        if count > 0 {
+            let percent = 100.0 * count as f64 / t.len() as f64;
+            remarks.push(Remark::RepeatedTimes { log: table.name(), count, percent });
+        }
+    }
+    remarks.len() > before
+}
+
+/// Units of time and their factors.
+pub(crate) const UNITS: [(&str, f64); 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+
+/// The unit of a time whose name does not say it: what the speeds tell, else the one in which the sample rate is a robot's.
+pub(crate) fn factor(tables: &[Table], chosen: &mut Chosen, told: Option<&Factor>) {
+    if chosen.is_time_unit_known {
+        return;
+    }
+    let found = told.cloned().unwrap_or_else(|| by_rate(tables, &chosen.time().name));
+    if found.factor != 1.0 {
+        chosen.columns[0].factors.push(found);
+    }
+}
+
+fn by_rate(tables: &[Table], name: &str) -> Factor {
+    /// Robots are sampled at 10 Hz to 10 kHz: the middle of that, as a ratio.
+    const TYPICAL_HZ: f64 = 316.0;
+    let rising: Vec<f64> = tables
+        .iter()
+        .filter_map(|table| table.column(name))
+        .flat_map(|t| t.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0))
+        .collect();
+    let step = median(rising);
+    let far = |factor: f64| (step * factor * TYPICAL_HZ).ln().abs();
+    let nearest = UNITS.into_iter().min_by(|a, b| far(a.1).total_cmp(&far(b.1)));
+    let (unit, factor) = nearest.unwrap_or(UNITS[0]);
+    Factor { factor, reason: FactorReason::SampleRate { unit, step, rate_hz: 1.0 / (step * factor) } }
+}
+
+/// The middle of some numbers; 1 of none.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return 1.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -16,8 +16,12 @@ pub(crate) fn joined(model: &Model) -> Model {
     joined
 }
 
-/// The link, from 0, that an effect's body joins, and the body in the link's frame; `None` of effects that are no bodies.
+/// The link, from 0, that an effect's body joins, and the body in the link's frame; `None` of effects that are no bodies, or of what the
+/// robot only carries in some runs.
 pub(crate) fn body_of(model: &Model, instance: &EffectInstance) -> Option<(usize, [f64; 10])> {
+    if instance.payload.is_some() {
+        return None;
+    }
     let outputs = &instance.effect.outputs;
     let is_body = outputs.iter().any(|(name, _)| Link::SYMBOLS.contains(&name.as_str()));
     let link = model.device.last_link_moved_by(instance.joint?).filter(|_| is_body)?;

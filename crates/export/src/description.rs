@@ -75,7 +75,7 @@ fn bodies_by_frame(model: &Model) -> BTreeMap<String, [f64; 10]> {
 /// The effects that descriptions have numbers for.
 fn values_at(model: &Model, joint: usize) -> JointValues {
     let value = |id: &str, symbol: &str| {
-        let own = model.effects_at(joint).find(|instance| instance.effect.id == id);
+        let own = model.effects_at(joint).find(|instance| instance.is(id, Some(joint), None));
         own.and_then(|instance| instance.value(symbol)).unwrap_or(0.0)
     };
     JointValues {
@@ -96,7 +96,7 @@ fn left_out(model: &Model, format: Format) -> Vec<String> {
             "spring" => format == Format::Mjcf,
             _ => false,
         };
-        has_place && instance.from.is_none()
+        has_place && instance.from.is_none() && instance.payload.is_none()
     };
     let mut notes = Vec::new();
     for instance in &model.effects {

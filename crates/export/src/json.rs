@@ -108,6 +108,7 @@ fn of_effect(model: &Model, instance: &EffectInstance) -> Value {
         "place": place,
         "joint": instance.joint,
         "from": instance.from,
+        "payload": instance.payload,
         "formulas": formulas(instance),
         "parameters": parameters(model, |name| names.iter().any(|own| own == name)),
     })

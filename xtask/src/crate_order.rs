@@ -38,8 +38,8 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-import", "other descriptions of robots to device files, and values back into them"),
         ("dynid-control", "what a real-time loop links"),
         ("dynid-logs", "experiments and their logs"),
-        ("dynid-user-model", "the user's model: effects, values, and the record of its fit"),
     ],
+    &[("dynid-user-model", "the user's model: effects, values, and the record of its fit")],
     &[
         ("dynid-export", "the user's model to what other programs read"),
         ("dynid-haptics", "virtual walls under simulated hands"),

@@ -15,7 +15,7 @@ use dynid_logs::{experiment::ExperimentError, motion::MotionError};
 use dynid_model::ModelError;
 use dynid_plan::PlanError;
 use dynid_torque::TermsError;
-use dynid_user_model::EffectError;
+use dynid_user_model::{EffectError, UnknownPayload};
 
 use crate::FitSettingsError;
 
@@ -101,6 +101,9 @@ pub enum Error {
         /// The experiment's device.
         device: String,
     },
+    /// A payload that the model does not know.
+    #[error(transparent)]
+    Payload(#[from] UnknownPayload),
     /// A symbol that an effect does not have.
     #[error("{effect} has no `{symbol}`; it has {known}")]
     NoSuchSymbol {

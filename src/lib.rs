@@ -82,12 +82,13 @@ pub use dynid_user_model::{Added, Model};
 
 /// That a model and an experiment are of one device.
 fn check_device(model: &Model, experiment: &Experiment) -> Result<(), Error> {
-    if model.device.is_same_as(experiment.device) {
-        return Ok(());
+    if !model.device.is_same_as(experiment.device) {
+        return Err(Error::OtherDevice {
+            model: model.device.id.clone(),
+            experiment: experiment.path.clone(),
+            device: experiment.device.id.clone(),
+        });
     }
-    Err(Error::OtherDevice {
-        model: model.device.id.clone(),
-        experiment: experiment.path.clone(),
-        device: experiment.device.id.clone(),
-    })
+    model.check_payloads(experiment)?;
+    Ok(())
 }

@@ -67,7 +67,7 @@ fn values(fit: &Value) -> BTreeMap<String, f64> {
     fit["parameters"].as_array().expect("parameters").iter().filter_map(of).collect()
 }
 
-/// A box that the arm carries in some runs is found from all of them, and from those alone.
+/// A box that the arm carries in some runs is fitted to those, and everything else to all of them.
 #[test]
 fn a_payload_in_some_runs() {
     let folder = TempDir::new().unwrap();
@@ -109,6 +109,16 @@ fn a_payload_in_some_runs() {
         text.contains("joint = 0\n") && text.contains("# what the gripper holds") && text.contains("payload = \"box\""),
         "{text}"
     );
+    // Bare and laden runs are not held to predict each other.
+    dynid(folder.path(), &["check", "experiment.toml", "--model", "fitted.toml"]);
+    let misspelt = experiment.concat().replacen("payload = \"box\"", "payload = \"bxo\"", 1);
+    fs::write(folder.path().join("misspelt.toml"), misspelt).unwrap();
+    let mut program = Command::new(env!("CARGO_BIN_EXE_dynid"));
+    let arguments = ["check", "misspelt.toml", "--model", "fitted.toml"];
+    let refused = program.args(arguments).current_dir(folder.path()).output().unwrap();
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{told}");
+    assert!(told.contains("carries `bxo`") && told.contains("did you mean `box`"), "{told}");
     let compared = dynid(folder.path(), &["compare", "experiment.toml", "--model", "fitted.toml"]);
     for run in compared["runs"].as_array().expect("runs") {
         for joint in run["joints"].as_array().expect("joints") {
@@ -123,7 +133,7 @@ fn a_payload_in_some_runs() {
 fn motors_behind_a_coupling() {
     let folder = TempDir::new().unwrap();
     play(folder.path(), "joints", 3, "");
-    let (ratio, constant) = ([[50.0, 40.0], [50.0, -40.0]], 0.05);
+    let (ratio, constants) = ([[50.0, 40.0], [50.0, -40.0]], [0.05, 0.08]);
     for file in ["one", "two"] {
         let text = fs::read_to_string(folder.path().join(format!("joints-{file}.csv"))).unwrap();
         let mut lines = text.lines();
@@ -134,8 +144,8 @@ fn motors_behind_a_coupling() {
             let [t, tau0, tau1, q0, q1] = row[..] else { panic!("five cells") };
             let motor = ratio.map(|[by0, by1]| by0 * q0 + by1 * q1);
             // tau = ratio^T (constant current), solved by hand for this coupling
-            let (sum, difference) = (tau0 / 50.0 / constant, tau1 / 40.0 / constant);
-            let current = [(sum + difference) / 2.0, (sum - difference) / 2.0];
+            let (sum, difference) = (tau0 / 50.0, tau1 / 40.0);
+            let current = [(sum + difference) / 2.0 / constants[0], (sum - difference) / 2.0 / constants[1]];
             motors += &format!("{t:?},{:?},{:?},{:?},{:?}\n", motor[0], motor[1], current[0], current[1]);
         }
         fs::write(folder.path().join(format!("motors-{file}.csv")), motors).unwrap();
@@ -149,7 +159,7 @@ fn motors_behind_a_coupling() {
     let transmission = "columns = { t = \"time\" }\n[transmission]\nposition = [\"motor_a\", \"motor_b\"]\n\
                         torque = [\"current_a\", \"current_b\"]\nratio = [[50, 40], [50, -40]]\n";
     fs::write(folder.path().join("joints.toml"), format!("device = \"planar2r\"\n{}", runs("joints"))).unwrap();
-    let known = format!("device = \"planar2r\"\n{transmission}motor_constant = [0.05, 0.05]\n{}", runs("motors"));
+    let known = format!("device = \"planar2r\"\n{transmission}motor_constant = [0.05, 0.08]\n{}", runs("motors"));
     fs::write(folder.path().join("known.toml"), known).unwrap();
     fs::write(folder.path().join("unknown.toml"), format!("device = \"planar2r\"\n{transmission}{}", runs("motors")))
         .unwrap();
@@ -162,12 +172,20 @@ fn motors_behind_a_coupling() {
     for (name, value) in &of_joints {
         assert!((value - of_motors[name]).abs() < 1e-7 * value.abs(), "{name}: {value} and {}", of_motors[name]);
     }
-    model(
-        folder.path(),
-        "[[effect]]\nid = \"gain\"\njoint = [0, 1]\nKp = { value = 0.03, lower = 0.001, upper = 1.0 }\n",
-    );
+    // Of unlike motors each joint has half the sum of both, and what the difference brings of the other's command.
+    let coupled =
+        |joint: usize, from: usize| format!("[[effect]]\nid = \"input_coupling\"\njoint = {joint}\nfrom = {from}\n");
+    let gain = "[[effect]]\nid = \"gain\"\njoint = [0, 1]\nKp = { value = 0.03, lower = 0.001, upper = 1.0 }\n";
+    model(folder.path(), &(gain.to_owned() + &coupled(0, 1) + &coupled(1, 0)));
     let found = fitted("unknown.toml", "c.toml");
-    for (name, truth) in [("joint.0.gain.Kp", 0.05), ("joint.1.gain.Kp", 0.05), ("joint.0.viscous.Fv", 0.3)] {
-        assert!((found[name] / truth - 1.0).abs() < 5e-3, "{name}: {found:?}");
+    let (mean, difference) = ((constants[0] + constants[1]) / 2.0, (constants[0] - constants[1]) / 2.0);
+    for (name, truth) in [
+        ("joint.0.gain.Kp", mean),
+        ("joint.1.gain.Kp", mean),
+        ("joint.0.input_coupling.1.gain", difference * 50.0 / 40.0 / mean),
+        ("joint.1.input_coupling.0.gain", difference * 40.0 / 50.0 / mean),
+        ("joint.0.viscous.Fv", 0.3),
+    ] {
+        assert!((found[name] / truth - 1.0).abs() < 1e-2, "{name} is not {truth}: {found:?}");
     }
 }

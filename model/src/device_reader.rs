@@ -501,13 +501,20 @@ fn read_cell(
         let message = format!("{} must be a sum of products of lengths, joint variables and numbers", entry.what);
         return Err(entry.error(message).help("give what is computed from lengths otherwise a length of its own"));
     }
-    if moves && expression.affine().is_none() {
+    let affine = expression.affine();
+    if moves && affine.is_none() {
         return Err(entry
             .error(format!(
                 "{} must be a sum of joint variables with constant factors, found `{expression}`",
                 entry.what
             ))
             .help("write e.g. `-q2 - pi/2`"));
+    }
+    let factor = |symbol: &String| affine.as_ref().and_then(|sum| sum.coefficients.get(symbol)).copied().unwrap_or(0.0);
+    if let Some(idle) = symbols.iter().find(|own| joint_variable(own).is_some() && factor(own).abs() < EXACT_ZERO) {
+        return Err(entry
+            .symbol_error(idle, format!("`{idle}` has the factor 0 in {}", entry.what))
+            .help("leave it out, or give it its factor"));
     }
     Ok(expression)
 }

@@ -3,7 +3,7 @@
 use crate::{
     device::DefaultEffect,
     document::{Entry, Table},
-    effect::{Effect, Scope},
+    effect::{Effect, Place, Scope, Stage},
     error::{ModelError, did_you_mean},
     parameter::Parameter,
 };
@@ -188,12 +188,23 @@ pub fn check_instances(instances: &[(&Table, DefaultEffect)], effects: &[Effect]
         let effect = effects.iter().find(|effect| effect.id == larger.id);
         effect.is_some_and(|effect| effect.replaces.iter().any(|replaced| replaced.id == smaller.id))
     };
+    // Of a drive there is one delay and one transmission a joint, whatever the robot carries.
+    let stands_alone = |instance: &DefaultEffect| {
+        let effect = effects.iter().find(|effect| effect.id == instance.id);
+        effect.is_some_and(|effect| effect.place == Place::Transmission || effect.stage == Some(Stage::Delay))
+    };
     for (index, (table, later)) in instances.iter().enumerate() {
-        for (_, earlier) in instances[..index].iter().filter(|(_, earlier)| earlier.payload == later.payload) {
+        let meets = |earlier: &DefaultEffect| {
+            let one_is_the_machines = earlier.payload.is_none() || later.payload.is_none();
+            earlier.payload == later.payload || (one_is_the_machines && stands_alone(later))
+        };
+        for (_, earlier) in instances[..index].iter().filter(|(_, earlier)| meets(earlier)) {
             if (&earlier.id, earlier.joint, earlier.from) == (&later.id, later.joint, later.from) {
                 return Err(table
                     .error(format!("{} stands twice", instance_name(&later.id, later.joint, later.from)))
-                    .help("remove one of the two"));
+                    .help(
+                        "remove one of the two; where a table is of several joints, take the joint out of its list",
+                    ));
             }
             let group = alternatives(later);
             if earlier.joint == later.joint && group.is_some() && group == alternatives(earlier) {

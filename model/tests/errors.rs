@@ -39,6 +39,7 @@ fn kinematics() {
         ("name = \"f2\"", "name = \"f1\""),
         ("theta = \"q1\"", "theta = 0"),
         ("theta = \"q1\"", "theta = \"q1 * q1\""),
+        ("theta = \"q1\"", "theta = \"0 * q1\""),
         ("theta = \"q1\"", "theta = \"sin(q1)\""),
         ("theta = \"q1\"", "theta = \"q1 + L1\""),
         ("theta = \"q1\", d = 0", "theta = \"q1\", d = \"q1\""),

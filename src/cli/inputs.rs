@@ -41,6 +41,7 @@ pub fn start(path: Option<&Path>, experiment: &Experiment, outside: Outside) -> 
         Outside::Clip => made_physical(Model::load_clipped(path)?),
     };
     of_device(&model, path, experiment.device, &format!("the experiment {}", experiment.path.display()))?;
+    model.check_payloads(experiment)?;
     Ok(model)
 }
 

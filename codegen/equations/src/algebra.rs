@@ -514,11 +514,15 @@ impl fmt::Display for Symbol {
 pub fn angle_sum(expression: &Expression) -> Result<AngleSum, String> {
     let wanted = "an angle is a sum of joint variables with constant factors and a constant";
     let affine = expression.affine().ok_or(wanted)?;
-    let factors = affine.coefficients.into_iter().map(|(name, factor)| {
+    let mut factors = BTreeMap::new();
+    for (name, factor) in affine.coefficients {
         let joint = joint_variable(&name).ok_or(wanted)?;
-        Ok((joint, if is_whole(factor) { factor.round() } else { factor }))
-    });
-    Ok(AngleSum { factors: factors.collect::<Result<_, String>>()?, constant: affine.constant })
+        let factor = if is_whole(factor) { factor.round() } else { factor };
+        if factor != 0.0 {
+            factors.insert(joint, factor);
+        }
+    }
+    Ok(AngleSum { factors, constant: affine.constant })
 }
 
 /// Units of [`Link::SYMBOLS`].

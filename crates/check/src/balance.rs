@@ -374,7 +374,8 @@ fn contradictions(model: &Model, balances: &[Balance<'_>]) -> Vec<Finding> {
     const SAME_POSE: f64 = 0.05;
     let alike = |a: &Balance<'_>, b: &Balance<'_>| {
         let poses = a.motion.locked.iter().zip(&b.motion.locked);
-        a.run.free == b.run.free && poses.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) < SAME_POSE
+        (&a.run.free, &a.run.payload) == (&b.run.free, &b.run.payload)
+            && poses.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) < SAME_POSE
     };
     let mut findings: Vec<Finding> = Vec::new();
     for joint in 0..model.device.joints.len() {

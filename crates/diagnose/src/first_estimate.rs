@@ -27,7 +27,8 @@ pub struct FirstEstimates {
 /// The estimate is the step that the score test promises most of; where it promises nothing the effect stays.
 pub fn with_first_estimates(model: &Model, runs: &[&Run]) -> FirstEstimates {
     let mut found = FirstEstimates { model: model.clone(), others: Vec::new(), labels: Vec::new() };
-    let new: Vec<EffectInstance> = model.effects.iter().filter(|own| vanishes(own)).cloned().collect();
+    let new: Vec<EffectInstance> =
+        model.effects.iter().filter(|own| own.payload.is_none() && vanishes(own)).cloned().collect();
     let is_single = new.len() == 1;
     let settings = Settings::default();
     let to_fit = runs.iter().filter(|run| run.role == Role::Fit);

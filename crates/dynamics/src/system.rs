@@ -80,7 +80,7 @@ pub struct System {
     friction_is_read: bool,
     /// The drive depends on the commands alone, so it is constant over a held sample.
     steady_drive: bool,
-    /// Joint effects or accelerations read what the drive delivers: only not in [`System::loads_apart`].
+    /// Whether anything reads what the drive delivers: everywhere but where [`System::loads_apart`] has left no effect that does.
     drive_is_read: bool,
 }
 

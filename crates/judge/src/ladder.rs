@@ -193,7 +193,7 @@ fn extended(before: &Model, model: &Model, add: Add) -> Option<Model> {
     let mut n_added = 0;
     for effect in lacking {
         match effect.payload {
-            Some(_) => extended.effects.push(effect.clone()),
+            Some(_) => extended.effects.push(as_added(effect, model)),
             None => {
                 add(&mut extended, &effect.effect.id, effect.joint, effect.from).ok()?;
             }
@@ -201,6 +201,17 @@ fn extended(before: &Model, model: &Model, add: Add) -> Option<Model> {
         n_added += 1;
     }
     (n_added > 0).then_some(extended)
+}
+
+/// An effect of a payload as it stood in the model before its fit: a user writes it, no command adds it.
+fn as_added(effect: &EffectInstance, model: &Model) -> EffectInstance {
+    let mut added = effect.clone();
+    for (index, parameter) in added.parameters.iter_mut().enumerate() {
+        if let Some(prior) = model.prior(&effect.parameter_name(index)) {
+            parameter.value = prior;
+        }
+    }
+    added
 }
 
 /// Puts `models`, each with what it is called, on `runs`.

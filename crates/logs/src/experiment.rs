@@ -335,7 +335,7 @@ impl Experiment {
             hash.update([run.role as u8]);
             hash.update((run.configuration as u64).to_le_bytes());
             run.log.digest(&mut hash);
-            run.payload.iter().for_each(|name| hash.update(name));
+            run.payload.iter().for_each(|name| hash.update(format!("payload {name}\n")));
             read.push(run);
         }
         let digest = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
@@ -424,9 +424,13 @@ impl<'a> RunSource<'a> {
             free: free.clone(),
             start: self.start()?,
             has_controller: self.setting("controller").is_some(),
-            transmission: self.setting("transmission").map(|value| self.transmission(value)).transpose()?,
+            // What is planned is planned for the joints.
+            transmission: match (self.setting("transmission"), self.table.get("start")) {
+                (Some(value), None) => Some(self.transmission(value)?),
+                _ => None,
+            },
         };
-        let payload = self.setting("payload").map(|value| self.payload(value)).transpose()?;
+        let payload = self.setting("payload").map(|value| self.payload(value)).transpose()?.flatten();
         let settings = self.settings(&free)?;
         let path = file.relative(name);
         let log = log::read(&path, &format).map_err(|error| ExperimentError::Log {
@@ -454,10 +458,6 @@ impl<'a> RunSource<'a> {
             return Err(file.invalid(value.span().start, message, remedy));
         }
         free.sort_unstable();
-        if let Some(pair) = free.windows(2).find(|pair| pair[0] == pair[1]) {
-            let message = format!("free: joint {} is named twice", pair[0]);
-            return Err(file.invalid(value.span().start, message, "name each free joint once"));
-        }
         Ok(free)
     }
 
@@ -476,6 +476,10 @@ impl<'a> RunSource<'a> {
                 };
                 file.invalid(entry.span().start, message, "name each joint by its index")
             })?;
+            if joints.contains(&joint) {
+                let message = format!("{key}: joint {joint} is named twice");
+                return Err(file.invalid(entry.span().start, message, "name each joint once"));
+            }
             joints.push(joint);
         }
         Ok(joints)
@@ -497,13 +501,17 @@ impl<'a> RunSource<'a> {
         entries.iter().map(position).collect::<Result<Vec<f64>, _>>().map(Some)
     }
 
-    fn payload(&self, value: &Spanned<DeValue<'a>>) -> Result<String, ExperimentError> {
+    /// What the run carries; an empty name is nothing.
+    fn payload(&self, value: &Spanned<DeValue<'a>>) -> Result<Option<String>, ExperimentError> {
         let name = self.file.string(value, "payload")?;
+        if name.is_empty() {
+            return Ok(None);
+        }
         check_payload(name).map_err(|message| {
             let remedy = "choose another name, also for the effects of the model that it stands for";
             self.file.invalid(value.span().start, message, remedy)
         })?;
-        Ok(name.to_owned())
+        Ok(Some(name.to_owned()))
     }
 
     /// What stands between the logged motors and the joints.
@@ -524,6 +532,13 @@ impl<'a> RunSource<'a> {
         };
         let (position, torque, reference) = (columns("position")?, columns("torque")?, columns("reference")?);
         let n_motors = position.len().max(torque.len());
+        if joints.is_empty() {
+            return Err(wrong("transmission: it moves no joint".to_owned(), "name the joints that the motors move"));
+        }
+        if n_motors == 0 {
+            let message = "transmission: neither `position` nor `torque` names a column".to_owned();
+            return Err(wrong(message, "name the columns of the motors, e.g. position = [\"m0\", \"m1\"]"));
+        }
         let ratio = table.get("ratio").ok_or_else(|| {
             let remedy = "add ratio = [100, 80], turns of each motor for a turn of its joint; or one row a motor with one number a joint";
             wrong("transmission: `ratio` is missing".to_owned(), remedy)
@@ -533,6 +548,12 @@ impl<'a> RunSource<'a> {
             Some(value) => self.numbers(value, "motor_constant", n_motors, "motor")?,
             None => vec![1.0; n_motors],
         };
+        if motor_constant.contains(&0.0) {
+            return Err(wrong(
+                "motor_constant: a motor of 0 makes no torque".to_owned(),
+                "give what a unit of its column is [N*m], or leave `motor_constant` out where it is unknown",
+            ));
+        }
         for (key, columns) in [("position", &position), ("torque", &torque), ("reference", &reference)] {
             if columns.len() != n_motors && !columns.is_empty() {
                 let message = format!("transmission: {key} names {} columns for {n_motors} motors", columns.len());
@@ -549,10 +570,11 @@ impl<'a> RunSource<'a> {
                     .and_then(|value| value.get_ref().as_table())
                     .is_some_and(|own| own.get(name.as_str()).is_some())
             };
-            stands_in("columns") || stands_in("scale")
+            ["columns", "scale", "turn"].into_iter().any(stands_in)
         });
         if let Some(name) = doubly {
-            let message = format!("transmission: `{name}` comes from the motors, but stands in columns or scale too");
+            let message =
+                format!("transmission: `{name}` comes from the motors, but stands in columns, scale or turn too");
             return Err(wrong(message, "remove it there, or take the joint out of transmission.joints"));
         }
         Transmission::new(joints, [position, torque, reference], &ratio, motor_constant).map_err(|message| {
@@ -568,6 +590,12 @@ impl<'a> RunSource<'a> {
         n_joints: usize,
     ) -> Result<Vec<Vec<f64>>, ExperimentError> {
         let rows = self.file.array(value, "ratio", "one number a motor, or one row a motor")?;
+        if n_motors != n_joints && rows.iter().any(|row| number(row).is_some()) {
+            let message =
+                format!("ratio: {n_motors} motors move {n_joints} joints, so no motor has a joint of its own");
+            let remedy = "give one row a motor with one number a joint, e.g. [[50, 40], [50, -40]]";
+            return Err(self.file.invalid(value.span().start, message, remedy));
+        }
         if rows.len() != n_motors {
             let message = format!("ratio: found {} rows for {n_motors} motors", rows.len());
             return Err(self.file.invalid(value.span().start, message, "give one row, or one number, for every motor"));
@@ -750,6 +778,9 @@ impl<'a> RunSource<'a> {
         for joint in 0..self.device.joints.len() {
             names.extend([format!("tau{joint}"), format!("q{joint}"), format!("ref{joint}")]);
         }
+        if key != "columns" {
+            names.extend(self.motor_columns());
+        }
         let mut pairs = Vec::new();
         for (name, entry) in table.iter() {
             let name_text: &str = name.get_ref();
@@ -762,6 +793,18 @@ impl<'a> RunSource<'a> {
             pairs.push((name_text.to_owned(), read(entry).ok_or_else(wrong)?));
         }
         Ok(pairs)
+    }
+}
+
+impl RunSource<'_> {
+    /// Names that `[transmission]` has for columns of the log.
+    fn motor_columns(&self) -> Vec<String> {
+        let Some(table) = self.setting("transmission").and_then(|value| value.get_ref().as_table()) else {
+            return Vec::new();
+        };
+        let lists =
+            ["position", "torque", "reference"].into_iter().filter_map(|key| table.get(key)?.get_ref().as_array());
+        lists.flat_map(|list| list.iter()).filter_map(|name| Some(name.get_ref().as_str()?.to_owned())).collect()
     }
 }
 

@@ -505,7 +505,7 @@ impl Header<'_> {
                 hint: guess.map_or(String::new(), |guess| format!("; the nearest name is `{guess}`")),
                 remedy: match logical {
                     "mask" => format!("mask = \"{example}\""),
-                    "transmission" => format!("`{example}` in [transmission]"),
+                    "transmission" => format!("transmission = {{ .. }} names it `{example}`"),
                     _ => format!("columns = {{ {logical} = \"{example}\" }}"),
                 },
             });
@@ -513,7 +513,9 @@ impl Header<'_> {
         if places.next().is_some() {
             return Err(LogError::DuplicateColumn { path: self.path.to_owned(), column: name.to_owned() });
         }
-        let of = |numbers: &[(String, f64)]| numbers.iter().find(|(other, _)| other == logical).map(|(_, own)| *own);
+        // A column of a motor goes by its own name.
+        let known = if logical == "transmission" { name } else { logical };
+        let of = |numbers: &[(String, f64)]| numbers.iter().find(|(other, _)| other == known).map(|(_, own)| *own);
         let scale = of(&self.format.scale).unwrap_or(1.0);
         let turn = of(&self.format.turn).map(|turn| turn * scale.abs());
         Ok(Column { index, name: name.to_owned(), scale, turn, values: Vec::new() })

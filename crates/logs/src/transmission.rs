@@ -16,7 +16,7 @@ pub struct Transmission {
     pub torque: Vec<String>,
     /// Columns of the motors' commanded positions; none where they are not logged.
     pub reference: Vec<String>,
-    /// Joint positions of motor positions: n_joints x n_motors [rad or m per unit of `position`].
+    /// Joint positions of motor positions, where these are logged: n_joints x n_motors [rad or m per unit of `position`].
     joint_per_motor: DMatrix<f64>,
     /// Joint torques of the torque columns: n_joints x n_motors [N*m or N per unit of `torque`].
     torque_per_motor: DMatrix<f64>,
@@ -36,21 +36,8 @@ impl Transmission {
     ) -> Result<Self, String> {
         let ratio = DMatrix::from_fn(ratio.len(), joints.len(), |motor, joint| ratio[motor][joint]);
         let torque_per_motor = ratio.transpose() * DMatrix::from_diagonal(&motor_constant.into());
-        let svd = ratio.clone().svd(true, true);
-        let largest = svd.singular_values.iter().fold(0.0, |largest: f64, value| largest.max(*value));
-        let rank = svd.rank(largest * f64::EPSILON * ratio.nrows().max(ratio.ncols()) as f64);
-        if rank < joints.len() {
-            return Err(format!(
-                "{} motors with these ratios do not determine the positions of {} joints",
-                ratio.nrows(),
-                joints.len()
-            ));
-        }
-        let exact = if ratio.is_square() { ratio.clone().try_inverse() } else { None };
-        let joint_per_motor = match exact {
-            Some(inverse) => inverse,
-            None => svd.pseudo_inverse(0.0).map_err(str::to_owned)?,
-        };
+        let asks_for_positions = !position.is_empty() || !reference.is_empty();
+        let joint_per_motor = if asks_for_positions { inverse(&ratio)? } else { ratio.transpose() };
         Ok(Self { joints, position, torque, reference, joint_per_motor, torque_per_motor })
     }
 
@@ -62,6 +49,21 @@ impl Transmission {
     /// Torques of the joints, in their order, of the torque columns.
     pub fn joint_torques(&self, motors: &[Vec<f64>]) -> Vec<Vec<f64>> {
         combined(&self.torque_per_motor, motors)
+    }
+}
+
+/// Joint positions of motor positions; of more motors than joints those that fit them best.
+fn inverse(ratio: &DMatrix<f64>) -> Result<DMatrix<f64>, String> {
+    let (n_motors, n_joints) = ratio.shape();
+    let svd = ratio.clone().svd(true, true);
+    let largest = svd.singular_values.iter().fold(0.0, |largest: f64, value| largest.max(*value));
+    if svd.rank(largest * f64::EPSILON * n_motors.max(n_joints) as f64) < n_joints {
+        return Err(format!("the ratios of {n_motors} motors do not determine the positions of {n_joints} joints"));
+    }
+    let exact = if ratio.is_square() { ratio.clone().try_inverse() } else { None };
+    match exact {
+        Some(inverse) => Ok(inverse),
+        None => svd.pseudo_inverse(0.0).map_err(str::to_owned),
     }
 }
 
@@ -114,7 +116,7 @@ mod tests {
     fn motors_that_leave_a_joint_open() {
         assert_eq!(
             of(&[vec![1.0, 1.0], vec![2.0, 2.0]], 2).unwrap_err(),
-            "2 motors with these ratios do not determine the positions of 2 joints"
+            "the ratios of 2 motors do not determine the positions of 2 joints"
         );
     }
 }

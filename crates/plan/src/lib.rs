@@ -162,7 +162,7 @@ fn unreachable(model: &Model, seen: &BTreeSet<String>) -> Result<Vec<Unreachable
 fn depends_on(model: &Model, kernel: &Kernel) -> Vec<String> {
     let links = appearing(kernel);
     let mut parameters: Vec<String> = model.names().into_iter().filter(|name| links.contains(name)).collect();
-    for instance in &model.effects {
+    for instance in model.effects.iter().filter(|own| own.acts_with(None)) {
         let acts = [instance.joint, instance.from].into_iter().flatten().any(|joint| kernel.free.contains(&joint));
         if acts || (instance.joint.is_none() && instance.from.is_none()) {
             let unknown = instance.parameters.iter().enumerate().filter(|(_, parameter)| !parameter.fixed);

@@ -79,6 +79,7 @@ pub fn terms(model: &Model, run: &Run) -> Result<Vec<JointTerms>, TermsError> {
             Some(from) => format!("{} from {from}", effect.effect.id),
             None => effect.effect.id.clone(),
         };
+        let name = effect.payload.as_ref().map_or(name.clone(), |payload| format!("{name} with {payload}"));
         // What others build on cannot be taken out while they are there.
         let Ok(system) = of_model(&without) else { continue };
         let errors = along(&system, &motion);

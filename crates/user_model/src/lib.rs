@@ -20,6 +20,7 @@ mod assemble;
 mod clip;
 mod edit;
 mod fit_record;
+mod payloads;
 mod perturbed;
 mod read;
 #[cfg(test)]
@@ -32,6 +33,7 @@ use dynid_model::{Device, Effect, JointKind, Link, Parameter, did_you_mean, inst
 
 pub use edit::{Added, EffectError};
 pub use fit_record::{ErrorShare, FitRecord, Source};
+pub use payloads::UnknownPayload;
 pub use read::device_of;
 
 use dynid_format::UnknownName;
@@ -190,9 +192,9 @@ impl Model {
         })
     }
 
-    /// The effects at a joint (of a pair: its `joint`), in the order of the file.
+    /// The machine's own effects at a joint (of a pair: its `joint`), in the order of the file.
     pub fn effects_at(&self, joint: usize) -> impl Iterator<Item = &EffectInstance> {
-        self.effects.iter().filter(move |instance| instance.joint == Some(joint))
+        self.effects.iter().filter(move |instance| instance.joint == Some(joint) && instance.payload.is_none())
     }
 
     fn unknown(&self, name: &str) -> UnknownName {

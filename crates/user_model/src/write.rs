@@ -164,9 +164,8 @@ impl Model {
             let says_the_same = |own: &&EffectInstance| self.updated_table(found, own).to_string() == table.to_string();
             if named.len() == n_named && named.iter().all(says_the_same) {
                 shared.extend(named);
-            } else if n_named > 1 {
-                // Joint numbers are small.
-                table.insert("joint", value(instance.joint.map_or(0, |joint| joint as i64)));
+            } else if let (Some(joint), true) = (instance.joint, n_named > 1) {
+                replace(&mut table, "joint", Value::from(joint as i64));
             }
             new.push(table);
         }

@@ -6,7 +6,8 @@ use super::{Block, Element, NONE, System};
 
 impl System {
     /// This system and `other`, each without the joint effects that both have alike: [`System::loads`] of the two differ by what those
-    /// of the whole systems do. States and parameters keep their places.
+    /// of the whole systems do. States and parameters keep their places. Only [`System::effects_alone`], [`System::loads`] and
+    /// [`System::measure`] mean anything of them.
     ///
     /// `None` where something else differs that a torque hangs on, or where effects read the friction of others.
     pub fn loads_apart(&self, other: &Self) -> Option<[Self; 2]> {
@@ -62,7 +63,7 @@ impl System {
 #[cfg(test)]
 mod tests {
     use super::super::PlacedEffect;
-    use super::super::fixtures::{ARM, GAIN, LUGRE, ROTOR_INERTIA, SPRING, VISCOUS, full_arm, placed};
+    use super::super::fixtures::{ARM, FRICTION_BIAS, GAIN, LUGRE, ROTOR_INERTIA, SPRING, VISCOUS, full_arm, placed};
     use super::*;
 
     fn arm(effects: &[PlacedEffect]) -> System {
@@ -103,7 +104,11 @@ mod tests {
                 assert!((whole - left).abs() < 1e-14, "{whole} {left}, {other:?}");
             }
         }
-        let elsewhere = [placed(&ROTOR_INERTIA, 1, None, &[1e-3]), placed(&GAIN, 1, None, &[1.1])];
+        let elsewhere = [
+            placed(&ROTOR_INERTIA, 1, None, &[1e-3]),
+            placed(&GAIN, 1, None, &[1.1]),
+            placed(&FRICTION_BIAS, 0, None, &[1.3]),
+        ];
         assert!(elsewhere.iter().all(|more| with(std::slice::from_ref(more)).loads_apart(&known).is_none()));
         assert!(
             known

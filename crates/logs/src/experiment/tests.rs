@@ -175,7 +175,7 @@ fn bad_experiments_are_refused_with_place_and_remedy() {
     assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, turn, repeated_times, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, payload, transmission");
     assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @r#"experiment.toml:1:10: there is no device `arn`; known: double_pendulum, freedom6s, oscillator, planar2r, servo_pendulum, staubli_tx40; a device of your own is named by its file: "arn.toml""#);
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
-    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 0]")), @"experiment.toml:4:8: free: joint 0 is named twice; name each free joint once");
+    assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 0]")), @"experiment.toml:4:12: free: joint 0 is named twice; name each joint once");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);
     assert_snapshot!(refused(&GOOD.replace("role = \"fit\"\n", "")), @r#"experiment.toml:2:1: run 1 does not say `role`; add "fit" or "validate""#);
@@ -233,6 +233,18 @@ fn joints_of_motors() {
     }
 }
 
+/// Columns of motors go by their own names.
+#[test]
+fn motors_have_units_too() {
+    let motors = MOTORS.replace("[transmission]", "scale = { m0 = 0.5, i1 = 10 }\n[run.transmission]");
+    let log = "t,m0,m1,i0,i1\n0,620,-10,1,0.2\n0.1,660,-30,1,0.2\n0.2,700,-50,1,-0.2\n";
+    let (_folder, scaled) = read(&format!("{GOOD}{motors}"), log);
+    let plain = MOTORS.replace("[transmission]", "[run.transmission]");
+    let (_other, plain) = read(&format!("{GOOD}{plain}"), MOTOR_LOG);
+    let (scaled, plain) = (scaled.expect("a good experiment"), plain.expect("a good experiment"));
+    assert_eq!(scaled.runs[0].log, plain.runs[0].log);
+}
+
 /// Gears alone, encoders at the joints: `ratio` as a list, and positions that are logged as ever.
 #[test]
 fn gears_of_some_joints() {
@@ -261,6 +273,13 @@ fn what_is_wrong_with_a_transmission() {
         ("[run.transmission]\n", "columns = { q1 = \"m1\" }\n[run.transmission]\n"),
         ("[run.transmission]\n", "[run.transmission]\njoints = [0, 2]\n"),
         ("ratio", "gear"),
+        ("[run.transmission]\n", "turn = { q0 = 360 }\n[run.transmission]\n"),
+        ("[run.transmission]\n", "[run.transmission]\njoints = [1, 1]\n"),
+        ("[run.transmission]\n", "[run.transmission]\njoints = []\n"),
+        ("position = [\"m0\", \"m1\"]\ntorque = [\"i0\", \"i1\"]\n", ""),
+        ("[[50, 40], [50, -40]]\nmotor", "[50, 40]\njoints = [1]\nmotor"),
+        ("[0.05, 0.1]", "[0.05, 0]"),
+        ("[run.transmission]\n", "scale = { m2 = 0.1 }\n[run.transmission]\n"),
     ];
     let told: Vec<String> = errors.iter().map(|(old, new)| refusal(&of(old, new), MOTOR_LOG)).collect();
     assert_snapshot!(told.join("\n"));

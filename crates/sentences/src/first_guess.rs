@@ -128,6 +128,14 @@ pub fn remark(remark: &Remark) -> String {
              ratio under [scale].",
             named(*quantity)
         ),
+        Remark::UnitOfOther { column, unit, logical } => format!(
+            "`{column}` is taken for {logical}, of which {unit} is no unit: it has no factor. If it is {logical}, write one under [scale];              else name the right column with `--column {logical}=NAME`."
+        ),
+        Remark::RowsFarApart { column, step_s } => format!(
+            "`{column}` is dynid's own name, so it is taken to be in s; then rows are {} s apart. If it is in ms, write {column} = 1e-3 under \
+             [scale].",
+            number(*step_s)
+        ),
         Remark::NeverMoves { joints } => {
             let joints: Vec<String> = joints.iter().map(usize::to_string).collect();
             format!("In no log moves joint {}: taken for locked.", joints.join(", "))

@@ -154,6 +154,17 @@ pub fn write_together(files: &[(PathBuf, String)], overwrite: Overwrite) -> Resu
     all
 }
 
+/// Makes a folder to write to, and those it lies in; one that is there stays as it is.
+///
+/// # Errors
+/// [`FileError::Unwritable`].
+pub fn make_folder(path: &Path) -> Result<(), FileError> {
+    if path == Path::new("") {
+        return Ok(());
+    }
+    fs::create_dir_all(path).map_err(|source| FileError::Unwritable { path: path.to_owned(), source })
+}
+
 fn write_all(path: &Path, text: &str) -> io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(text.as_bytes())?;

@@ -114,7 +114,6 @@ fn nothing_is_overwritten_and_all_is_written_or_nothing() {
 #[test]
 fn what_a_person_says_is_written_with_its_reason() {
     let folder = folder();
-    fs::create_dir(folder.path().join("arm")).unwrap();
     let log = fs::read_to_string(folder.path().join("one.csv")).unwrap();
     let log = log.replacen("stamp", "clock \"a\"", 1).replacen("/joint_states/effort[1]", "x", 1);
     fs::write(folder.path().join("one.csv"), log).unwrap();
@@ -125,7 +124,7 @@ fn what_a_person_says_is_written_with_its_reason() {
         said.contains("no column is the torque of joint 1 (elbow)") && said.contains("--column tau1=NAME"),
         "{said}"
     );
-    assert_eq!(fs::read_dir(folder.path().join("arm")).unwrap().count(), 0, "nothing is written");
+    assert!(!folder.path().join("arm").exists(), "nothing is written");
 
     dynid(folder.path(), &[&new[..], &["--column", "tau1=x", "--free", "0,1"]].concat()).success();
     let experiment = fs::read_to_string(folder.path().join("arm/experiment.toml")).unwrap();
@@ -133,6 +132,15 @@ fn what_a_person_says_is_written_with_its_reason() {
     assert!(experiment.contains("free = [0, 1]") && experiment.contains("# said with --free"), "{experiment}");
     assert!(experiment.contains("file = \"../one.csv\""), "{experiment}");
     dynid(folder.path(), &["check", "arm/experiment.toml", "--model", "arm/model.toml"]).success();
+}
+
+#[test]
+fn a_log_that_is_not_there_is_one_error() {
+    let folder = folder();
+    let refused = dynid(folder.path(), &["new", "no.csv", "--device", "arm.urdf"]).code(2);
+    let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("no.csv: cannot be read") && said.contains("give the path of a CSV file"), "{said}");
+    assert!(!said.contains("experiment"), "there is none yet: {said}");
 }
 
 #[test]

@@ -23,7 +23,7 @@ Examples:
   dynid export fitted.toml --as json                               links, joints and effects, with standard deviations
 
 `--from` is the file that `dynid device import` made the model's device from. Mass, centroid and inertia of its links, damping,
-friction and (MJCF) armature and springs become the model's; all other text stays. Where links move as one, their sum is the
+friction and (MJCF) armature, springs and gravity become the model's; all other text stays. Where links move as one, their sum is the
 model's. What the format has no place for is listed.")]
 pub struct Arguments {
     /// The model.
@@ -40,7 +40,7 @@ pub struct Arguments {
     /// C only: the joints that move; without it, all.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
-    /// C only: positions of all joints [rad or m], at which those that do not move are locked; without it, 0.
+    /// C only: positions of all joints [rad or m], at which those that do not move are locked; those of joints that move are not used. Without it, 0.
     #[arg(long, value_delimiter = ',', value_name = "POSITIONS", allow_hyphen_values = true)]
     posture: Option<Vec<f64>>,
     /// Overwrite the output if it is there.

@@ -8,7 +8,7 @@ use dynid::{
     Device, FirstGuess, KnownOfLogs, Role, device_from_description, device_named, experiment_file, first_guess,
     model_file,
 };
-use dynid_files::{Overwrite, check_output, write_together};
+use dynid_files::{FileError, Overwrite, check_output, make_folder, write_together};
 use dynid_first_guess::{ColumnGuess, RoleReason, RunGuess};
 use dynid_format::number;
 use dynid_sentences::{check, first_guess as sentences};
@@ -22,7 +22,7 @@ use super::{Answer, Outcome};
 #[command(after_help = "\
 Examples:
   dynid new run-1.csv run-2.csv --device robot.urdf       writes experiment.toml, model.toml and robot.toml
-  dynid new logs/*.csv --device my_robot.toml --out arm   into the folder arm
+  dynid new logs/*.csv --device my_robot.toml --out arm   into the folder arm, made where there is none
   dynid new log.csv --device planar2r --column tau1=motor_2 --free 0,1
 
 Then `dynid fit experiment.toml --model model.toml --out fitted.toml` runs. What is guessed, and from what:
@@ -66,11 +66,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let out: PathBuf = out.components().filter(|part| *part != Component::CurDir).collect();
     let at = |name: &str| out.join(name);
     for name in [EXPERIMENT, MODEL] {
-        check_output(&at(name), overwrite)?;
+        check_file(&at(name), overwrite)?;
     }
     let robot = robot(device, &at(ROBOT), overwrite)?;
     let known = KnownOfLogs { columns: columns.clone(), free: free.clone() };
     let guess = first_guess(robot.device, logs, &known)?;
+    make_folder(&out)?;
     let mut files = vec![
         (at(EXPERIMENT), experiment_file(robot.device, logs, &guess, &out)),
         (at(MODEL), model_file(robot.device, &out)),
@@ -90,6 +91,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome { text, json, answer: Answer::Yes })
 }
 
+/// As [`check_output`]; a folder that is not there yet holds nothing to overwrite, and is made when all is known.
+fn check_file(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
+    let is_to_be_made = path.parent().is_some_and(|folder| folder != Path::new("") && !folder.exists());
+    if is_to_be_made { Ok(()) } else { check_output(path, overwrite) }
+}
+
 /// The device of the logs.
 struct Robot {
     device: &'static Device,
@@ -107,7 +114,7 @@ fn robot(name: &str, out: &Path, overwrite: Overwrite) -> anyhow::Result<Robot> 
             Err(error) => bail!("--device {name}: {error}; {}", error.remedy()),
         };
     }
-    check_output(out, overwrite)?;
+    check_file(out, overwrite)?;
     let imported = device_from_description(&dynid_files::read(path)?, path, None)?;
     let device = Device::parse_own(&imported.toml, out, out.to_owned())?;
     // As long as the process, like every device.

@@ -4,6 +4,7 @@ use dynid_lower::c99::{Linkage, definition, number, prototype, runtime};
 use dynid_lower::effect::EffectKernels;
 use dynid_lower::kernel::{Argument, Function, Results};
 use dynid_lower::{Input, Program};
+use dynid_model::expression::Function as Call;
 
 #[test]
 fn a_law() {
@@ -84,6 +85,41 @@ fn names_of_c_are_kept() {
         prototype("arm_torque", &function),
         "void arm_torque(const double q[1], const double *states, double tau[2])"
     );
+}
+
+/// A variable that is called as a function of C would hide it from the terms that call it.
+#[test]
+fn functions_that_terms_call_are_kept() {
+    let calls = [
+        ("tan", Call::Tan),
+        ("tanh", Call::Tanh),
+        ("log", Call::Ln),
+        ("sqrt", Call::Sqrt),
+        ("fabs", Call::Abs),
+        ("arm_exponential", Call::Exp),
+        ("arm_sign", Call::Sign),
+    ];
+    for (name, call) in calls {
+        let mut program = Program::new();
+        let q = program.position(0, "rad");
+        let two = program.number(2.0);
+        let double = program.multiply(two, q);
+        program.name(double, name);
+        let called = program.call(call, double);
+        let sum = program.add(called, double);
+        program.output("tau[0]", sum);
+        let function = Function {
+            name: "torque",
+            title: "",
+            form: String::new(),
+            arguments: vec![Argument { name: "q", elements: vec![Input::Position(0)] }],
+            results: vec![Results { name: "tau", elements: vec!["tau[0]".to_owned()] }],
+            program,
+        };
+        let text = definition("arm_torque", "arm", &function, Linkage::External);
+        assert!(text.contains(&format!("const double {name}_ = 2.0 * q0;")), "{text}");
+        assert!(text.contains(&format!("{name}({name}_) + {name}_")), "{text}");
+    }
 }
 
 #[test]

@@ -123,5 +123,8 @@ fn notes(parts: &Parts) -> Vec<String> {
             delay.joint, delay.span_s
         )
     });
-    delays.collect()
+    let payloads = parts.model.effects.iter().filter(|own| own.payload.is_some()).map(|own| {
+        format!("{} is left out: the file is of the robot as it is without what it carries in some runs", own.label())
+    });
+    delays.chain(payloads).collect()
 }

@@ -46,7 +46,7 @@ fn option_of(format: Format) -> &'static str {
 /// # Errors
 /// What is wrong in the description, or where it is none of the model's device.
 pub fn as_description(model: &Model, format: Format, text: &str, path: &Path) -> Result<Exported, ExportError> {
-    let found = Format::of(text, path);
+    let found = Format::of(text, path)?;
     if found != format {
         return Err(ExportError::OtherFormat { path: path.to_owned(), found });
     }

@@ -310,3 +310,21 @@ fn delays_are_noted() {
     assert_eq!(notes.len(), 1);
     assert!(notes[0].starts_with("the command of joint 1 arrives "), "{notes:?}");
 }
+
+/// What a robot carries in some runs is no part of it, and that is told.
+#[test]
+fn payloads_of_runs_are_told() {
+    let mut model = Model::of_device(dynid_model::device("planar2r").unwrap());
+    let without = as_c99(&model, &[0, 1], &[]).unwrap();
+    let mut payload = EffectInstance::new(model.device, "payload", Some(1), None).unwrap();
+    payload.payload = Some("box".to_owned());
+    model.effects.push(payload);
+    let with = as_c99(&model, &[0, 1], &[]).unwrap();
+    assert_eq!(
+        with.notes,
+        [
+            "`payload` at joint 1 with `box` is left out: the file is of the robot as it is without what it carries in some runs"
+        ]
+    );
+    assert_eq!(without.notes, [""; 0]);
+}

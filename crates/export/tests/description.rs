@@ -278,7 +278,8 @@ fn a_light_sum_goes_to_the_carrier() {
             "link `wrist` carries the mass of `palm` too, which have none now: no body is what the sum leaves beside what they stated"
         ]
     );
-    assert_eq!(exported.text.matches("<inertial>").count() + 1, text.matches("<inertial>").count());
+    assert_eq!(exported.text.matches("<inertial>").count(), text.matches("<inertial>").count());
+    assert_eq!(exported.text.matches("<mass value=\"0\"/>").count(), 1);
     let again =
         Device::parse(&device_from_description(&exported.text, file, None).unwrap().toml, Path::new("again.toml"))
             .unwrap();
@@ -286,6 +287,74 @@ fn a_light_sum_goes_to_the_carrier() {
     // The others keep their text, and so does all when nothing has changed.
     let same = as_description(&Model::of_device(device), Format::Urdf, &text, file).unwrap();
     assert_eq!((same.text.as_str(), same.notes.len()), (text.as_str(), 0));
+}
+
+/// A link without mass, with a shape from which a reader could take one.
+#[test]
+fn a_link_whose_mass_is_taken_away_has_none_for_other_readers() {
+    const ARM: &str = r#"<robot name="arm">
+  <link name="ground"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <link name="tool">
+    <inertial><mass value="0.5"/><inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial>
+    <collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+  </link>
+  <joint name="shoulder" type="continuous"><parent link="ground"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+  <joint name="mount" type="fixed"><parent link="upper"/><child link="tool"/><origin xyz="0.4 0 0"/></joint>
+</robot>
+"#;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("light.urdf");
+    let mut document: DocumentMut = device_from_description(ARM, &path, None).unwrap().toml.parse().unwrap();
+    document["link"].as_array_of_tables_mut().unwrap().iter_mut().for_each(|link| link["m"] = value(0.4));
+    fs::write(path.with_extension("toml"), document.to_string()).unwrap();
+    let device = device_named("light.toml", folder.path()).unwrap();
+    let exported = as_description(&Model::of_device(device), Format::Urdf, ARM, &path).unwrap();
+    assert_eq!(exported.notes.len(), 1, "{:?}", exported.notes);
+    fs::write(&path, &exported.text).unwrap();
+    assert_imported_again(device, &exported.text, &path);
+    assert_same(&MUJOCO, std::slice::from_ref(&path), false);
+    assert_same(&PINOCCHIO, &[path], false);
+}
+
+/// What the import mends is mended in the description too, whether or not the values changed since.
+#[test]
+fn a_mended_body_takes_the_place_of_the_impossible_one() {
+    const ARM: &str = r#"<robot name="arm">
+  <link name="ground"/>
+  <link name="upper"><inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.05"/></inertial></link>
+  <joint name="s" type="continuous"><parent link="ground"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+</robot>
+"#;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mended.urdf");
+    let imported = device_from_description(ARM, &path, None).unwrap();
+    assert_eq!(imported.notes.iter().filter(|note| note.starts_with("no body has")).count(), 1, "{:?}", imported.notes);
+    fs::write(path.with_extension("toml"), &imported.toml).unwrap();
+    let device = device_named("mended.toml", folder.path()).unwrap();
+    let exported = as_description(&Model::of_device(device), Format::Urdf, ARM, &path).unwrap();
+    assert_eq!(
+        exported.notes,
+        [
+            "no body has the inertia that the description states of link `upper`; it has the device's now, which the import mended"
+        ]
+    );
+    // The smaller moments rise by half of what the largest exceeds their sum by.
+    assert!(
+        exported.text.contains(r#"ixx="0.025" ixy="0" ixz="0" iyy="0.025" iyz="0" izz="0.05""#),
+        "{}",
+        exported.text
+    );
+    let again = device_from_description(&exported.text, &path, None).unwrap();
+    assert!(!again.notes.iter().any(|note| note.starts_with("no body has")), "{:?}", again.notes);
+}
+
+/// What is no XML is that, not a description of another format.
+#[test]
+fn a_broken_description_is_told_as_it_is() {
+    let model = Model::of_device(dynid_model::device("planar2r").unwrap());
+    let error = as_description(&model, Format::Mjcf, "<mujoco>\n  <worldbody>\n", Path::new("arm.xml")).unwrap_err();
+    assert!(error.to_string().contains("this is no XML") && error.to_string().contains("arm.xml"), "{error}");
 }
 
 /// Elements that the description does not have are added; what it has no place for is told.

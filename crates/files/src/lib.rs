@@ -124,19 +124,45 @@ pub fn write_new(path: &Path, text: &str, overwrite: Overwrite) -> Result<(), Fi
 
 /// Writes several files that belong together, each with its text: all of them, or none where one of them cannot be written.
 ///
+/// All are written beside their places first, and then take their names. Only where a name is refused after that do files that were
+/// replaced stay replaced.
+///
 /// # Errors
-/// As [`write_new`]; what was written before the error is taken back, unless it replaced a file.
+/// As [`write_new`], of the first file that cannot be written.
 pub fn write_together(files: &[(PathBuf, String)], overwrite: Overwrite) -> Result<(), FileError> {
-    files.iter().try_for_each(|(path, _)| check_output(path, overwrite))?;
-    for (index, (path, text)) in files.iter().enumerate() {
-        if let Err(error) = write_new(path, text, overwrite) {
-            let written = if overwrite == Overwrite::Force { &[] } else { &files[..index] };
-            // The first error is the one to tell.
-            written.iter().for_each(|(path, _)| drop(fs::remove_file(path)));
-            return Err(error);
-        }
+    files.iter().try_for_each(|(path, _)| check_place(path, overwrite))?;
+    let unwritable = |path: &Path| {
+        let path = path.to_owned();
+        |source| FileError::Unwritable { path, source }
+    };
+    let partials =
+        files.iter().try_for_each(|(path, text)| write_all(&partial_of(path), text).map_err(unwritable(path)));
+    let mut named: Vec<&Path> = Vec::new();
+    let all = partials.and_then(|()| {
+        files.iter().try_for_each(|(path, _)| {
+            fs::rename(partial_of(path), path).map_err(unwritable(path))?;
+            named.push(path);
+            Ok(())
+        })
+    });
+    if all.is_err() {
+        let new = if overwrite == Overwrite::Force { &[] } else { named.as_slice() };
+        // The first error is the one to tell.
+        files.iter().for_each(|(path, _)| drop(fs::remove_file(partial_of(path))));
+        new.iter().for_each(|path| drop(fs::remove_file(path)));
     }
-    Ok(())
+    all
+}
+
+/// Makes a folder to write to, and those it lies in; one that is there stays as it is.
+///
+/// # Errors
+/// [`FileError::Unwritable`].
+pub fn make_folder(path: &Path) -> Result<(), FileError> {
+    if path == Path::new("") {
+        return Ok(());
+    }
+    fs::create_dir_all(path).map_err(|source| FileError::Unwritable { path: path.to_owned(), source })
 }
 
 fn write_all(path: &Path, text: &str) -> io::Result<()> {
@@ -183,7 +209,14 @@ mod tests {
         assert!(matches!(write_together(&files, Overwrite::Refuse), Err(FileError::Exists { .. })));
         assert!(!files[0].0.exists(), "the first is not written");
         write_together(&files, Overwrite::Force).unwrap();
-        assert_eq!(files.map(|(path, _)| fs::read_to_string(path).unwrap()), ["one.toml", "two.toml"]);
+        let texts = || files.each_ref().map(|(path, _)| fs::read_to_string(path).unwrap());
+        assert_eq!(texts(), ["one.toml", "two.toml"]);
+        // Not even root makes a file where a folder has its name: the second fails after the first is written.
+        fs::create_dir(partial_of(&files[1].0)).unwrap();
+        let others = files.each_ref().map(|(path, _)| (path.clone(), "other".to_owned()));
+        assert!(matches!(write_together(&others, Overwrite::Force), Err(FileError::Unwritable { .. })));
+        assert_eq!(texts(), ["one.toml", "two.toml"], "none is replaced");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "no partial file is left but the folder");
     }
 
     #[test]

@@ -11,8 +11,8 @@ pub(crate) struct Chosen {
     pub columns: Vec<ColumnGuess>,
     pub is_time_unit_known: bool,
     pub is_position_unit_known: bool,
-    /// What the torque columns hold, where that is not the device's command.
-    pub torque: Option<Quantity>,
+    /// What the torque column of each joint holds, where that is not the joint's command.
+    pub not_commands: Vec<Option<Quantity>>,
     /// Speed column of each joint, and the factor that its name's unit has.
     pub speeds: Vec<Option<(String, Option<f64>)>>,
     pub mask: Option<String>,

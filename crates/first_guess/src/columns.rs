@@ -17,13 +17,18 @@ use crate::{FirstGuessError, Known, Lacking, time};
 pub(crate) fn choose(device: &Device, tables: &[Table], known: &Known) -> Result<Chosen, FirstGuessError> {
     let header = Header::of(device, tables, known)?;
     let mut time = match header.said("t") {
-        Some(place) => header.guess("t".to_owned(), place, WhyColumn::Said),
+        Some(place) => {
+            time::refuse_words(tables, header.name(place))?;
+            header.guess("t".to_owned(), place, WhyColumn::Said)
+        }
         None => time::choose(tables, &header.meanings)?,
     };
     let groups = header.groups();
     let positions = header.positions(&groups)?;
+    let of_positions = header.guesses("q", &positions);
+    same_headers(tables, std::iter::once(&time).chain(&of_positions))?;
     let free = free_joints(tables, &header, &positions, known)?;
-    let references = header.references(&groups, &positions, &free);
+    let references = header.references(&groups, &positions, &free)?;
     let torques = header.torques(&groups, &positions, &references, &free)?;
 
     let time_unit = header.meanings[header.place(&time.name)].unit.filter(|unit| unit.quantity == Quantity::Time);
@@ -31,7 +36,7 @@ pub(crate) fn choose(device: &Device, tables: &[Table], known: &Known) -> Result
         time.factors.extend(in_name(unit));
     }
     let mut columns = vec![time];
-    columns.extend(header.guesses("q", &positions));
+    columns.extend(of_positions);
     columns.extend(header.guesses("tau", &torques.0));
     let mut remarks = Vec::new();
     match &references {
@@ -46,11 +51,16 @@ pub(crate) fn choose(device: &Device, tables: &[Table], known: &Known) -> Result
     if !never.is_empty() {
         remarks.push(Remark::NeverMoves { joints: never });
     }
+    remarks.extend(columns.iter().filter_map(|column| header.unit_of_other(column)));
     same_headers(tables, &columns)?;
     Ok(Chosen {
         is_time_unit_known: time_unit.is_some(),
-        is_position_unit_known: positions.unit.is_some(),
-        torque: torques.1,
+        is_position_unit_known: positions
+            .places
+            .iter()
+            .flatten()
+            .any(|(place, _)| header.position_unit(*place).is_some()),
+        not_commands: torques.1,
         speeds: header.speeds(&groups, positions.first),
         mask: header.mask(),
         columns,
@@ -72,7 +82,6 @@ struct Group {
     quantity: Option<Quantity>,
     origin: Origin,
     unknown: Vec<String>,
-    unit: Option<Unit>,
     members: Vec<(usize, JointKey)>,
 }
 
@@ -82,7 +91,6 @@ struct Assigned {
     places: Vec<Option<(usize, WhyColumn)>>,
     /// The number of joint 0 in the names, where they are numbered.
     first: Option<usize>,
-    unit: Option<Unit>,
     /// Other columns of the same quantity, by joint.
     others: Vec<Vec<usize>>,
 }
@@ -144,8 +152,7 @@ impl<'a> Header<'a> {
                 continue;
             }
             let alike = |group: &&mut Group| {
-                (group.quantity, group.origin, &group.unknown, group.unit)
-                    == (own.quantity, own.origin, &own.unknown, own.unit)
+                (group.quantity, group.origin, &group.unknown) == (own.quantity, own.origin, &own.unknown)
             };
             match groups.iter_mut().find(alike) {
                 Some(group) => group.members.push((place, own.joint)),
@@ -153,7 +160,6 @@ impl<'a> Header<'a> {
                     quantity: own.quantity,
                     origin: own.origin,
                     unknown: own.unknown.clone(),
-                    unit: own.unit,
                     members: vec![(place, own.joint)],
                 }),
             }
@@ -176,7 +182,7 @@ impl<'a> Header<'a> {
             Some(_) if numbers.contains(&n) && n > 1 => Some(1),
             Some(least) => Some(first.unwrap_or(if numbers.len() == n { least } else { 1 })),
         };
-        let mut own = Assigned { places: vec![None; n], first, unit: group.unit, others: vec![Vec::new(); n] };
+        let mut own = Assigned { places: vec![None; n], first, others: vec![Vec::new(); n] };
         for (place, key) in &group.members {
             let found = match (key, first) {
                 (JointKey::Title(joint), _) => {
@@ -189,24 +195,31 @@ impl<'a> Header<'a> {
                 _ => None,
             };
             if let Some((joint, why)) = found.filter(|(joint, _)| *joint < n) {
-                own.places[joint].get_or_insert((*place, why));
+                match own.places[joint] {
+                    None => own.places[joint] = Some((*place, why)),
+                    Some(_) => own.others[joint].push(*place),
+                }
             }
         }
         own
     }
 
-    /// Columns of the groups that say no joint, as many as there are joints: in their order.
+    /// Columns of the groups that say no joint, as many as there are joints: in their order. None is in a unit that its joint cannot have.
     fn in_order(&self, groups: &[&Group]) -> Option<Assigned> {
         let is_loose = |group: &&&Group| group.members.iter().all(|(_, joint)| *joint == JointKey::Unsaid);
         let loose: Vec<&Group> = groups.iter().filter(is_loose).copied().collect();
         let mut places: Vec<usize> =
             loose.iter().flat_map(|group| group.members.iter().map(|(place, _)| *place)).collect();
         places.sort_unstable();
-        (places.len() == self.n_joints()).then(|| Assigned {
+        let may_be = |(joint, place): (usize, &usize)| {
+            let unit = self.meanings[*place].unit.filter(|unit| unit.quantity == Quantity::Position);
+            unit.is_none_or(|unit| unit.is_of_joint(self.device.joints[joint].kind))
+        };
+        let is_whole = places.len() == self.n_joints() && places.iter().enumerate().all(may_be);
+        is_whole.then(|| Assigned {
             others: vec![Vec::new(); places.len()],
             places: places.into_iter().map(|place| Some((place, WhyColumn::Order))).collect(),
             first: None,
-            unit: loose.first().and_then(|group| group.unit),
         })
     }
 
@@ -235,7 +248,7 @@ impl<'a> Header<'a> {
             let own = best.places[joint].as_ref().map(|(place, _)| *place);
             let as_clear = all.iter().filter(|(other, _)| other.unknown.len() <= group.unknown.len());
             let of_joint = as_clear.filter_map(|(_, other)| other.places[joint].as_ref().map(|(place, _)| *place));
-            *others = of_joint.filter(|place| Some(*place) != own).collect();
+            others.extend(of_joint.filter(|place| Some(*place) != own));
         }
         Some(best)
     }
@@ -243,7 +256,7 @@ impl<'a> Header<'a> {
     /// What a person said goes before what was found.
     fn with_said(&self, kind: &str, found: Option<Assigned>) -> Assigned {
         let n = self.n_joints();
-        let none = Assigned { places: vec![None; n], first: None, unit: None, others: vec![Vec::new(); n] };
+        let none = Assigned { places: vec![None; n], first: None, others: vec![Vec::new(); n] };
         let mut own = found.unwrap_or(none);
         for joint in 0..n {
             if let Some(place) = self.said(&format!("{kind}{joint}")) {
@@ -265,19 +278,42 @@ impl<'a> Header<'a> {
         }
     }
 
-    /// References that the positions follow, and how well: the least correlation of a joint.
-    fn references(&self, groups: &[Group], positions: &Assigned, free: &[Vec<usize>]) -> Option<(Assigned, f64)> {
+    /// References, and how well the positions follow them: the least correlation of a joint. Those that a person names are taken, whether
+    /// or not they are followed.
+    fn references(
+        &self,
+        groups: &[Group],
+        positions: &Assigned,
+        free: &[Vec<usize>],
+    ) -> Result<Option<(Assigned, f64)>, FirstGuessError> {
+        let joints = union(free);
+        let is_said = |joint: &usize| self.said(&format!("ref{joint}")).is_some();
+        let unsaid: Vec<usize> = joints.iter().copied().filter(|joint| !is_said(joint)).collect();
+        let found = if unsaid.is_empty() { None } else { self.followed(groups, positions, &unsaid) };
+        if !(0..self.n_joints()).any(|joint| is_said(&joint)) {
+            return Ok(found);
+        }
+        let own = self.with_said("ref", found.map(|(own, _)| own));
+        if let Some(&joint) = joints.iter().find(|joint| own.places[**joint].is_none()) {
+            return Err(self.missing(Lacking::Reference, joint));
+        }
+        let correlations = joints.iter().filter_map(|&joint| self.following(&own, positions, joint));
+        let least = correlations.map(|(correlation, _)| correlation).fold(1.0, f64::min);
+        Ok(Some((own, least)))
+    }
+
+    /// The references that the positions follow best.
+    fn followed(&self, groups: &[Group], positions: &Assigned, joints: &[usize]) -> Option<(Assigned, f64)> {
         /// Less than that is no following. A command that does not say of what must be nearer than a torque gets, which
         /// goes with the position as well where a spring or gravity holds the joint.
         const LEAST: f64 = 0.5;
         const NEAR: f64 = 0.6;
-        let joints = union(free);
         let commanded = groups.iter().filter(|group| {
             group.origin == Origin::Commanded && matches!(group.quantity, None | Some(Quantity::Position))
         });
         let mut found: Vec<(Assigned, f64)> = Vec::new();
         for group in commanded {
-            let mut own = self.with_said("ref", Some(self.assigned(group, positions.first)));
+            let mut own = self.assigned(group, positions.first);
             let of_joints = joints.iter().map(|&joint| self.following(&own, positions, joint));
             let Some(of_joints) = of_joints.collect::<Option<Vec<(f64, f64)>>>() else { continue };
             let correlation = of_joints.iter().map(|(correlation, _)| *correlation).fold(1.0, f64::min);
@@ -286,8 +322,7 @@ impl<'a> Header<'a> {
                 continue;
             }
             if group.quantity.is_none() {
-                let found = own.places.iter_mut().flatten().filter(|(_, why)| *why != WhyColumn::Said);
-                found.for_each(|(_, why)| *why = WhyColumn::IsFollowed);
+                own.places.iter_mut().flatten().for_each(|(_, why)| *why = WhyColumn::IsFollowed);
             }
             found.push((own, correlation));
         }
@@ -297,8 +332,8 @@ impl<'a> Header<'a> {
     /// Correlation of a joint's reference with its position, and the RMS of their difference over that of the motion.
     fn following(&self, references: &Assigned, positions: &Assigned, joint: usize) -> Option<(f64, f64)> {
         let (reference, position) = (references.places[joint].as_ref()?.0, positions.places[joint].as_ref()?.0);
-        let factor = |own: &Assigned| own.unit.map_or(1.0, |unit| unit.factor);
-        let (to, from) = (factor(references), factor(positions));
+        let factor = |place: usize| self.position_unit(place).map_or(1.0, |unit| unit.factor);
+        let (to, from) = (factor(reference), factor(position));
         let (mut both, mut of_reference, mut of_position, mut left) = (0.0, 0.0, 0.0, 0.0);
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         for (r, q) in self.values(reference).zip(self.values(position)) {
@@ -315,21 +350,21 @@ impl<'a> Header<'a> {
         correlation.is_finite().then(|| (correlation, (left / of_position).sqrt()))
     }
 
-    /// Torques, and what they are where that is not the device's command.
+    /// Torques, and what each joint's is where that is not the joint's command.
     fn torques(
         &self,
         groups: &[Group],
         positions: &Assigned,
         references: &Option<(Assigned, f64)>,
         free: &[Vec<usize>],
-    ) -> Result<(Assigned, Option<Quantity>), FirstGuessError> {
+    ) -> Result<(Assigned, Vec<Option<Quantity>>), FirstGuessError> {
         use Quantity::{Current, Torque, Voltage};
-        let command = match self.device.joints[0].command_unit.as_str() {
+        let command = |joint: usize| match self.device.joints[joint].command_unit.as_str() {
             "A" => Current,
             "V" => Voltage,
             _ => Torque,
         };
-        let order = match command {
+        let order = match command(0) {
             Current => [Current, Torque, Voltage],
             Voltage => [Voltage, Torque, Current],
             _ => [Torque, Current, Voltage],
@@ -353,13 +388,16 @@ impl<'a> Header<'a> {
         if let Some(&joint) = joints.iter().find(|joint| own.places[**joint].is_none()) {
             return Err(self.missing(Lacking::Torque, joint));
         }
-        let quantity = own.places.iter().flatten().next().and_then(|(place, _)| self.meanings[*place].quantity);
-        if quantity.is_none() {
-            own.places.iter_mut().flatten().filter(|(_, why)| *why != WhyColumn::Said).for_each(|(_, why)| {
-                *why = WhyColumn::IsNotFollowed;
-            });
-        }
-        Ok((own, quantity.filter(|own| matches!(own, Current | Voltage) && *own != command)))
+        let is_bare =
+            |place: usize, why: &WhyColumn| *why != WhyColumn::Said && self.meanings[place].quantity.is_none();
+        let bare = own.places.iter_mut().flatten().filter(|(place, why)| is_bare(*place, why));
+        bare.for_each(|(_, why)| *why = WhyColumn::IsNotFollowed);
+        let not_commands = own.places.iter().enumerate().map(|(joint, place)| {
+            let quantity = self.meanings[place.as_ref()?.0].quantity;
+            quantity.filter(|own| matches!(own, Current | Voltage) && *own != command(joint))
+        });
+        let not_commands = not_commands.collect();
+        Ok((own, not_commands))
     }
 
     fn missing(&self, lacking: Lacking, joint: usize) -> FirstGuessError {
@@ -372,8 +410,28 @@ impl<'a> Header<'a> {
         let speeds: Vec<&Group> = groups.iter().filter(is_speed).collect();
         let all: Vec<usize> = (0..self.n_joints()).collect();
         let Some(own) = self.best(&speeds, first, &all, |_| 0) else { return vec![None; all.len()] };
-        let factor = own.unit.map(|unit| unit.factor);
-        own.places.iter().map(|place| place.as_ref().map(|(place, _)| (self.name(*place).to_owned(), factor))).collect()
+        let of_place = |place: usize| (self.name(place).to_owned(), self.position_unit(place).map(|unit| unit.factor));
+        own.places.iter().map(|place| place.as_ref().map(|(place, _)| of_place(*place))).collect()
+    }
+
+    /// The unit of angle or length that a name says.
+    fn position_unit(&self, place: usize) -> Option<Unit> {
+        self.meanings[place].unit.filter(|unit| unit.quantity == Quantity::Position)
+    }
+
+    /// Whether what a column is taken for may be in that unit.
+    fn is_of(&self, unit: &Unit, column: &ColumnGuess) -> bool {
+        match (column.kind(), column.joint()) {
+            ("q" | "ref", Some(joint)) => unit.is_of_joint(self.device.joints[joint].kind),
+            ("tau", _) => unit.quantity.drives(),
+            _ => unit.quantity == Quantity::Time,
+        }
+    }
+
+    fn unit_of_other(&self, column: &ColumnGuess) -> Option<Remark> {
+        let unit = self.meanings[self.place(&column.name)].unit.filter(|unit| !self.is_of(unit, column))?;
+        let (column, logical) = (column.name.clone(), column.logical.clone());
+        Some(Remark::UnitOfOther { column, unit: unit.name, logical })
     }
 
     /// A column of zeros and ones whose name says that rows are used or not.
@@ -394,7 +452,8 @@ impl<'a> Header<'a> {
                 let (place, why) = place.clone()?;
                 let mut guess = self.guess(format!("{kind}{joint}"), place, why);
                 guess.others = others.iter().map(|place| self.name(*place).to_owned()).collect();
-                guess.factors.extend(self.meanings[place].unit.and_then(in_name));
+                let unit = self.meanings[place].unit.filter(|unit| self.is_of(unit, &guess));
+                guess.factors.extend(unit.and_then(in_name));
                 Some(guess)
             })
             .collect()
@@ -446,9 +505,12 @@ fn union(free: &[Vec<usize>]) -> Vec<usize> {
     all
 }
 
-fn same_headers(tables: &[Table], columns: &[ColumnGuess]) -> Result<(), FirstGuessError> {
+fn same_headers<'a>(
+    tables: &[Table],
+    columns: impl IntoIterator<Item = &'a ColumnGuess> + Clone,
+) -> Result<(), FirstGuessError> {
     for table in &tables[1..] {
-        if let Some(lacking) = columns.iter().find(|column| table.column(&column.name).is_none()) {
+        if let Some(lacking) = columns.clone().into_iter().find(|column| table.column(&column.name).is_none()) {
             return Err(FirstGuessError::OtherHeader {
                 path: table.path.clone(),
                 column: lacking.name.clone(),

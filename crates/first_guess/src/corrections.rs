@@ -12,20 +12,20 @@ use dynid_user_model::Model;
 use crate::guess::{Factor, FactorReason, Remark};
 use crate::{ColumnGuess, FirstGuess, Quantity};
 
-/// Corrects `runs` and `guess` alike; `torque` says what the torque columns hold where that is not the device's command.
+/// Corrects `runs` and `guess` alike; `not_commands` says what the torque column of each joint holds where that is not the joint's command.
 pub(crate) fn apply(
     device: &'static Device,
     runs: &mut [Run],
     guess: &mut FirstGuess,
-    torque: Option<Quantity>,
+    not_commands: &[Option<Quantity>],
 ) -> Result<(), SystemError> {
     let model = Model::of_device(device);
-    let mut is_torque_known = torque.is_none();
+    let mut is_torque_known = not_commands.iter().all(Option::is_none);
     loop {
         let balances = balances(&model, runs)?;
         let findings = findings(&model, runs, &balances);
         let factors = degrees(device, guess, &findings, is_torque_known)
-            .or_else(|| if is_torque_known { None } else { torque.map(|own| needed(guess, &balances, own)) })
+            .or_else(|| if is_torque_known { None } else { Some(needed(guess, runs, &balances, not_commands)) })
             .or_else(|| thousand(guess, runs, &findings))
             .or_else(|| signs(guess, runs, &findings));
         drop(balances);
@@ -92,12 +92,19 @@ fn degrees(device: &Device, guess: &FirstGuess, findings: &[Finding], is_torque_
 }
 
 /// Currents or voltages: the torque that their unit makes, as far as the device's values tell.
-fn needed(guess: &mut FirstGuess, balances: &[Balance<'_>], quantity: Quantity) -> Correction {
+/// A joint that moves in no run needs none.
+fn needed(
+    guess: &mut FirstGuess,
+    runs: &[Run],
+    balances: &[Balance<'_>],
+    not_commands: &[Option<Quantity>],
+) -> Correction {
     /// The torque must be the motion's to be judged by.
     const SURE: f64 = 0.7;
     let mut factors = Vec::new();
     for column in guess.columns.iter().filter(|column| column.kind() == "tau") {
-        let Some(joint) = column.joint() else { continue };
+        let Some(joint) = column.joint().filter(|joint| is_ever_free(runs, *joint)) else { continue };
+        let Some(quantity) = not_commands[joint] else { continue };
         let of_run = |own: &Balance<'_>| {
             let slot = own.run.free.iter().position(|free| *free == joint)?;
             balance::ratio(own, slot)
@@ -123,8 +130,7 @@ fn thousand(guess: &FirstGuess, runs: &[Run], findings: &[Finding]) -> Option<Co
             own.joint == Some(joint) && matches!(own.kind, FindingKind::Thousand { factor } if factor > 1.0)
         })
     };
-    let free: Vec<usize> =
-        (0..runs[0].log.q.len()).filter(|joint| runs.iter().any(|run| run.free.contains(joint))).collect();
+    let free: Vec<usize> = (0..runs[0].log.q.len()).filter(|joint| is_ever_free(runs, *joint)).collect();
     let found: Vec<&Finding> = free.iter().filter_map(|joint| of(*joint)).collect();
     let finding = found.first().filter(|_| 2 * found.len() > free.len())?;
     let factor = Factor { factor: MILLI, reason: FactorReason::Finding { finding: finding.kind.clone() } };
@@ -154,6 +160,10 @@ fn looks_straight(runs: &[Run], findings: &[Finding]) -> bool {
         .filter(|own| matches!(own.kind, FindingKind::Hold { looks: Intersample::FirstOrder, .. }))
         .count();
     2 * straight > runs.iter().map(|run| run.free.len()).sum()
+}
+
+fn is_ever_free(runs: &[Run], joint: usize) -> bool {
+    runs.iter().any(|run| run.free.contains(&joint))
 }
 
 fn put(guess: &mut FirstGuess, runs: &mut [Run], logical: &str, factor: Factor) {

@@ -225,6 +225,22 @@ pub enum Remark {
         /// The joint.
         joint: usize,
     },
+    /// A name says a unit that what the column is taken for does not have; it is taken to be in SI.
+    UnitOfOther {
+        /// The column.
+        column: String,
+        /// The unit.
+        unit: &'static str,
+        /// The project's name of what it is taken for.
+        logical: String,
+    },
+    /// The time has the project's own name, so it is in seconds; but then rows are far apart.
+    RowsFarApart {
+        /// The column.
+        column: String,
+        /// Typical step (s).
+        step_s: f64,
+    },
     /// Joints that move in no log: what only they would tell stays open.
     NeverMoves {
         /// Ascending.

@@ -72,6 +72,14 @@ pub enum FirstGuessError {
     /// A log that cannot be read.
     #[error(transparent)]
     Log(#[from] Box<LogError>),
+    /// A file that is not there, or no table.
+    #[error("{}: cannot be read: {reason}; give the path of a CSV file", path.display())]
+    Unreadable {
+        /// The log.
+        path: PathBuf,
+        /// As the system tells it.
+        reason: String,
+    },
     /// No logs.
     #[error("there is no log to look at; name at least one CSV file")]
     NoLogs,
@@ -82,6 +90,14 @@ pub enum FirstGuessError {
         path: PathBuf,
         /// One of them.
         number: String,
+    },
+    /// A header that nothing parts into cells.
+    #[error("{}:1: the header is a single cell, `{header}`; part the cells of all rows by commas, semicolons or tabs", path.display())]
+    OneCell {
+        /// The log.
+        path: PathBuf,
+        /// Its header.
+        header: String,
     },
     /// A row of another number of cells than the header.
     #[error("{}:{line}: the row has {n_cells} cells, the header {n_names} names; expected as many: give each column one name, take lines above the header out, and write decimal points, not commas", path.display())]
@@ -114,6 +130,20 @@ pub enum FirstGuessError {
         path: PathBuf,
         /// The header.
         available: String,
+    },
+    /// A column named a time, with a cell that is no number.
+    #[error("{}:{line}: column `{column}` is named a time, but `{cell}` is no number; {remedy}", path.display())]
+    TimeIsNoNumber {
+        /// The log.
+        path: PathBuf,
+        /// From 1.
+        line: u64,
+        /// The column.
+        column: String,
+        /// What stands there.
+        cell: String,
+        /// What to do.
+        remedy: &'static str,
     },
     /// The time is in two columns.
     #[error("{}: the time is in two columns, `{whole}` and `{part}`; write their sum into one column, in seconds", path.display())]
@@ -150,6 +180,16 @@ pub enum FirstGuessError {
         device: String,
         /// Its last joint.
         last: usize,
+    },
+    /// A name of `Known::columns` that stands there twice.
+    #[error("`{name}` is said twice, to be `{first}` and `{second}`; name one column of the log")]
+    SaidTwice {
+        /// As asked for.
+        name: String,
+        /// The log's own name.
+        first: String,
+        /// The other one.
+        second: String,
     },
     /// A name of `Known::columns` that the log does not have.
     #[error("{}: there is no column `{name}` to be `{logical}`; the columns are {available}", path.display())]
@@ -191,6 +231,8 @@ pub enum Lacking {
     Position,
     /// Every joint that moves.
     Torque,
+    /// Every joint that moves, where one has a reference that a person named.
+    Reference,
 }
 
 impl Lacking {
@@ -199,6 +241,7 @@ impl Lacking {
         match self {
             Self::Position => "q",
             Self::Torque => "tau",
+            Self::Reference => "ref",
         }
     }
 
@@ -206,6 +249,7 @@ impl Lacking {
         match self {
             Self::Position => "a locked joint needs one as well, of where it stands",
             Self::Torque => "if it was locked, say which joints were free: `--free 0,1`",
+            Self::Reference => "without it, those that are named are of no use: leave them out",
         }
     }
 }
@@ -215,6 +259,7 @@ impl fmt::Display for Lacking {
         formatter.write_str(match self {
             Self::Position => "position",
             Self::Torque => "torque",
+            Self::Reference => "reference",
         })
     }
 }
@@ -240,7 +285,7 @@ pub fn first_guess(device: &'static Device, logs: &[PathBuf], known: &Known) -> 
     turns::factors(device, &tables, &mut chosen);
     let told = speed::compare(&tables, &chosen);
     remarks.extend(told.remarks);
-    time::factor(&tables, &mut chosen, told.time.as_ref());
+    time::factor(&tables, &mut chosen, told.time.as_ref(), &mut remarks);
     told.position.iter().for_each(|factor| scale_positions(device, &mut chosen.columns, factor));
     let repeats_times = time::repeated(&tables, &chosen, &mut remarks);
 
@@ -255,7 +300,7 @@ pub fn first_guess(device: &'static Device, logs: &[PathBuf], known: &Known) -> 
         findings: Vec::new(),
     };
     let mut read = runs::read(device, &tables, &guess, &chosen.free)?;
-    corrections::apply(device, &mut read, &mut guess, chosen.torque)?;
+    corrections::apply(device, &mut read, &mut guess, &chosen.not_commands)?;
     let why_free = if known.free.is_some() { WhyFree::Said } else { WhyFree::Moves };
     guess.runs = runs::guess(&tables, &read, why_free);
     Ok(guess)
@@ -264,10 +309,15 @@ pub fn first_guess(device: &'static Device, logs: &[PathBuf], known: &Known) -> 
 fn check_known(device: &Device, known: &Known) -> Result<(), FirstGuessError> {
     let last = device.joints.len() - 1;
     let id = || device.id.clone();
-    for (name, _) in &known.columns {
-        let joint = ["tau", "q", "ref"].iter().find_map(|prefix| name.strip_prefix(prefix)?.parse::<usize>().ok());
-        if name != "t" && joint.is_none_or(|joint| joint > last) {
+    let kinds = ["q", "tau", "ref"];
+    let names: Vec<String> = (0..=last).flat_map(|joint| kinds.map(|kind| format!("{kind}{joint}"))).collect();
+    for (place, (name, second)) in known.columns.iter().enumerate() {
+        if name != "t" && !names.contains(name) {
             return Err(FirstGuessError::NoSuchLogical { name: name.clone(), device: id(), last });
+        }
+        if let Some((_, first)) = known.columns[..place].iter().find(|(before, _)| before == name) {
+            let (name, first, second) = (name.clone(), first.clone(), second.clone());
+            return Err(FirstGuessError::SaidTwice { name, first, second });
         }
     }
     match known.free.iter().flatten().find(|joint| **joint > last) {

@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use dynid_model::Device;
+use dynid_model::{Device, JointKind};
 use serde::Serialize;
 
 /// What a column holds.
@@ -37,12 +37,34 @@ pub(crate) enum Origin {
     Commanded,
 }
 
+impl Quantity {
+    /// Whether it is what drives a joint.
+    pub(crate) fn drives(self) -> bool {
+        matches!(self, Self::Torque | Self::Current | Self::Voltage)
+    }
+}
+
 /// A unit and its factor to SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Unit {
     pub name: &'static str,
     pub quantity: Quantity,
     pub factor: f64,
+}
+
+impl Unit {
+    /// Whether a column of `quantity` may be in it: speeds and accelerations are told by the unit of their position.
+    pub fn is_of(&self, quantity: Quantity) -> bool {
+        let position =
+            if matches!(quantity, Quantity::Speed | Quantity::Acceleration) { Quantity::Position } else { quantity };
+        self.quantity == position
+    }
+
+    /// Whether a position of such a joint may be in it.
+    pub fn is_of_joint(&self, kind: JointKind) -> bool {
+        let is_length = matches!(self.name, "m" | "mm");
+        self.quantity == Quantity::Position && is_length == (kind == JointKind::Prismatic)
+    }
 }
 
 /// Which joint a name means.
@@ -69,7 +91,7 @@ pub(crate) struct Meaning {
 
 /// What the name of a column of a log of `device` says.
 pub(crate) fn meaning(name: &str, device: &Device) -> Meaning {
-    let (bare, mut unit) = without_unit_in_brackets(name);
+    let (bare, in_brackets) = without_unit_in_brackets(name);
     let mut words = words(&bare);
     let title = take_title(&mut words, device);
     let is_number = |word: &String| word.bytes().all(|byte| byte.is_ascii_digit());
@@ -77,11 +99,14 @@ pub(crate) fn meaning(name: &str, device: &Device) -> Meaning {
         Some(_) => None,
         None => words.iter().rposition(is_number).and_then(|place| words.remove(place).parse().ok()),
     };
-    if unit.is_none() {
-        unit = take_unit(&mut words);
-    }
-    let mut own =
-        Meaning { quantity: None, origin: Origin::Unsaid, unit, joint: JointKey::Unsaid, unknown: Vec::new() };
+    let among_words = if in_brackets.is_none() { take_unit(&mut words) } else { None };
+    let mut own = Meaning {
+        quantity: None,
+        origin: Origin::Unsaid,
+        unit: in_brackets,
+        joint: JointKey::Unsaid,
+        unknown: Vec::new(),
+    };
     let is_reference = words.iter().any(|word| word == "ref" || word == "reference");
     for word in words {
         if let Some(quantity) = quantity(&word) {
@@ -92,35 +117,48 @@ pub(crate) fn meaning(name: &str, device: &Device) -> Meaning {
             own.unknown.push(word);
         }
     }
+    if let Some((word, unit)) = among_words {
+        if is_clear(&word, &unit, own.quantity) {
+            own.unit = Some(unit);
+        } else if !is_neutral(&word) {
+            own.unknown.push(word);
+        }
+    }
+    if let Some(unit) = own.unit {
+        // What drives a joint is what its unit says, whatever it is called: `torque [A]` is a current.
+        let said = own.quantity.filter(|said| !(said.drives() && unit.quantity.drives()));
+        own.quantity = said.or(Some(unit.quantity));
+    }
     // A reference of nothing is one of the position.
     if own.quantity.is_none() && is_reference {
         own.quantity = Some(Quantity::Position);
-    }
-    if own.quantity.is_none() && own.unit.is_some_and(|unit| unit.quantity == Quantity::Time) {
-        own.quantity = Some(Quantity::Time);
     }
     own.joint = title.map_or(number.map_or(JointKey::Unsaid, JointKey::Number), JointKey::Title);
     own
 }
 
 /// Lower-case words and numbers of a name: parted at signs, between letters and digits, and where a capital follows a small
-/// letter.
+/// letter, unless that makes a unit: `mA`.
 pub(crate) fn words(name: &str) -> Vec<String> {
-    let mut words: Vec<String> = Vec::new();
-    let mut before = ' ';
-    for letter in name.chars() {
-        let parts = !before.is_alphanumeric()
-            || before.is_ascii_digit() != letter.is_ascii_digit()
-            || (before.is_lowercase() && letter.is_uppercase());
-        if letter.is_alphanumeric() {
-            match words.last_mut() {
-                Some(word) if !parts => word.extend(letter.to_lowercase()),
-                _ => words.push(letter.to_lowercase().collect()),
-            }
-        }
-        before = letter;
+    let is_edge = |before: char, letter: char| before.is_ascii_digit() != letter.is_ascii_digit();
+    let runs = name.split(|letter: char| !letter.is_alphanumeric()).flat_map(|run| parted_where(run, is_edge));
+    let is_hump = |before: char, letter: char| before.is_lowercase() && letter.is_uppercase();
+    let words = runs
+        .flat_map(|run| if unit_of(&run.to_lowercase()).is_some() { vec![run] } else { parted_where(run, is_hump) });
+    words.map(str::to_lowercase).flat_map(parted).collect()
+}
+
+/// The parts of a text, which begin where two letters are an edge.
+fn parted_where(text: &str, is_edge: impl Fn(char, char) -> bool) -> Vec<&str> {
+    let pairs = text.char_indices().zip(text.char_indices().skip(1));
+    let edges = pairs.filter(|((_, before), (_, letter))| is_edge(*before, *letter)).map(|(_, (place, _))| place);
+    let mut parts = Vec::new();
+    let mut from = 0;
+    for edge in edges.chain([text.len()]).filter(|edge| *edge > 0) {
+        parts.push(&text[from..edge]);
+        from = edge;
     }
-    words.into_iter().flat_map(parted).collect()
+    parts
 }
 
 /// A word that the vocabulary does not know, in two that it does: `jointpos`.
@@ -185,6 +223,7 @@ fn unit_of(word: &str) -> Option<Unit> {
         "ns" | "nsec" | "nsecs" | "nanos" | "nanosec" | "nanosecs" | "nanoseconds" => ("ns", Time, 1e-9),
         "nm" => ("N*m", Torque, 1.0),
         "mnm" => ("mN*m", Torque, 1e-3),
+        "n" => ("N", Torque, 1.0),
         "a" => ("A", Current, 1.0),
         "ma" => ("mA", Current, 1e-3),
         "v" => ("V", Voltage, 1.0),
@@ -209,15 +248,25 @@ fn without_unit_in_brackets(name: &str) -> (String, Option<Unit>) {
     (name.to_owned(), None)
 }
 
-/// A unit among the words: of several letters anywhere, of one letter only as the last word of several.
-fn take_unit(words: &mut Vec<String>) -> Option<Unit> {
+/// A unit among the words, and the word, which it takes out: of several letters anywhere, of one letter only as the last word of several.
+fn take_unit(words: &mut Vec<String>) -> Option<(String, Unit)> {
     let n_words = words.len();
     let is_unit = |place: usize, word: &str| {
         let may_be = word.len() > 1 || (n_words > 1 && place + 1 == n_words);
         unit_of(word).filter(|_| may_be)
     };
     let place = (0..n_words).rev().find(|place| is_unit(*place, &words[*place]).is_some())?;
-    unit_of(&words.remove(place))
+    let word = words.remove(place);
+    unit_of(&word).map(|unit| (word, unit))
+}
+
+/// Whether a word that may be a unit is one, beside words that say this quantity: `q_a` is no position in amperes, nor
+/// `second_joint_torque` one in seconds, but `q_ms` asks to be looked at.
+fn is_clear(word: &str, unit: &Unit, quantity: Option<Quantity>) -> bool {
+    match quantity {
+        Some(quantity) => unit.is_of(quantity) || (word.len() > 1 && (unit.factor != 1.0 || unit.quantity.drives())),
+        None => word.len() > 1,
+    }
 }
 
 /// The joint whose title stands among the words, which it leaves; of several the longest.
@@ -280,6 +329,17 @@ mod tests {
             ("actual_current_5", (Some(Current), Measured, None, Number(5))),
             ("shoulder angle [deg]", (Some(Position), Unsaid, Some("degrees"), Title(0))),
             ("temperature_1", (None, Unsaid, None, Number(1))),
+            ("motor1 [A]", (Some(Current), Unsaid, Some("A"), Number(1))),
+            ("motor_1_mA", (Some(Current), Unsaid, Some("mA"), Number(1))),
+            ("motor torque 1 mNm", (Some(Torque), Unsaid, Some("mN*m"), Number(1))),
+            ("tau0 [mA]", (Some(Current), Unsaid, Some("mA"), Number(0))),
+            ("force_2 [N]", (Some(Torque), Unsaid, Some("N"), Number(2))),
+            ("tau_2 [N]", (Some(Torque), Unsaid, Some("N"), Number(2))),
+            ("q0_ms", (Some(Position), Unsaid, Some("ms"), Number(0))),
+            ("q2 [mm]", (Some(Position), Unsaid, Some("mm"), Number(2))),
+            ("torque_a", (Some(Torque), Unsaid, None, NoJoint)),
+            ("soll_a", (None, Unsaid, None, NoJoint)),
+            ("second_joint_torque", (Some(Torque), Unsaid, None, NoJoint)),
         ];
         for (name, expected) in cases {
             assert_eq!(of(name), expected, "{name}");

@@ -13,6 +13,16 @@ pub(crate) struct Table {
     pub names: Vec<String>,
     /// One vector a column, one entry a row; NaN where a cell is no number.
     pub columns: Vec<Vec<f64>>,
+    /// The first cell of each column that is no number.
+    no_numbers: Vec<Option<NoNumber>>,
+}
+
+/// A cell that is no number.
+#[derive(Debug, Clone)]
+pub(crate) struct NoNumber {
+    /// From 1.
+    pub line: u64,
+    pub text: String,
 }
 
 impl Table {
@@ -20,6 +30,12 @@ impl Table {
     pub fn column(&self, name: &str) -> Option<&[f64]> {
         let place = self.names.iter().position(|own| own == name)?;
         Some(&self.columns[place])
+    }
+
+    /// The first cell of the column of that name that is no number.
+    pub fn no_number(&self, name: &str) -> Option<&NoNumber> {
+        let place = self.names.iter().position(|own| own == name)?;
+        self.no_numbers[place].as_ref()
     }
 
     /// The name of its file, for messages.
@@ -35,7 +51,7 @@ impl Table {
 
 /// Reads a table whose rows all have as many cells as its header.
 pub(crate) fn read(path: &Path) -> Result<Table, FirstGuessError> {
-    let unreadable = |reason: String| LogError::Unreadable { path: path.to_owned(), reason };
+    let unreadable = |reason: String| FirstGuessError::Unreadable { path: path.to_owned(), reason };
     let text = std::fs::read(path).map_err(|error| unreadable(error.to_string()))?;
     let header = text.split(|byte| *byte == b'\n').next().unwrap_or_default();
     let mut reader = csv::ReaderBuilder::new()
@@ -51,24 +67,31 @@ pub(crate) fn read(path: &Path) -> Result<Table, FirstGuessError> {
     if let Some(number) = names.iter().find(|name| name.parse::<f64>().is_ok()) {
         return Err(FirstGuessError::NumbersForHeader { path: path.to_owned(), number: number.clone() });
     }
+    if let [header] = &names[..] {
+        return Err(FirstGuessError::OneCell { path: path.to_owned(), header: header.clone() });
+    }
     let mut columns = vec![Vec::new(); names.len()];
+    let mut no_numbers = vec![None; names.len()];
     let mut record = csv::ByteRecord::new();
     while reader.read_byte_record(&mut record).map_err(|error| unreadable(error.to_string()))? {
+        let line = record.position().map_or(0, csv::Position::line);
         // A delimiter at the end of a row makes an empty cell more.
         let cells = record.iter().rposition(|cell| !cell.is_empty()).map_or(0, |last| last + 1);
         if cells > names.len() || record.len() < names.len() {
-            let line = record.position().map_or(0, csv::Position::line);
             let (path, n_names) = (path.to_owned(), names.len());
             return Err(FirstGuessError::RaggedRow { path, line, n_cells: record.len(), n_names });
         }
-        for (column, cell) in columns.iter_mut().zip(record.iter()) {
-            let number = std::str::from_utf8(cell).ok().and_then(|cell| cell.parse().ok());
-            column.push(number.unwrap_or(f64::NAN));
+        for ((column, no_number), cell) in columns.iter_mut().zip(&mut no_numbers).zip(record.iter()) {
+            let text = String::from_utf8_lossy(cell);
+            column.push(text.parse().unwrap_or_else(|_| {
+                no_number.get_or_insert_with(|| NoNumber { line, text: text.into_owned() });
+                f64::NAN
+            }));
         }
     }
     match columns[0].len() {
         0 => Err(LogError::Empty { path: path.to_owned(), found: "a header but no rows".to_owned() }.into()),
         1 => Err(LogError::Empty { path: path.to_owned(), found: "a single row".to_owned() }.into()),
-        _ => Ok(Table { path: path.to_owned(), names, columns }),
+        _ => Ok(Table { path: path.to_owned(), names, columns, no_numbers }),
     }
 }

@@ -5,7 +5,7 @@ use dynid_signal::median_step;
 use crate::chosen::Chosen;
 use crate::guess::{Factor, FactorReason, Remark};
 use crate::names::{Meaning, Quantity};
-use crate::table::Table;
+use crate::table::{NoNumber, Table};
 use crate::{ColumnGuess, FirstGuessError, WhyColumn};
 
 /// The time column of the logs.
@@ -25,18 +25,19 @@ pub(crate) fn choose(tables: &[Table], meanings: &[Meaning]) -> Result<ColumnGue
         factors: Vec::new(),
         turn: None,
     };
-    let unit = |place: usize| meanings[place].unit.map(|unit| unit.factor);
+    let unit_of = |place: usize| meanings[place].unit.filter(|unit| unit.quantity == Quantity::Time);
+    let unit = |place: usize| unit_of(place).map(|unit| unit.factor);
     if let Some(&place) = rising.first() {
         let why = if name(place) == "t" { WhyColumn::OwnName } else { WhyColumn::OnlyOne };
         let mut own = guess(place, why, &rising);
         own.factors.extend(
-            meanings[place]
-                .unit
+            unit_of(place)
                 .filter(|unit| unit.factor != 1.0)
                 .map(|unit| Factor { factor: unit.factor, reason: FactorReason::UnitInName { unit: unit.name } }),
         );
         return Ok(own);
     }
+    named.iter().try_for_each(|place| refuse_words(tables, &first.names[*place]))?;
     let whole = named.iter().find(|place| unit(**place).is_none_or(|factor| factor == 1.0));
     let part = named.iter().find(|place| unit(**place).is_some_and(|factor| factor < 1.0));
     if let (Some(&whole), Some(&part)) = (whole, part) {
@@ -48,10 +49,30 @@ pub(crate) fn choose(tables: &[Table], meanings: &[Meaning]) -> Result<ColumnGue
     even.ok_or_else(|| FirstGuessError::NoTime { path: first.path.clone(), available: first.header() })
 }
 
-/// Never falls, and stands still in fewer than half of its rows.
+/// A time must have a number in every row.
+pub(crate) fn refuse_words(tables: &[Table], name: &str) -> Result<(), FirstGuessError> {
+    let found = tables.iter().find_map(|table| Some((table, table.no_number(name)?)));
+    let Some((table, cell)) = found else { return Ok(()) };
+    let NoNumber { line, text } = cell.clone();
+    let remedy = if text.contains(',') && text.replace(',', ".").parse::<f64>().is_ok() {
+        "write decimal points, not commas"
+    } else if line == FIRST_LINE {
+        "take lines between the header and the numbers out; a name may say the unit, as in `t [ms]`"
+    } else {
+        "repair the row, or take it out"
+    };
+    Err(FirstGuessError::TimeIsNoNumber { path: table.path.clone(), line, column: name.to_owned(), cell: text, remedy })
+}
+
+/// The line below the header.
+const FIRST_LINE: u64 = 2;
+
+/// Never falls, and does not stand still for long: stamps of a coarser clock stand a few times each, whole seconds many times.
 fn mostly_rises(t: &[f64]) -> bool {
+    /// Of so many rows one must rise.
+    const ROWS: usize = 4;
     let rising = t.windows(2).filter(|pair| pair[1] > pair[0]).count();
-    t.windows(2).all(|pair| pair[1] >= pair[0]) && 2 * rising > t.len() - 1
+    t.windows(2).all(|pair| pair[1] >= pair[0]) && ROWS * rising >= t.len() - 1
 }
 
 fn rises_evenly(t: &[f64]) -> bool {
@@ -78,30 +99,43 @@ pub(crate) fn repeated(tables: &[Table], chosen: &Chosen, remarks: &mut Vec<Rema
 /// Units of time and their factors.
 pub(crate) const UNITS: [(&str, f64); 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
 
-/// The unit of a time whose name does not say it: what the speeds tell, else the one in which the sample rate is a robot's.
-pub(crate) fn factor(tables: &[Table], chosen: &mut Chosen, told: Option<&Factor>) {
+/// The unit of a time whose name does not say it: what the speeds tell, else seconds, unless the sample rate is no robot's then. The
+/// project's own name says seconds, which only speeds contradict.
+pub(crate) fn factor(tables: &[Table], chosen: &mut Chosen, told: Option<&Factor>, remarks: &mut Vec<Remark>) {
     if chosen.is_time_unit_known {
         return;
     }
-    let found = told.cloned().unwrap_or_else(|| by_rate(tables, &chosen.time().name));
-    if found.factor != 1.0 {
-        chosen.columns[0].factors.push(found);
+    let time = chosen.time();
+    let step = typical_step(tables, &time.name);
+    match told {
+        Some(told) if told.factor != 1.0 => chosen.columns[0].factors.push(told.clone()),
+        Some(_) => {}
+        None if step * SLOWEST_HZ <= 1.0 => {}
+        None if time.why == WhyColumn::OwnName => {
+            remarks.push(Remark::RowsFarApart { column: time.name.clone(), step_s: step });
+        }
+        None => chosen.columns[0].factors.push(by_rate(step)),
     }
 }
 
-fn by_rate(tables: &[Table], name: &str) -> Factor {
+/// Below that, rows tell nothing of a motion. Whole numbers, as clocks count them, are never more in seconds than half of it.
+const SLOWEST_HZ: f64 = 2.0;
+
+/// The part of a second in which the sample rate is most like a robot's.
+fn by_rate(step: f64) -> Factor {
     /// Robots are sampled at 10 Hz to 10 kHz: the middle of that, as a ratio.
     const TYPICAL_HZ: f64 = 316.0;
-    let rising: Vec<f64> = tables
-        .iter()
-        .filter_map(|table| table.column(name))
-        .flat_map(|t| t.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0))
-        .collect();
-    let step = median(rising);
     let far = |factor: f64| (step * factor * TYPICAL_HZ).ln().abs();
-    let nearest = UNITS.into_iter().min_by(|a, b| far(a.1).total_cmp(&far(b.1)));
-    let (unit, factor) = nearest.unwrap_or(UNITS[0]);
+    let nearest = UNITS[1..].iter().min_by(|a, b| far(a.1).total_cmp(&far(b.1)));
+    let &(unit, factor) = nearest.unwrap_or(&UNITS[1]);
     Factor { factor, reason: FactorReason::SampleRate { unit, step, rate_hz: 1.0 / (step * factor) } }
+}
+
+/// In the log's own unit, of rows that rise.
+fn typical_step(tables: &[Table], name: &str) -> f64 {
+    let times = tables.iter().filter_map(|table| table.column(name));
+    let steps = times.flat_map(|t| t.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
+    median(steps.collect())
 }
 
 /// The middle of some numbers; 1 of none.

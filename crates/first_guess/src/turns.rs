@@ -37,9 +37,17 @@ const DEGREES: f64 = 360.0;
 fn turn_of(tables: &[Table], name: &str) -> Option<f64> {
     /// Bits of an encoder, at least and at most.
     const BITS: std::ops::RangeInclusive<i32> = 8..=24;
+    /// What begins anew stays within a turn; so much more noise may make of it. What leaves it jumps for another reason: rows are lost.
+    const WITHIN: f64 = 1.1;
     let logs: Vec<&[f64]> = tables.iter().filter_map(|table| table.column(name)).collect();
     let are_whole = logs.iter().all(|q| q.iter().all(|q| q.fract() == 0.0));
     let counts = BITS.filter(|_| are_whole).map(|bits| 2.0_f64.powi(bits));
     let mut turns = [TAU, DEGREES].into_iter().chain(counts);
-    turns.find(|turn| logs.iter().any(|q| wraps(q, *turn).is_some()))
+    let stays_within = |turn: &f64| logs.iter().all(|q| range(q) <= WITHIN * turn);
+    turns.find(|turn| stays_within(turn) && logs.iter().any(|q| wraps(q, *turn).is_some()))
+}
+
+fn range(q: &[f64]) -> f64 {
+    let (low, high) = q.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+    high - low
 }

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use dynid_check::FindingKind;
 use dynid_first_guess::{
-    FactorReason, FirstGuess, FirstGuessError, Known, Quantity, Remark, RoleReason, WhyColumn, first_guess,
+    Factor, FactorReason, FirstGuess, FirstGuessError, Known, Quantity, Remark, RoleReason, WhyColumn, first_guess,
 };
 use dynid_logs::experiment::Role;
 use dynid_model::Device;
@@ -533,6 +533,219 @@ fn what_cannot_be_guessed_is_one_error_with_a_remedy() {
         refused(&still),
         "log.csv: no joint moves by more than its noise; leave the log out, or name the joints that were free with `--free`"
     );
+}
+
+/// Of the arm shaken for a while; one row of so many is kept.
+fn every(mut log: Log, rows: usize) -> Log {
+    log.columns.iter_mut().for_each(|column| *column = column.iter().copied().step_by(rows).collect());
+    log
+}
+
+#[test]
+fn a_slow_log_in_seconds_stays_in_seconds() {
+    let slow = every(shaken(), 20);
+    for name in ["t", "time"] {
+        let mut log = slow.clone();
+        log.rename(&[("t", name)]);
+        assert_eq!(scale(&guess(&log), "t"), 1.0, "{name} at 5 Hz");
+    }
+    let mut log = shaken();
+    log.change("t", |t| (1000.0 * t).round());
+    let guess = guess(&log);
+    assert_eq!(scale(&guess, "t"), 1.0, "the project's own name");
+    let far_apart = Remark::RowsFarApart { column: "t".to_owned(), step_s: 10.0 };
+    assert!(guess.remarks.contains(&far_apart), "{:?}", guess.remarks);
+}
+
+fn saying(pairs: &[(&str, &str)]) -> Known {
+    let columns = pairs.iter().map(|(logical, name)| ((*logical).to_owned(), (*name).to_owned())).collect();
+    Known { columns, free: None }
+}
+
+#[test]
+fn each_column_is_a_current_or_a_torque_by_its_own_name_and_unit() {
+    let mut log = shaken();
+    log.change("tau1", |tau| tau / -1.2);
+    let is_current = |guess: &FirstGuess, logical: &str, constant: f64| {
+        let own = guess.column(logical).expect("a torque");
+        let is_needed = matches!(own.factors[..], [Factor { reason: FactorReason::Needed { .. }, .. }]);
+        is_needed && (own.scale() / constant - 1.0).abs() < 0.2
+    };
+    // One said that says nothing, one that is a current.
+    let mut mixed = log.clone();
+    mixed.rename(&[("tau0", "drive_x"), ("tau1", "current_1")]);
+    let own = guess_of_files(&[("log.csv", &mixed.text())], &saying(&[("tau0", "drive_x"), ("tau1", "current_1")]));
+    let own = own.expect("all is said");
+    assert_eq!(scale(&own, "tau0"), 1.0);
+    assert!(is_current(&own, "tau1", -1.2), "{:?}", own.columns);
+    // The unit alone says it, of one that is said and of one that is found.
+    for name in ["motor [A]", "motor_1_A [A]", "tau1 [A]"] {
+        let mut log = log.clone();
+        log.rename(&[("tau1", name)]);
+        let own = guess_of_files(&[("log.csv", &log.text())], &saying(&[("tau1", name)])).expect("it is said");
+        assert!(is_current(&own, "tau1", -1.2), "{name}: {:?}", own.columns);
+    }
+    let mut milli = log.clone();
+    milli.change("tau0", |tau| 1000.0 * tau / 2.5);
+    milli.change("tau1", |tau| 1000.0 * tau);
+    milli.rename(&[("tau0", "tau0 [mA]"), ("tau1", "tau1 [mA]")]);
+    let own = guess(&milli);
+    for (logical, constant) in [("tau0", 2.5), ("tau1", -1.2)] {
+        // In amperes first, as the name says, then the torque of one.
+        let factors: Vec<&FactorReason> = own.column(logical).unwrap().factors.iter().map(|own| &own.reason).collect();
+        assert!(
+            matches!(factors[..], [FactorReason::UnitInName { unit: "mA" }, FactorReason::Needed { .. }]),
+            "{factors:?}"
+        );
+        assert!((scale(&own, logical) * 1000.0 / constant - 1.0).abs() < 0.2, "{:?}", own.columns);
+    }
+}
+
+#[test]
+fn a_unit_of_something_else_is_no_factor_and_is_told() {
+    let mut log = shaken();
+    log.rename(&[("q0", "q0_ms"), ("q1", "q1 [mm]")]);
+    let guess = guess(&log);
+    assert_eq!((scale(&guess, "q0"), scale(&guess, "q1")), (1.0, 1.0));
+    for (column, unit, logical) in [("q0_ms", "ms", "q0"), ("q1 [mm]", "mm", "q1")] {
+        let (column, logical) = (column.to_owned(), logical.to_owned());
+        let told = Remark::UnitOfOther { column, unit, logical };
+        assert!(guess.remarks.contains(&told), "{:?}", guess.remarks);
+    }
+}
+
+#[test]
+fn lost_rows_are_no_turn() {
+    let mut log = shaken();
+    let degrees = |t: f64, k: f64| 40.0 * (k * t).sin();
+    let t = log.columns[log.place("t")].clone();
+    let (q0, q1) = (log.place("q0"), log.place("q1"));
+    log.columns[q0] = t.iter().map(|t| degrees(*t, 0.5)).collect();
+    log.columns[q1] = t.iter().map(|t| degrees(*t, 0.4)).collect();
+    // Rows are lost until the position has moved by about 2 pi degrees.
+    let from = (0..t.len()).find(|k| degrees(t[*k], 0.5) > 3.0).expect("it moves");
+    let to = (from..t.len()).find(|k| degrees(t[*k], 0.5) > 3.0 + TAU).expect("it moves on");
+    log.columns.iter_mut().for_each(|column| drop(column.drain(from + 1..to)));
+    let guess = guess(&log);
+    assert_eq!(guess.column("q0").expect("a position").turn, None);
+}
+
+#[test]
+fn references_that_are_said_are_taken() {
+    let closed = logs(&[CLOSED])["closed.csv"].clone();
+    for follows in [true, false] {
+        let mut log = closed.clone();
+        log.rename(&[("ref0", "soll_x"), ("ref1", "soll_y")]);
+        if !follows {
+            log.change("soll_x", |reference| -reference);
+        }
+        let said = saying(&[("ref0", "soll_x"), ("ref1", "soll_y")]);
+        let guess = guess_of_files(&[("log.csv", &log.text())], &said).expect("all is said");
+        for (logical, name) in [("ref0", "soll_x"), ("ref1", "soll_y")] {
+            let own = guess.column(logical).map(|own| (own.name.as_str(), &own.why));
+            assert_eq!(own, Some((name, &WhyColumn::Said)), "{:?}", named(&guess));
+        }
+        assert!(matches!(guess.remarks[0], Remark::ClosedLoop { .. }), "{:?}", guess.remarks);
+        let half =
+            guess_of_files(&[("log.csv", &log.text())], &saying(&[("ref0", "soll_x")])).expect_err("one is left");
+        assert!(half.to_string().contains("no column is the reference of joint 1 (elbow)"), "{half}");
+    }
+}
+
+#[test]
+fn a_log_of_another_header_is_told_before_anything_is_asked_of_it() {
+    let (one, mut two) = (shaken(), shaken());
+    two.rename(&[("q0", "angle_a"), ("q1", "angle_b")]);
+    let files = [("one.csv", &*one.text()), ("two.csv", &*two.text())];
+    let error = guess_of_files(&files, &Known::default()).expect_err("other names").to_string();
+    assert!(error.contains("two.csv: column `q0` of") && error.contains("`angle_a`"), "{error}");
+}
+
+#[test]
+fn a_time_that_is_no_number_is_told_with_its_place() {
+    let header = "t;q0;q1;tau0;tau1\n";
+    let rows = |from: &str, to: &str| -> String {
+        (0..99).map(|k| format!("0.{k:02};1;2;3;4\n").replace(from, to)).collect::<String>()
+    };
+    assert_eq!(
+        refused(&(header.to_owned() + &rows(".", ","))),
+        "log.csv:2: column `t` is named a time, but `0,00` is no number; write decimal points, not commas"
+    );
+    assert_eq!(
+        refused(&(header.to_owned() + "s;rad;rad;Nm;Nm\n" + &rows("", ""))),
+        "log.csv:2: column `t` is named a time, but `s` is no number; take lines between the header and the numbers out; a name \
+         may say the unit, as in `t [ms]`"
+    );
+    assert_eq!(
+        refused(&(header.to_owned() + &rows(";", ";")).replace(';', " ")),
+        "log.csv:1: the header is a single cell, `t q0 q1 tau0 tau1`; part the cells of all rows by commas, semicolons or tabs"
+    );
+    assert_eq!(
+        refused(&(header.to_owned() + &rows("0.50", "-"))),
+        "log.csv:52: column `t` is named a time, but `-` is no number; repair the row, or take it out"
+    );
+}
+
+#[test]
+fn stamps_that_stand_twice_each_are_a_time() {
+    let mut log = shaken();
+    log.columns.iter_mut().for_each(|column| *column = column.iter().flat_map(|value| [*value, *value]).collect());
+    let guess = guess(&log);
+    assert_eq!(guess.columns[0].name, "t");
+    assert!(guess.repeats_times);
+}
+
+/// An arm that turns and reaches out, in degrees and millimetres.
+#[test]
+fn each_joint_has_its_own_unit() {
+    let text = include_str!("../../../model/devices/planar2r.toml")
+        .replace("theta = \"q1\", d = 0", "theta = 0, d = \"q1\"")
+        .replace(
+            "# q1\ntitle = \"elbow\"\nposition = [\"-pi\", \"pi\"]",
+            "\ntitle = \"slide\"\nposition = [-1.0, 1.0]",
+        );
+    let device = Device::parse(&text, Path::new("slide.toml")).unwrap_or_else(|error| panic!("{error}"));
+    let device: &'static Device = Box::leak(Box::new(device));
+    let rows: String = (0..800)
+        .map(|k| {
+            let t = 0.01 * f64::from(k);
+            let (q0, q1) = (40.0 * (2.0 * t).sin(), 300.0 * (3.0 * t).sin());
+            format!("{t},{q0},{q1},{},{}\n", 2.0 * (2.0 * t).sin(), (3.0 * t).sin())
+        })
+        .collect();
+    let folder = TempDir::new().expect("a folder");
+    for header in ["time [s],q0 [deg],q1 [mm],tau0 [Nm],tau1 [N]", "time [s],q0_deg,q1_mm,tau0_Nm,tau1_N"] {
+        let path = folder.path().join("log.csv");
+        std::fs::write(&path, format!("{header}\n{rows}")).expect("the folder is writable");
+        let guess = first_guess(device, &[path], &Known::default()).unwrap_or_else(|error| panic!("{error}"));
+        assert!((scale(&guess, "q0") - PI / 180.0).abs() < 1e-15 && scale(&guess, "q1") == 1e-3, "{:?}", guess.columns);
+        let is_of_other = |remark: &Remark| matches!(remark, Remark::UnitOfOther { .. });
+        assert!(!guess.remarks.iter().any(is_of_other), "{:?}", guess.remarks);
+    }
+}
+
+#[test]
+fn names_that_are_said_are_said_once_and_as_they_are() {
+    let text = shaken().text();
+    for name in ["q01", "q+1", "q", "t0"] {
+        let error = guess_of_files(&[("log.csv", &text)], &saying(&[(name, "q1")])).expect_err(name).to_string();
+        assert!(error.starts_with(&format!("`{name}` is no column of an experiment of `planar2r`")), "{error}");
+    }
+    let twice = guess_of_files(&[("log.csv", &text)], &saying(&[("q0", "q0"), ("q0", "q1")])).expect_err("two");
+    assert_eq!(twice.to_string(), "`q0` is said twice, to be `q0` and `q1`; name one column of the log");
+}
+
+#[test]
+fn a_joint_that_never_moves_needs_no_factor() {
+    let mut log = logs(&[ELBOW])["elbow.csv"].clone();
+    let zeros = vec![0.0; log.columns[0].len()];
+    if !log.names.iter().any(|name| name == "tau0") {
+        log.add("tau0", zeros);
+    }
+    log.rename(&[("tau0", "current_0"), ("tau1", "current_1")]);
+    let guess = guess(&log);
+    let asks = |remark: &Remark| matches!(remark, Remark::UnknownFactor { joint: 0, .. });
+    assert!(!guess.remarks.iter().any(asks), "{:?}", guess.remarks);
 }
 
 #[test]

@@ -51,13 +51,14 @@ pub enum Format {
 
 impl Format {
     /// That of a description, as its root element says; a URDF where nothing says so.
-    pub fn of(text: &str, path: &Path) -> Self {
-        let tolerant = xml::tolerant(&Source::new(path, text));
-        let is_mjcf = tolerant.is_ok_and(|text| {
-            roxmltree::Document::parse(&text)
-                .is_ok_and(|document| document.root_element().tag_name().name() == "mujoco")
-        });
-        if is_mjcf { Self::Mjcf } else { Self::Urdf }
+    ///
+    /// # Errors
+    /// Text that is no XML.
+    pub fn of(text: &str, path: &Path) -> Result<Self, ModelError> {
+        let text = xml::tolerant(&Source::new(path, text))?;
+        let is_mjcf = roxmltree::Document::parse(&text)
+            .is_ok_and(|document| document.root_element().tag_name().name() == "mujoco");
+        Ok(if is_mjcf { Self::Mjcf } else { Self::Urdf })
     }
 }
 
@@ -97,7 +98,7 @@ pub fn device_from_mjcf(text: &str, path: &Path) -> Result<Imported, ModelError>
 /// As [`device_from_urdf`] and [`device_from_mjcf`]; an end point that is no link that moves.
 pub fn device_from_description(text: &str, path: &Path, end_point: Option<&str>) -> Result<Imported, ModelError> {
     let source = Source::new(path, text);
-    let robot = match Format::of(text, path) {
+    let robot = match Format::of(text, path)? {
         Format::Mjcf => mjcf::read(&source)?,
         Format::Urdf => urdf::read(&source)?,
     };
@@ -114,7 +115,7 @@ pub fn description_with(
     device: &Device,
     identified: &Identified,
 ) -> Result<Described, ModelError> {
-    written_back::written_back(&Source::new(path, text), Format::of(text, path), device, identified)
+    written_back::written_back(&Source::new(path, text), Format::of(text, path)?, device, identified)
 }
 
 fn imported(source: &Source, robot: &urdf::Robot, end_point: Option<&str>) -> Result<Imported, ModelError> {

@@ -213,6 +213,9 @@ struct Column {
     scale: f64,
     /// How much a turn of its encoder is, in SI, where that begins anew after each.
     turn: Option<f64>,
+    /// Its value in the row before, selected or not, where its encoder begins anew: the turns are counted from the first row of the file, so
+    /// that all parts of a log agree.
+    before: Option<f64>,
     /// Values of the selected rows.
     values: Vec<f64>,
 }
@@ -221,10 +224,17 @@ impl Column {
     /// A value in SI, with the turns that the encoder has forgotten.
     fn in_si(&self, number: f64) -> f64 {
         let value = number * self.scale;
-        match (self.turn, self.values.last()) {
+        match (self.turn, self.before) {
             (Some(turn), Some(before)) => value + turn * ((before - value) / turn).round(),
             _ => value,
         }
+    }
+
+    /// Counts the turns of a row that is not selected. What it holds beside that does not matter.
+    fn pass(&mut self, record: &csv::ByteRecord) {
+        let cell = record.get(self.index).and_then(|cell| std::str::from_utf8(cell).ok());
+        let number = cell.and_then(|cell| cell.parse::<f64>().ok()).filter(|number| number.is_finite());
+        self.before = number.map(|number| self.in_si(number)).or(self.before);
     }
 }
 
@@ -369,6 +379,7 @@ fn read_rows(
                 if is_repeated && format.repeated == Repeated::Skip {
                     break;
                 }
+                column.before = Some(number);
                 column.values.push(number);
             }
             if let [.., before, now] = columns[0].values[..]
@@ -389,6 +400,9 @@ fn read_rows(
                     },
                 });
             }
+        }
+        if row < from {
+            columns.iter_mut().filter(|column| column.turn.is_some()).for_each(|column| column.pass(&record));
         }
         row += 1;
     }
@@ -518,7 +532,7 @@ impl Header<'_> {
         let of = |numbers: &[(String, f64)]| numbers.iter().find(|(other, _)| other == known).map(|(_, own)| *own);
         let scale = of(&self.format.scale).unwrap_or(1.0);
         let turn = of(&self.format.turn).map(|turn| turn * scale.abs());
-        Ok(Column { index, name: name.to_owned(), scale, turn, values: Vec::new() })
+        Ok(Column { index, name: name.to_owned(), scale, turn, before: None, values: Vec::new() })
     }
 
     /// True for the project's own name of another column.

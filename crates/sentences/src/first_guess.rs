@@ -128,6 +128,15 @@ pub fn remark(remark: &Remark) -> String {
              ratio under [scale].",
             named(*quantity)
         ),
+        Remark::UnitOfOther { column, unit, logical } => format!(
+            "`{column}` is taken for {logical}, of which {unit} is no unit: it has no factor. If it is {logical}, write one under [scale]; \
+             else name the right column with `--column {logical}=NAME`."
+        ),
+        Remark::RowsFarApart { column, step_s } => format!(
+            "`{column}` is dynid's own name, so it is taken to be in s; then rows are {} s apart. If it is in ms, write {column} = 1e-3 under \
+             [scale].",
+            number(*step_s)
+        ),
         Remark::NeverMoves { joints } => {
             let joints: Vec<String> = joints.iter().map(usize::to_string).collect();
             format!("In no log moves joint {}: taken for locked.", joints.join(", "))
@@ -210,6 +219,14 @@ mod tests {
         assert!(said.contains("`i_2` is a current") && said.contains("write tau2 = motor constant"), "{said}");
         let said = remark(&Remark::SpeedAgainstPosition { column: "qd0".to_owned(), joint: 0 });
         assert!(said.contains("q0 = -1 under [scale]"), "{said}");
+        let (column, logical) = ("q1 [mm]".to_owned(), "q1".to_owned());
+        assert_eq!(
+            remark(&Remark::UnitOfOther { column, unit: "mm", logical }),
+            "`q1 [mm]` is taken for q1, of which mm is no unit: it has no factor. If it is q1, write one under [scale]; else name the \
+             right column with `--column q1=NAME`."
+        );
+        let said = remark(&Remark::RowsFarApart { column: "t".to_owned(), step_s: 10.0 });
+        assert!(said.ends_with("rows are 10.00 s apart. If it is in ms, write t = 1e-3 under [scale]."), "{said}");
         let said = remark(&Remark::RepeatedTimes { log: "a.csv".to_owned(), count: 3, percent: 0.4 });
         assert!(said.starts_with("a.csv: 3 rows (0.4 %)"), "{said}");
     }

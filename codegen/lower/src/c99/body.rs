@@ -9,8 +9,9 @@ use super::number;
 use crate::kernel::Function;
 use crate::{Node, Operation, Program};
 
-/// What no local variable may be called: words of C, and macros of `<math.h>` that look like variables.
-const TAKEN: [&str; 52] = [
+/// What no local variable may be called: words of C, macros of `<math.h>` that look like variables, and functions of `<math.h>`, since a
+/// local variable hides the function that a later term calls.
+const TAKEN: [&str; 60] = [
     "auto",
     "break",
     "case",
@@ -63,7 +64,18 @@ const TAKEN: [&str; 52] = [
     "PLOSS",
     "TLOSS",
     "linux",
+    "cos",
+    "exp",
+    "fabs",
+    "log",
+    "sin",
+    "sqrt",
+    "tan",
+    "tanh",
 ];
+
+/// What the names of the file's own functions that terms call have after the prefix.
+const HELPERS: [&str; 7] = ["sine", "cosine", "sine_cosine", "exponential", "sign", "minimum", "maximum"];
 
 /// How tightly an expression binds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -190,7 +202,9 @@ impl<'a> Body<'a> {
     fn give_names(&mut self) {
         let arrays = self.function.arguments.iter().map(|own| own.name);
         let results = self.function.results.iter().map(|own| own.name);
-        let mut taken: BTreeSet<String> = arrays.chain(results).chain(TAKEN).map(str::to_owned).collect();
+        let helpers = HELPERS.map(|name| format!("{}_{name}", self.prefix));
+        let mut taken: BTreeSet<String> =
+            arrays.chain(results).chain(TAKEN).map(str::to_owned).chain(helpers).collect();
         let live = self.program.live();
         let outputs: Vec<Node> = self
             .function

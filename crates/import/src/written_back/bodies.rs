@@ -13,16 +13,33 @@ use crate::{
     xml::child,
 };
 
-/// Frames whose body is the description's own keep their text.
+/// Frames whose body is the description's own keep their text. An inertia that no body has was mended by the import: the mended one
+/// takes its place.
 pub(super) fn write(description: &mut Description, identified: &Identified) {
-    for (frame, own) in description.draft.frames.iter().enumerate() {
+    let draft = description.draft;
+    for (frame, own) in draft.frames.iter().enumerate() {
         let body = identified.bodies.get(&own.name).copied().unwrap_or([0.0; 10]);
-        let stated = description.draft.links.iter().find(|link| link.frame == frame);
-        let stated = stated.map_or([0.0; 10], |link| link.inertial.each_ref().map(|number| number.value));
-        if body != stated {
+        let imported = draft.links.iter().find(|link| link.frame == frame);
+        let values = imported.map_or([0.0; 10], |link| link.inertial.each_ref().map(|number| number.value));
+        let is_mended = Body::merged(&stated_bodies(description, frame)).mended().is_some();
+        if let Some(link) = imported.filter(|_| is_mended && body == values) {
+            description.notes.push(format!(
+                "no body has the inertia that the description states of link `{}`; it has the device's now, which the import mended",
+                link.title
+            ));
+        }
+        if is_mended || body != values {
             write_frame(description, frame, &Body::from_values(&body));
         }
     }
+}
+
+/// The bodies of the links that move with a frame, in the frame's axes.
+fn stated_bodies(description: &Description, frame: usize) -> Vec<Body> {
+    let Description { robot, seats, .. } = *description;
+    let here = (0..robot.links.len()).filter(|link| seats[*link].frame == Some(frame));
+    let inertials = here.filter_map(|link| Some((link, robot.links[link].inertial.as_ref()?)));
+    inertials.map(|(link, inertial)| Body::of(inertial).seen_from(&seats[link].pose)).collect()
 }
 
 /// Divides a body among the links that move with a frame.
@@ -60,13 +77,16 @@ fn write_body(description: &mut Description, link: usize, body: &Body) {
     }
 }
 
-/// Takes a link's mass away.
+/// Takes a link's mass away. Without an `<inertial>`, some readers of both formats would take a mass from shapes.
 fn write_nothing(description: &mut Description, link: usize) {
     let element = description.element_at(&description.robot.links[link].place);
     let Some(node) = element.and_then(|element| child(element, "inertial")) else { return };
     match description.format {
-        Format::Urdf => description.edits.remove(node),
-        // Without an `<inertial>`, MuJoCo would take a mass from shapes.
+        Format::Urdf => {
+            child(node, "mass").iter().for_each(|mass| description.edits.set_numbers(*mass, "value", &[0.0]));
+            let inertia = child(node, "inertia");
+            inertia.iter().for_each(|inertia| set_urdf_moments(description, *inertia, [0.0; 6]));
+        }
         Format::Mjcf => {
             description.edits.set_numbers(node, "mass", &[0.0]);
             let key = if node.has_attribute("fullinertia") { "fullinertia" } else { "diaginertia" };
@@ -88,12 +108,17 @@ fn write_urdf(description: &mut Description, node: Node, inertial: &Inertial, bo
         edits.set_numbers(mass, "value", &[body.mass]);
     }
     if let Some(inertia) = child(node, "inertia") {
-        let moments = moments(&in_axes_of(body, inertial));
-        for (key, moment) in ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].into_iter().zip(moments) {
-            edits.set_numbers(inertia, key, &[moment]);
-        }
+        set_urdf_moments(description, inertia, moments(&in_axes_of(body, inertial)));
     }
 }
+
+fn set_urdf_moments(description: &mut Description, inertia: Node, moments: [f64; 6]) {
+    for (key, moment) in URDF_MOMENTS.into_iter().zip(moments) {
+        description.edits.set_numbers(inertia, key, &[moment]);
+    }
+}
+
+const URDF_MOMENTS: [&str; 6] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"];
 
 /// The axes in which the inertia is stated stay where they are principal ones still; else the inertia is stated in the body's.
 fn write_mjcf(description: &mut Description, node: Node, inertial: &Inertial, body: &Body) {
@@ -118,7 +143,7 @@ fn new_inertial(format: Format, body: &Body) -> String {
     let mass = words(&[body.mass]);
     match format {
         Format::Urdf => {
-            let keys = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].into_iter().zip([xx, xy, xz, yy, yz, zz]);
+            let keys = URDF_MOMENTS.into_iter().zip([xx, xy, xz, yy, yz, zz]);
             let inertia: Vec<String> = keys.map(|(key, moment)| format!("{key}=\"{}\"", words(&[moment]))).collect();
             format!(
                 "<inertial><origin xyz=\"{}\"/><mass value=\"{mass}\"/><inertia {}/></inertial>",

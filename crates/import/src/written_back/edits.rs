@@ -63,11 +63,6 @@ impl<'a> Edits<'a> {
         }
     }
 
-    /// Takes out an element, and the blanks before it.
-    pub fn remove(&mut self, element: Node) {
-        self.parts.push((self.with_blanks_before(element.range()), String::new()));
-    }
-
     /// Adds an element as the first in another, on a line of its own where the others are.
     pub fn add_child(&mut self, parent: Node, child: &str) {
         if let Some(first) = parent.children().find(Node::is_element) {
@@ -137,7 +132,9 @@ mod tests {
         );
         let mut edits = Edits::new(text);
         edits.remove_attribute(links[0], "mass");
-        edits.remove(links[1]);
-        assert_eq!(edits.applied(), "<robot>\n  <!-- a -->\n  <link  name='a' pose='0 0'/>\n</robot>\n");
+        assert_eq!(
+            edits.applied(),
+            "<robot>\n  <!-- a -->\n  <link  name='a' pose='0 0'/>\n  <link name=\"b\">\n    <x/>\n  </link>\n</robot>\n"
+        );
     }
 }

@@ -149,6 +149,9 @@ fn turns_that_an_encoder_forgets_are_counted() {
     let (_folder, result) = read(&experiment, log);
     let q0 = result.expect("the experiment is good").runs[0].log.q[0].clone();
     assert_eq!(q0, [-85.0, -92.5, -89.5, -95.0, -50.0], "in the log's own unit a turn is 360");
+    let (_folder, result) = read(&format!("{experiment}rows = [1, 4]\n"), log);
+    let part = result.expect("the experiment is good").runs[0].log.q[0].clone();
+    assert_eq!(part, q0[1..4], "a part of a log is where the whole one is");
 }
 
 #[test]

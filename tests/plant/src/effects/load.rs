@@ -91,14 +91,17 @@ impl Load {
                 stiffness * (q - rest).abs() * branch
             }
             Self::Spline { coefficients, low, high } => spline(&coefficients, low, high, q),
-            Self::Harmonics { amplitudes, period } => amplitudes
-                .iter()
-                .zip(1..)
-                .map(|([cosine, sine], n)| {
-                    let (s, c) = (TAU * f64::from(n) * q / period).sin_cos();
-                    cosine * c + sine * s
-                })
-                .sum(),
+            // Clenshaw's summation
+            Self::Harmonics { amplitudes, period } => {
+                let (s, c) = (TAU * q / period).sin_cos();
+                let summed = |part: usize| {
+                    let next =
+                        |[first, second]: [f64; 2], own: &[f64; 2]| [own[part] + 2.0 * c * first - second, first];
+                    amplitudes.iter().rev().fold([0.0; 2], next)
+                };
+                let ([cosines, second], [sines, _]) = (summed(0), summed(1));
+                cosines * c - second + sines * s
+            }
             Self::Cogging { cosine, sine, period } => {
                 let (s, c) = (TAU * q / period).sin_cos();
                 cosine * c + sine * s

@@ -10,6 +10,7 @@ pub mod emit;
 pub mod end_point;
 pub mod kernel;
 pub mod kir;
+mod names;
 pub mod program;
 
 pub use kir::{Form, Kir, KirError};

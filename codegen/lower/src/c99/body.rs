@@ -7,6 +7,7 @@ use dynid_model::expression::{Comparison, Function as Call};
 
 use super::number;
 use crate::kernel::Function;
+use crate::names::Names;
 use crate::{Node, Operation, Program};
 
 /// What no local variable may be called: words of C, macros of `<math.h>` that look like variables, and functions of `<math.h>`, since a
@@ -203,8 +204,7 @@ impl<'a> Body<'a> {
         let arrays = self.function.arguments.iter().map(|own| own.name);
         let results = self.function.results.iter().map(|own| own.name);
         let helpers = HELPERS.map(|name| format!("{}_{name}", self.prefix));
-        let mut taken: BTreeSet<String> =
-            arrays.chain(results).chain(TAKEN).map(str::to_owned).chain(helpers).collect();
+        let taken: BTreeSet<String> = arrays.chain(results).chain(TAKEN).map(str::to_owned).chain(helpers).collect();
         let live = self.program.live();
         let outputs: Vec<Node> = self
             .function
@@ -216,19 +216,7 @@ impl<'a> Body<'a> {
         let mut uses: BTreeMap<Node, usize> = BTreeMap::new();
         let read = live.iter().flat_map(|node| self.program.operation_of(*node).operands());
         read.chain(outputs).for_each(|node| *uses.entry(node).or_default() += 1);
-        for &node in &live {
-            if let Operation::Input(position) = self.program.operation_of(node) {
-                let name = unlike(&mut taken, &self.program.inputs()[position].0.identifier());
-                self.names.insert(node, name);
-            }
-        }
-        for &node in &live {
-            if let Some(name) = self.program.name_of(node) {
-                let name = unlike(&mut taken, name);
-                self.names.insert(node, name);
-            }
-        }
-        let mut number = 0;
+        let mut names = Names::new(self.program, &live, taken);
         for &node in &live {
             let is_shared = uses.get(&node).is_some_and(|uses| *uses > 1);
             let is_wanted = match self.program.operation_of(node) {
@@ -236,12 +224,11 @@ impl<'a> Body<'a> {
                 Operation::Call(Call::Sin | Call::Cos, _) => true,
                 _ => is_shared,
             };
-            if is_wanted && !self.names.contains_key(&node) {
-                number += 1;
-                let name = unlike(&mut taken, &format!("t{number}"));
-                self.names.insert(node, name);
+            if is_wanted {
+                names.number(node);
             }
         }
+        self.names = names.into_map();
     }
 
     /// A term where it is used.
@@ -306,13 +293,4 @@ impl<'a> Body<'a> {
         let (text, own) = self.term(node);
         if own < binding { format!("({text})") } else { text }
     }
-}
-
-/// `wanted`, with underscores appended until it is unlike all that are taken.
-fn unlike(taken: &mut BTreeSet<String>, wanted: &str) -> String {
-    let mut name = wanted.to_owned();
-    while !taken.insert(name.clone()) {
-        name.push('_');
-    }
-    name
 }

@@ -8,6 +8,7 @@ use quote::{format_ident, quote};
 
 use super::{MOST_STATEMENTS, identifier, size, term::Terms};
 use crate::kernel::Function;
+use crate::names::Names;
 use crate::{Node, Operation, Program};
 
 /// The function's tokens: `pub fn name<S: Scalar>(..)`, and the private functions that it is split into.
@@ -124,33 +125,16 @@ impl<'a> Body<'a> {
     fn give_names(&mut self) {
         let arrays = self.function.arguments.iter().map(|argument| argument.name);
         let results = self.function.results.iter().map(|results| results.name);
-        let mut taken: BTreeSet<String> = arrays.chain(results).chain(["shared", "S"]).map(str::to_owned).collect();
+        let taken = arrays.chain(results).chain(["shared", "S"]).map(str::to_owned).collect();
         let live = self.program.live();
-        let is_input = |node: &Node| matches!(self.program.operation_of(*node), Operation::Input(_));
-        for &node in live.iter().filter(|node| is_input(node)) {
-            if let Operation::Input(position) = self.program.operation_of(node) {
-                let name = unlike(&mut taken, &self.program.inputs()[position].0.identifier());
-                self.names.insert(node, name);
-            }
-        }
-        for &node in &live {
-            if let Some(name) = self.program.name_of(node) {
-                let name = unlike(&mut taken, name);
-                self.names.insert(node, name);
-            }
-        }
+        let mut names = Names::new(self.program, &live, taken);
         let angles = live
             .iter()
             .filter(|&&node| matches!(self.program.operation_of(node), Operation::Call(Call::Sin | Call::Cos, _)));
         let mut unnamed: BTreeSet<Node> = self.program.statements().into_iter().chain(angles.copied()).collect();
         unnamed.extend(self.written_twice());
-        let mut number = 0;
-        for node in unnamed {
-            self.names.entry(node).or_insert_with(|| {
-                number += 1;
-                unlike(&mut taken, &format!("t{number}"))
-            });
-        }
+        unnamed.into_iter().for_each(|node| names.number(node));
+        self.names = names.into_map().into_iter().map(|(node, name)| (node, identifier(&name))).collect();
     }
 
     /// Terms that stand in several places of the results, as the entries of a symmetric matrix do.
@@ -291,13 +275,4 @@ impl<'a> Body<'a> {
     fn terms(&self) -> Terms<'_> {
         Terms { program: self.program, names: &self.names }
     }
-}
-
-/// `wanted` as an identifier, with underscores appended until it is unlike all that are taken.
-fn unlike(taken: &mut BTreeSet<String>, wanted: &str) -> Ident {
-    let mut name = wanted.to_owned();
-    while !taken.insert(name.clone()) {
-        name.push('_');
-    }
-    identifier(&name)
 }

@@ -1,7 +1,5 @@
 //! What tells two systems of one mechanism apart, where that is joint effects alone: most of what a diagnosis asks about.
 
-use dynid_generated::Signal;
-
 use super::{Block, Element, NONE, System};
 
 impl System {
@@ -18,10 +16,7 @@ impl System {
         let is_one_drive = late(self) == late(other)
             && self.all_alike(&self.actuators, other, &other.actuators)
             && self.all_alike(&self.transmissions, other, &other.transmissions);
-        let reads_friction = |system: &Self| {
-            system.frictions.iter().chain(&system.loads).any(|element| element.uses.contains(Signal::Friction))
-        };
-        if !is_one_mechanism || !is_one_drive || reads_friction(self) || reads_friction(other) {
+        if !is_one_mechanism || !is_one_drive || self.friction_is_read || other.friction_is_read {
             return None;
         }
         Some([self.without_those_of(other), other.without_those_of(self)])
@@ -49,13 +44,12 @@ impl System {
 
     /// Whether two effects are the same law at the same place with the same values.
     fn alike(&self, element: &Element, other: &Self, known: &Element) -> bool {
-        let values = |system: &Self, of: &Element| system.effect_parameters[of.p..of.p + of.np].to_vec();
-        let names = |system: &Self, of: &Element| system.effect_names[of.p..of.p + of.np].to_vec();
+        let (own, others) = (element.p..element.p + element.np, known.p..known.p + known.np);
         let rest = |system: &Self, of: &Element| (of.qeq != NONE).then(|| system.effect_parameters[of.qeq]);
         std::ptr::eq(element.kernel, known.kernel)
             && (element.joint.joint, element.from.joint) == (known.joint.joint, known.from.joint)
-            && names(self, element) == names(other, known)
-            && values(self, element) == values(other, known)
+            && self.effect_names[own.clone()] == other.effect_names[others.clone()]
+            && self.effect_parameters[own] == other.effect_parameters[others]
             && rest(self, element) == rest(other, known)
     }
 }

@@ -1,5 +1,6 @@
 //! Parameters from logs.
 
+use dynid_dynamics::simulate::Steps;
 use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -50,7 +51,7 @@ pub struct FitSettings {
 
 impl Default for FitSettings {
     fn default() -> Self {
-        let Options { substeps, iterations, .. } = Options::default();
+        let Options { steps, iterations, .. } = Options::default();
         Self {
             error: None,
             free: None,
@@ -61,7 +62,7 @@ impl Default for FitSettings {
             seed: 0,
             from_s: None,
             first_half: None,
-            substeps,
+            substeps: steps.per_sample(),
             iterations,
             checkpoint: None,
         }
@@ -244,7 +245,7 @@ fn task(runs: &[&Run], settings: &FitSettings) -> Result<FitTask, FitSettingsErr
         only: settings.only.clone(),
         starts: Starts { count: settings.starts.max(1), seed: settings.seed, ..Starts::default() },
         options: Options {
-            substeps: settings.substeps.max(1),
+            steps: Steps::PerSample(settings.substeps.max(1)),
             iterations: settings.iterations.max(1),
             ..Options::default()
         },

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use dynid_dynamics::{simulate as dynamics, simulate::Input};
+use dynid_dynamics::{simulate as dynamics, simulate::Input, simulate::Steps};
 use dynid_identify::{position, position::FitRun, position::Options, position::RunError};
 use dynid_judge::compare;
 use dynid_logs::experiment::{Experiment, Run};
@@ -12,16 +12,10 @@ use crate::progress::{Done, each};
 use crate::{Error, check_device};
 
 /// How finely.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SimulateSettings {
-    /// Integration steps per sample.
-    pub substeps: usize,
-}
-
-impl Default for SimulateSettings {
-    fn default() -> Self {
-        Self { substeps: Options::default().substeps }
-    }
+    /// Integration steps per sample; `None` for as few as keep every joint within some millionths of its motion.
+    pub substeps: Option<usize>,
 }
 
 /// What a model shows of a run.
@@ -59,13 +53,14 @@ pub fn simulate(
     progress: &(dyn Fn(Done) -> ControlFlow<()> + Sync),
 ) -> Result<Vec<Simulated>, Error> {
     check_device(model, experiment)?;
-    let options = Options { substeps: settings.substeps.max(1), ..Options::default() };
+    let steps = settings.substeps.map_or(Steps::ADAPTIVE, |steps| Steps::PerSample(steps.max(1)));
+    let options = Options { steps, ..Options::default() };
     each(&experiment.runs, progress, |run| played(model, run, &options))
 }
 
 fn played(model: &Model, run: &Run, options: &Options) -> Result<Simulated, Error> {
     let fit_run = FitRun::of_run(model, run)?;
-    let integration = dynamics::Options { substeps: options.substeps, ..dynamics::Options::default() };
+    let integration = dynamics::Options { steps: options.steps, ..dynamics::Options::default() };
     let of_run = |error| Error::Simulation { run: run.file.clone(), error };
     if let Some(played) = compare::closed_loop(&fit_run.system, run, &integration)? {
         let (trajectory, command) = played.map_err(of_run)?;

@@ -1,6 +1,6 @@
 //! The exact derivatives of simulated positions against central differences, on a whole device.
 
-use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample, simulate::Options, system::System};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::Steps, system::System};
 use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_plant::random::Noise;
 use dynid_user_model::Model;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// Every joint is free.
 const ALL: [usize; 6] = [0, 1, 2, 3, 4, 5];
 const SAMPLES: usize = 101;
-const OPTIONS: Options = Options { substeps: 20, position_limit: 1e3 };
+const OPTIONS: Options = Options { steps: Steps::PerSample(20), position_limit: 1e3 };
 /// What a change of an unknown does to the positions, at most [rad]: well above rounding, well below all curvature.
 const CHANGE: f64 = 1e-7;
 

@@ -2,7 +2,7 @@
 //! parameters, in open loop and with an observer of samples, held or straight commands.
 
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::SimulationError, simulate::control,
+    simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::Steps, simulate::SimulationError, simulate::control,
     simulate::control::Controller, simulate::control::Filter, system::System,
 };
 use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
@@ -17,7 +17,7 @@ use values::VALUES;
 const FREE: [usize; 2] = [0, 1];
 const SAMPLES: usize = 61;
 const STEP_S: f64 = 0.01;
-const OPTIONS: Options = Options { substeps: 12, position_limit: 1e3 };
+const OPTIONS: Options = Options { steps: Steps::PerSample(12), position_limit: 1e3 };
 /// What a change of a parameter does to the positions, at most [rad]: well above rounding, well below all curvature.
 const CHANGE: f64 = 1e-7;
 

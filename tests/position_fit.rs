@@ -1,5 +1,6 @@
 //! The position fit on logs of the independent plant: how sure it says it is, and from how far off it gets there.
 
+use dynid_dynamics::simulate::Steps;
 use std::fs;
 
 use dynid_identify::SearchControl;
@@ -100,7 +101,7 @@ fn fitted(model: &Model, runs: Vec<FitRun>, start: impl Fn(&str, f64) -> f64, su
         }
     }
     problem.runs = runs;
-    position::fit(&problem, &Options { substeps, ..Options::default() }, &mut |_| SearchControl::Continue)
+    position::fit(&problem, &Options { steps: Steps::PerSample(substeps), ..Options::default() }, &mut |_| SearchControl::Continue)
         .expect("the fit comes to an end")
 }
 

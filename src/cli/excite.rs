@@ -619,17 +619,12 @@ fn hundredth(torque: &[Vec<f64>], n_free: usize) -> Vec<f64> {
 }
 
 fn simulated(system: &System, excitation: &Excitation, start: &[f64]) -> anyhow::Result<Path> {
-    /// Longest step of the integration (s).
-    const STEP: f64 = 2.5e-4;
     let free = system.kernel().free;
     let rows = 0..excitation.time.len();
     let command: Vec<f64> = rows.flat_map(|k| excitation.values.iter().map(move |joint| joint[k])).collect();
-    let sample_s = excitation.time[1] - excitation.time[0];
     let input = Input { time: &excitation.time, command: &command, intersample: Intersample::ZeroOrder };
-    let substeps = (sample_s / STEP).ceil().clamp(1.0, 600.0) as usize;
-    let options = simulate::Options { substeps, ..simulate::Options::default() };
     let first: Vec<f64> = free.iter().map(|&joint| start[joint]).collect();
-    let trajectory = simulate::simulate(system, &input, &first, &options)?;
+    let trajectory = simulate::simulate(system, &input, &first, &simulate::Options::default())?;
     let rows = |values: &[f64]| values.chunks_exact(free.len()).map(<[f64]>::to_vec).collect();
     Ok(Path::of_speeds(&excitation.time, rows(&trajectory.q), rows(&trajectory.dq)))
 }

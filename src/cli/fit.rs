@@ -67,7 +67,7 @@ pub struct Arguments {
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
     /// Integration steps per sample of the position error.
-    #[arg(long, value_name = "N", default_value_t = Options::default().substeps)]
+    #[arg(long, value_name = "N", default_value_t = Options::default().steps.per_sample())]
     substeps: usize,
     /// Iterations at most.
     #[arg(long, value_name = "N", default_value_t = Options::default().iterations)]

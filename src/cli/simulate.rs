@@ -35,9 +35,9 @@ pub struct Arguments {
     /// Overwrite files that are there.
     #[arg(long)]
     force: bool,
-    /// Integration steps per sample.
-    #[arg(long, value_name = "N", default_value_t = SimulateSettings::default().substeps)]
-    substeps: usize,
+    /// Integration steps per sample; without it, as few as keep every joint within some millionths of its motion.
+    #[arg(long, value_name = "N")]
+    substeps: Option<usize>,
 }
 
 /// Simulates every run, then writes.

@@ -194,7 +194,7 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run], seen: &[
     }
     let middle = |joint: usize| runs.first().map_or(0.0, |run| run.log.mean_position(joint));
     let start: Vec<f64> = trial.free.iter().map(|joint| middle(*joint)).collect();
-    let options = simulate::Options { substeps: 15, ..simulate::Options::default() };
+    let options = simulate::Options::per_sample(15);
     let play = |model: &Model, samples: usize| {
         let system = model.system(&trial.free, middle).ok()?;
         let (time, command) = (&time[..samples], &command[..samples * n_joints]);
@@ -245,7 +245,7 @@ mod tests {
             time.iter().map(|t| trial.amplitude * (TAU * (trial.hz * t + trial.phase.periods())).sin()).collect();
         let system = model.system(&[0], |_| 0.0).expect("a system");
         let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-        let options = simulate::Options { substeps, ..simulate::Options::default() };
+        let options = simulate::Options::per_sample(substeps);
         let q = simulate::simulate(&system, &input, &[0.0], &options).expect("a motion").q;
         (time, command, q)
     }

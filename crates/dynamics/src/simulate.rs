@@ -1,9 +1,10 @@
 //! Integrates a [`System`] over a log: what position would it have shown under these torques?
 //!
-//! Classical Runge-Kutta of fourth order with a fixed step, a fraction of the sample time; predictions are planned interval by interval
-//! ([`Scheme`]), with implicit steps where explicit ones are not stable. Torques are held over the
+//! Classical Runge-Kutta of fourth order, with as many steps between two samples as a tolerance asks for or a user states; predictions are
+//! planned interval by interval ([`Scheme`]). Where explicit steps are not stable, implicit ones are taken. Torques are held over the
 //! sample (`tau` of row k acts from t_k to t_k+1) or run linearly from one to the next.
 
+mod adapt;
 pub mod control;
 pub mod implicit;
 mod late;
@@ -15,6 +16,7 @@ pub use predictor::{Gains, Planned, Predictor, correct_by, plan};
 pub use scheme::Scheme;
 
 use crate::{system::Scratch, system::System};
+use adapt::Adaptation;
 use implicit::Implicit;
 
 /// How the commanded torque runs between samples.
@@ -117,7 +119,7 @@ pub fn simulate_with_observer(
     let mut recorder = Recorder::new(system, input.time.len());
     let mut stepper = Stepper::new(system, &system.rest(q0));
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
-    let grid = Grid::new(input.time, options.substeps);
+    let grid = Grid::of(input.time, options.steps);
     for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
         let (now, next) = rows.split_at(n_joints);
         let (start, end) = (input.time[sample], input.time[sample + 1]);
@@ -138,11 +140,38 @@ pub fn simulate_with_observer(
 /// How to integrate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Steps per (mean) sample time; a longer gap between two samples takes proportionally more. The thesis's coupled
-    /// joints take 60.
-    pub substeps: usize,
+    /// How long steps are.
+    pub steps: Steps,
     /// A position beyond this [rad or m] counts as diverged.
     pub position_limit: f64,
+}
+
+/// How long integration steps are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Steps {
+    /// So many explicit ones in a (mean) sample time; a longer gap between two samples takes proportionally more. The thesis's
+    /// coupled joints take 60.
+    PerSample(usize),
+    /// As few as leave an interval's estimated error within this share of the farthest position so far, of each joint.
+    Within(f64),
+}
+
+impl Steps {
+    /// What is taken where nothing is said: 60 s of the Freedom 6S, one joint or all, stay within 1e-5 rad of steps ten times as short as
+    /// the thesis's (`cargo xtask bench`).
+    pub const ADAPTIVE: Self = Self::Within(1e-5);
+    /// Steps of a gap between samples, and where none can be adapted, for each (mean) sample time of it.
+    const OF_GAP: usize = 60;
+    /// A joint that has hardly moved from zero is taken to have gone so far [rad or m].
+    const SMALL_POSITION: f64 = 1e-3;
+
+    /// Explicit steps in a sample time where none can be adapted.
+    pub fn per_sample(self) -> usize {
+        match self {
+            Self::PerSample(steps) => steps,
+            Self::Within(_) => Self::OF_GAP,
+        }
+    }
 }
 
 /// What counts as diverged where nothing else is said [rad or m]: a numerical choice, far beyond any joint.
@@ -150,7 +179,14 @@ pub const POSITION_LIMIT: f64 = 1e3;
 
 impl Default for Options {
     fn default() -> Self {
-        Self { substeps: 60, position_limit: POSITION_LIMIT }
+        Self { steps: Steps::ADAPTIVE, position_limit: POSITION_LIMIT }
+    }
+}
+
+impl Options {
+    /// So many explicit steps per sample.
+    pub fn per_sample(steps: usize) -> Self {
+        Self { steps: Steps::PerSample(steps), ..Self::default() }
     }
 }
 
@@ -266,14 +302,10 @@ fn sample_by_sample(
     let mut stepper = Stepper::new(system, x0);
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
     after(0, recorder.last(), &mut stepper.x);
-    let grid = Grid::new(input.time, options.substeps);
+    let mut course = Course::new(system, input.time, options, predictor);
     for sample in 0..input.time.len().saturating_sub(1) {
-        let (start, end) = (input.time[sample], input.time[sample + 1]);
-        match predictor {
-            Some(predictor) => stepper.across(system, input, sample, predictor.scheme(sample)),
-            None => stepper.explicit(system, input, sample, grid.steps(start, end)),
-        }
-        recorder.take(system, end, &stepper.x, options)?;
+        course.cross(&mut stepper, system, input, sample);
+        recorder.take(system, input.time[sample + 1], &stepper.x, options)?;
         after(sample + 1, recorder.last(), &mut stepper.x);
     }
     Ok(recorder.finish(stepper.x))
@@ -311,6 +343,45 @@ pub fn check_state(system: &System, time_s: f64, x: &[f64], options: &Options) -
     }
 }
 
+/// How a simulation goes from sample to sample.
+enum Course<'a> {
+    Grid(Grid),
+    Planned(&'a Predictor<'a>),
+    Adapted { adaptation: Box<Adaptation<'a>>, grid: Grid, share: f64 },
+}
+
+impl<'a> Course<'a> {
+    fn new(system: &System, time: &[f64], options: &Options, predictor: Option<&'a Predictor<'a>>) -> Self {
+        match (predictor, options.steps) {
+            (Some(predictor), _) => Self::Planned(predictor),
+            (None, Steps::PerSample(steps)) => Self::Grid(Grid::new(time, steps)),
+            (None, Steps::Within(share)) => {
+                let tolerance = vec![share * Steps::SMALL_POSITION; system.n_free()];
+                let adaptation = Box::new(Adaptation::new(system, tolerance, &[], false));
+                Self::Adapted { adaptation, grid: Grid::new(time, 1), share }
+            }
+        }
+    }
+
+    fn cross(&mut self, stepper: &mut Stepper, system: &System, input: &Input<'_>, sample: usize) {
+        let (start, end) = (input.time[sample], input.time[sample + 1]);
+        match self {
+            Self::Grid(grid) => stepper.explicit(system, input, sample, grid.steps(start, end)),
+            Self::Planned(predictor) => stepper.across(system, input, sample, predictor.scheme(sample)),
+            Self::Adapted { adaptation, grid, share } => {
+                let samples = grid.steps(start, end);
+                if samples > 1 {
+                    return stepper.explicit(system, input, sample, samples * Steps::OF_GAP);
+                }
+                for (tolerance, q) in adaptation.tolerance.iter_mut().zip(&stepper.x) {
+                    *tolerance = tolerance.max(*share * q.abs());
+                }
+                adaptation.cross(stepper, system, input, sample);
+            }
+        }
+    }
+}
+
 /// How many steps an interval between samples takes.
 pub struct Grid {
     step: f64,
@@ -322,6 +393,11 @@ impl Grid {
         let span = time.last().copied().unwrap_or(0.0) - time.first().copied().unwrap_or(0.0);
         let intervals = time.len().saturating_sub(1).max(1);
         Self { step: span / intervals as f64 / substeps.max(1) as f64 }
+    }
+
+    /// Steps that are not adapted, where they could be.
+    pub fn of(time: &[f64], steps: Steps) -> Self {
+        Self::new(time, steps.per_sample())
     }
 
     /// At least one; rounding of the log's times does not add a step.
@@ -385,6 +461,10 @@ pub struct Stepper {
     sum: Vec<f64>,
     command: Vec<f64>,
     implicit: Option<Box<Implicit>>,
+    /// Whether explicit steps estimate what they err by; then `error` adds up what they do.
+    estimates: bool,
+    error: Vec<f64>,
+    last_slope: Vec<f64>,
 }
 
 impl Stepper {
@@ -396,9 +476,12 @@ impl Stepper {
             scratch: system.scratch(),
             stage: room.clone(),
             rate: room.clone(),
-            sum: room,
+            sum: room.clone(),
             command: vec![0.0; system.n_joints()],
             implicit: None,
+            estimates: false,
+            error: room.clone(),
+            last_slope: room,
         }
     }
 
@@ -432,34 +515,26 @@ impl Stepper {
         }
     }
 
+    /// As [`Stepper::explicit`]; returns what each state is estimated to err by at the end.
+    fn estimated(&mut self, system: &System, input: &Input<'_>, sample: usize, steps: usize) -> &[f64] {
+        self.error.fill(0.0);
+        self.estimates = true;
+        self.explicit(system, input, sample, steps);
+        self.estimates = false;
+        &self.error
+    }
+
     /// From `start` to `end` (s) in `steps` steps under constant commands; `late` is where late joints find theirs.
     pub fn held(&mut self, system: &System, start: f64, end: f64, steps: usize, command: &[f64], late: &Commands<'_>) {
-        let step = (end - start) / steps as f64;
         if !system.delays().is_empty() {
             self.pulled(system, (start, end), steps, (command, command), late, |_, _, _| ());
         } else if system.steady_drive() {
             system.drive(&mut self.scratch, start, &self.x, command, &mut self.rate);
-            for k in 0..steps {
-                let scratch = &mut self.scratch;
-                let rate = |t: f64, x: &[f64], dx: &mut [f64]| system.motion(scratch, t, x, dx);
-                runge_kutta(
-                    rate,
-                    start + k as f64 * step,
-                    step,
-                    [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
-                );
-            }
+            self.explicitly((start, end), steps, true, |scratch, _, _, t, x, dx| system.motion(scratch, t, x, dx));
         } else {
-            for k in 0..steps {
-                let scratch = &mut self.scratch;
-                let rate = |t: f64, x: &[f64], dx: &mut [f64]| system.derivative(scratch, t, x, command, dx);
-                runge_kutta(
-                    rate,
-                    start + k as f64 * step,
-                    step,
-                    [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
-                );
-            }
+            self.explicitly((start, end), steps, true, |scratch, _, _, t, x, dx| {
+                system.derivative(scratch, t, x, command, dx);
+            });
         }
     }
 
@@ -474,22 +549,41 @@ impl Stepper {
         late: &Commands<'_>,
         pull: impl Fn(f64, &[f64], &mut [f64]),
     ) {
+        let is_continuous = system.delays().is_empty();
+        self.explicitly((start, end), steps, is_continuous, |scratch, command, step, t, x, dx| {
+            interpolate((t - start) / (end - start), now, next, command);
+            late.arrive(system, t, step_bounds(start, end, steps, step), command, None);
+            system.derivative(scratch, t, x, command, dx);
+            pull(t, x, dx);
+        });
+    }
+
+    /// From `start` to `end` (s) in `steps` steps with the rates that `rate` makes of room, a step's index, the time and the state. Where the
+    /// rates of two steps meet (`is_continuous`), an estimate shares its slope with the next step.
+    fn explicitly(
+        &mut self,
+        (start, end): (f64, f64),
+        steps: usize,
+        is_continuous: bool,
+        mut rate: impl FnMut(&mut Scratch, &mut [f64], usize, f64, &[f64], &mut [f64]),
+    ) {
         let step = (end - start) / steps as f64;
+        let at = |k: usize| start + k as f64 * step;
+        let Self { x, scratch, stage, rate: slope, sum, command, last_slope, error, estimates, .. } = self;
         for k in 0..steps {
-            let (scratch, command) = (&mut self.scratch, &mut self.command);
-            let bounds = step_bounds(start, end, steps, k);
-            let rate = |t: f64, x: &[f64], dx: &mut [f64]| {
-                interpolate((t - start) / (end - start), now, next, command);
-                late.arrive(system, t, bounds, command, None);
-                system.derivative(scratch, t, x, command, dx);
-                pull(t, x, dx);
-            };
-            runge_kutta(
-                rate,
-                start + k as f64 * step,
-                step,
-                [&mut self.x, &mut self.stage, &mut self.rate, &mut self.sum],
-            );
+            let mut rate = |t: f64, x: &[f64], dx: &mut [f64]| rate(scratch, command, k, t, x, dx);
+            if k == 0 || !*estimates || !is_continuous {
+                rate(at(k), x, slope);
+            }
+            runge_kutta_on(&mut rate, at(k), step, [x, stage, slope, sum]);
+            if *estimates {
+                // The slope at the end takes the place of the last stage's in an embedded formula of third order.
+                rate(at(k + 1), x, last_slope);
+                for ((error, last), end) in error.iter_mut().zip(&*slope).zip(&*last_slope) {
+                    *error += (step / 6.0 * (last - end)).abs();
+                }
+                std::mem::swap(slope, last_slope);
+            }
         }
     }
 }
@@ -515,10 +609,20 @@ pub fn runge_kutta(
     step: f64,
     [x, stage, slope, sum]: [&mut Vec<f64>; 4],
 ) {
+    rate(t, x, slope);
+    runge_kutta_on(rate, t, step, [x, stage, slope, sum]);
+}
+
+/// As [`runge_kutta`], where the slope at `x` is there already.
+fn runge_kutta_on(
+    mut rate: impl FnMut(f64, &[f64], &mut [f64]),
+    t: f64,
+    step: f64,
+    [x, stage, slope, sum]: [&mut Vec<f64>; 4],
+) {
     let n = x.len();
     let (x, stage, slope, sum) = (&mut x[..n], &mut stage[..n], &mut slope[..n], &mut sum[..n]);
     let half = 0.5 * step;
-    rate(t, x, slope);
     for i in 0..n {
         sum[i] = slope[i];
         stage[i] = x[i] + half * slope[i];

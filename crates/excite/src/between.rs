@@ -293,7 +293,7 @@ impl<'a> Trial<'a> {
 
     fn options(&self, step_s: f64) -> simulate::Options {
         let substeps = (self.settings.sample_s / step_s).ceil().clamp(1.0, 600.0) as usize;
-        simulate::Options { substeps, ..simulate::Options::default() }
+        simulate::Options::per_sample(substeps)
     }
 
     /// How much of the limits of position, speed and torque the motions of both models use; infinite where one diverges.
@@ -445,7 +445,7 @@ mod tests {
     /// Played anew with a finer step; B's unknowns by central differences, and a singular value decomposition.
     fn independent_ratio(a: &Model, b: &Model, played: &Between) -> f64 {
         let input = Input { time: &played.time, command: &played.command[0], intersample: Intersample::ZeroOrder };
-        let options = simulate::Options { substeps: 80, ..simulate::Options::default() };
+        let options = simulate::Options::per_sample(80);
         let positions = |model: &Model, start: f64| -> DVector<f64> {
             let system = model.system(&[0], |_| 0.0).expect("a system");
             DVector::from_vec(simulate::simulate(&system, &input, &[start], &options).expect("a motion").q)

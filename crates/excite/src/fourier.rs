@@ -404,7 +404,7 @@ mod tests {
             command: &command,
             intersample: dynid_dynamics::simulate::Intersample::FirstOrder,
         };
-        let options = dynid_dynamics::simulate::Options { substeps: 2, ..Default::default() };
+        let options = dynid_dynamics::simulate::Options::per_sample(2);
         let played = dynid_dynamics::simulate::simulate(&system, &input, &path.q[0], &options).unwrap();
         for (played, wanted) in played.q.iter().zip(path.q.concat()) {
             assert!((played - wanted).abs() < 1e-5, "{played} {wanted}");

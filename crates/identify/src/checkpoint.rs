@@ -104,7 +104,8 @@ impl Identity {
 /// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
 fn request(how: &FitTask) -> String {
     let FitTask { error, method, weighting, only, starts, options, tell_start } = how;
-    let Options { substeps, iterations, tolerance, start } = *options;
+    let Options { steps, iterations, tolerance, start } = *options;
+    let substeps = steps.per_sample();
     let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
     if let Some(method) = method {
         text.push_str(&format!(" --method {method}"));

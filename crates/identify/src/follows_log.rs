@@ -7,21 +7,16 @@ use dynid_user_model::Model;
 
 use crate::position::{FitRun, first_state};
 
-/// Longest integration step (s): what the thesis's 60 steps a sample of 10 ms come to.
-pub const LONGEST_STEP: f64 = 0.01 / 60.0;
-
 /// Whether a simulation of `model` from where the run begins, under its commands, shows the motion of the log, not one of
 /// its own.
 pub fn stays_near(model: &Model, run: &Run) -> bool {
     /// Share of the motion's spread that the error may reach: far from [`LOST`].
     const NEAR: f64 = 0.3;
     let Ok(fit_run) = FitRun::of_run(model, run) else { return false };
-    let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
     let input = fit_run.input();
-    let options = simulate::Options { substeps, ..simulate::Options::default() };
     let n = run.free.len();
     let start = first_state(&fit_run);
-    let Ok(trajectory) = simulate::simulate(&fit_run.system, &input, &start, &options) else { return false };
+    let Ok(trajectory) = simulate::simulate(&fit_run.system, &input, &start, &simulate::Options::default()) else { return false };
     let simulated: Vec<Vec<f64>> =
         (0..n).map(|slot| trajectory.q.iter().skip(slot).step_by(n).copied().collect()).collect();
     !strays(run, &simulated, NEAR)

@@ -32,7 +32,7 @@ pub(crate) use result::undetermined;
 pub use result::{Direction, Estimate, PositionFit, RunError};
 
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Intersample, simulate::SimulationError, system::System, system::SystemError,
+    simulate, simulate::Input, simulate::Intersample, simulate::SimulationError, simulate::Steps, system::System, system::SystemError,
 };
 use dynid_optimise::{
     region::Entry, region::HalfSpace, region::Region, sqp, sqp::Ended, sqp::Iteration, sqp::Limits, sqp::SearchControl,
@@ -150,8 +150,8 @@ pub struct PositionProblem {
 /// How to fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Integration steps per sample time of the last search.
-    pub substeps: usize,
+    /// Integration steps of the last search.
+    pub steps: Steps,
     /// Linearisations at most, over all horizons.
     pub iterations: usize,
     /// Converged when the foreseen decrease is below this fraction of the cost.
@@ -172,7 +172,7 @@ pub enum Start {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { substeps: 60, iterations: 200, tolerance: 1e-6, start: Start::Poor }
+        Self { steps: Steps::PerSample(60), iterations: 200, tolerance: 1e-6, start: Start::Poor }
     }
 }
 
@@ -375,7 +375,7 @@ pub fn resume(
     let mut ended = Ended::Converged;
     loop {
         let anchor = x;
-        let few = |search: Search| evaluator.coarse_substeps(&anchor, options.substeps, search.observer());
+        let few = |search: Search| evaluator.coarse_steps(&anchor, options.steps, search.observer());
         let may_be_near = search.is_none() && stage < searches::FIRST_FREE;
         let steps_if_near = may_be_near
             .then(|| few(SEARCHES[searches::FIRST_FREE]))
@@ -385,7 +385,7 @@ pub fn resume(
         }
         let kind = SEARCHES[stage.min(searches::LAST)];
         let coarse = steps_if_near.unwrap_or_else(|| few(kind));
-        let at = kind.at(&evaluator, &anchor, coarse, options.substeps);
+        let at = kind.at(&evaluator, &anchor, coarse, options.steps);
         if kind == Search::Fine {
             let Some(quadratic) = sqp::Objective::quadratic(&at, &anchor) else {
                 return Err(at.why_not(&anchor));
@@ -393,7 +393,7 @@ pub fn resume(
             let fit = result::conclude(&problem, &evaluator, &at, &region, &anchor, &quadratic, ended, iterations);
             return Ok(PositionFit {
                 moved,
-                needs_every_step: coarse >= options.substeps && options.substeps > evaluate::FEWEST_STEPS,
+                needs_every_step: coarse == options.steps && coarse.per_sample() > evaluate::FEWEST_STEPS,
                 ..fit
             });
         }
@@ -418,7 +418,7 @@ pub fn resume(
         ended = outcome.ended;
         // What stiffened on the way may need shorter steps to be simulated at all.
         let is_cut_short = ended == Ended::Stuck && x != anchor && iterations < options.iterations;
-        if is_cut_short && evaluator.coarse_substeps(&x, options.substeps, kind.observer()) > coarse {
+        if is_cut_short && evaluator.coarse_steps(&x, options.steps, kind.observer()).per_sample() > coarse.per_sample() {
             continue;
         }
         stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };
@@ -456,11 +456,12 @@ pub fn with_first_observer(
     let mut region = region(&problem, &evaluator);
     let x = evaluator.start(&problem);
     let search = SEARCHES[0];
-    let substeps = evaluator.coarse_substeps(&x, options.substeps, search.observer());
+    let steps = evaluator.coarse_steps(&x, options.steps, search.observer());
+    let substeps = steps.per_sample();
     if substeps <= above {
         return None;
     }
-    let at = search.at(&evaluator, &x, substeps, options.substeps);
+    let at = search.at(&evaluator, &x, steps, options.steps);
     let limits = Limits { iterations: linearisations, ..search.limits(options, 0) };
     let mut watch = |_: &Iteration| if stop() { SearchControl::Stop } else { SearchControl::Continue };
     let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut watch);
@@ -486,13 +487,13 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
         let outcome = sqp::minimise(at, &mut region, x, &limits, &mut |_| SearchControl::Continue);
         if outcome.quadratic.is_some() { Ok(outcome.x) } else { Err(at.why_not(x)) }
     };
-    let fine = options.substeps;
-    let few = |x: &[f64]| evaluator.coarse_substeps(x, fine, Search::Coarse.observer());
+    let fine = options.steps;
+    let few = |x: &[f64]| evaluator.coarse_steps(x, fine, Search::Coarse.observer());
     let start = evaluator.start(&problem);
     let coarse = few(&start);
     let every_step = Search::Coarse.at(&evaluator, &start, fine, fine);
     // Where fewer steps do, with those first; where that comes to nothing, with every step.
-    let near = (coarse < fine)
+    let near = (coarse != fine)
         .then(|| minimised(&Search::Coarse.at(&evaluator, &start, coarse, fine), &start))
         .and_then(Result::ok);
     let Some(near) = near else {
@@ -501,7 +502,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     let coarse = few(&near);
     let corrected = Search::Corrected.at(&evaluator, &near, coarse, fine);
     // Few steps that do in a run's first seconds, and simulate the rest, may make something else of the rest.
-    let is_rough = coarse < fine && corrected.is_rough(&near);
+    let is_rough = coarse != fine && corrected.is_rough(&near);
     let (at, from) = if is_rough { (every_step, start) } else { (corrected, near.clone()) };
     minimised(&at, &from).or_else(|_| minimised(&Search::Coarse.at(&evaluator, &near, fine, fine), &near))
 }
@@ -510,7 +511,7 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
 pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitError> {
     let initial = initial_positions(run, options)?;
     let input = run.input();
-    let how = simulate::Options { substeps: options.substeps, ..simulate::Options::default() };
+    let how = simulate::Options { steps: options.steps, ..simulate::Options::default() };
     let trajectory = simulate::simulate(&run.system, &input, &initial, &how)
         .map_err(|error| PositionFitError::Simulation { run: run.name.clone(), error })?;
     Ok(RunError::new(run, initial, &trajectory.q))

@@ -193,7 +193,7 @@ fn along(
         Ok(())
     };
     show(&mut motion, 0, input.time.first().copied().unwrap_or(0.0))?;
-    let grid = Grid::new(input.time, options.substeps);
+    let grid = Grid::of(input.time, options.steps);
     for sample in 0..input.time.len().saturating_sub(1) {
         let scheme = predictor.map(|predictor| predictor.scheme(sample));
         let steps = scheme.map_or_else(|| grid.steps(input.time[sample], input.time[sample + 1]), Scheme::steps);
@@ -1074,18 +1074,18 @@ mod tests {
 
     /// Both kinds of steps, in turn.
     const SCHEMES: [Scheme; 12] = [
-        Scheme::Explicit(0),
-        Scheme::Implicit(0),
-        Scheme::Explicit(4),
+        Scheme::Explicit(1),
         Scheme::Implicit(1),
-        Scheme::Explicit(2),
-        Scheme::Implicit(3),
-        Scheme::Explicit(4),
-        Scheme::Implicit(1),
-        Scheme::Explicit(4),
+        Scheme::Explicit(16),
         Scheme::Implicit(2),
         Scheme::Explicit(4),
-        Scheme::Explicit(4),
+        Scheme::Implicit(8),
+        Scheme::Explicit(16),
+        Scheme::Implicit(2),
+        Scheme::Explicit(16),
+        Scheme::Implicit(4),
+        Scheme::Explicit(16),
+        Scheme::Explicit(16),
     ];
 
     /// Predictions of the arm's samples, against positions that no model explains, at these rates.
@@ -1169,7 +1169,7 @@ mod tests {
         let time: Vec<f64> = (0..=400).map(|k| f64::from(k) * 0.01).collect();
         let command: Vec<f64> = time.iter().flat_map(|t| [3.0 * (4.0 * t).sin(), 0.5 * (5.0 * t).cos()]).collect();
         let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-        let fine = Options { substeps: 400, ..Options::default() };
+        let fine = Options::per_sample(400);
         let q0 = [-1.2, -0.5];
         let positions = |change: f64| {
             let mut effects = effects.clone();
@@ -1182,7 +1182,7 @@ mod tests {
         let columns = Columns::new(&system, |_| true, Lumps::Wanted);
         let measured = vec![0.0; 2 * time.len()];
         // A simulation, and predictions that nothing corrects: their rates are 0.
-        for scheme in [None, Some(Scheme::Explicit(8)), Some(Scheme::Implicit(8))] {
+        for scheme in [None, Some(Scheme::Explicit(256)), Some(Scheme::Implicit(256))] {
             let schemes = scheme.map(|scheme| vec![scheme; time.len() - 1]);
             let predictor =
                 schemes.as_ref().map(|schemes| Predictor { position: &measured, rates: &[0.0; 2], schemes });

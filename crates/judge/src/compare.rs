@@ -15,7 +15,7 @@ use serde::Serialize;
 pub use inputs::{CorrelationOutcome, InputCorrelation};
 pub use locate::{Finding, FindingKind, locate};
 
-use dynid_identify::{LONGEST_STEP, strays};
+use dynid_identify::{strays};
 
 use crate::CompareError;
 use dynid_dynamics::{
@@ -360,9 +360,8 @@ pub fn closed_loop(system: &System, run: &Run, options: &simulate::Options) -> R
 fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec<f64>>, String>, CompareError> {
     // What a fit leaves out or weighs less is judged all the same.
     let fit_run = FitRun { from_s: f64::NEG_INFINITY, first_half: 1.0, ..FitRun::of_run(model, run)? };
-    let substeps = (run.log.sample_time() / LONGEST_STEP).ceil().clamp(1.0, 600.0) as usize;
     let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
-    let options = simulate::Options { substeps, ..simulate::Options::default() };
+    let options = simulate::Options::default();
     let by_joint = |values: &[f64]| -> Vec<Vec<f64>> {
         let n_free = run.free.len();
         (0..n_free).map(|slot| values.iter().skip(slot).step_by(n_free).copied().collect()).collect()
@@ -379,7 +378,7 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
         *lost = true;
         return Ok(Ok(from_first));
     }
-    let options = position::Options { substeps, ..position::Options::default() };
+    let options = position::Options { steps: options.steps, ..position::Options::default() };
     Ok(match position::judge(&fit_run, &options) {
         Ok(RunError { simulated, .. }) => Ok(by_joint(&simulated)),
         Err(error) => Err(error.to_string()),

@@ -6,7 +6,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-use super::{Commands, Grid, Input, Intersample, Options, Recorder, SimulationError, Stepper, Trajectory, check};
+use super::{Course, Input, Intersample, Options, Recorder, SimulationError, Stepper, Trajectory, check};
 use crate::system::System;
 
 /// A controller's gains, filter and limits.
@@ -124,21 +124,16 @@ pub fn simulate(
     let mut recorder = Recorder::new(system, time.len());
     let mut control = Loop::new(controller, system.kernel().free);
     let mut commands = vec![0.0; time.len() * n_joints];
-    let grid = Grid::new(time, options.substeps);
+    let mut course = Course::new(system, time, options, None);
     for sample in 0..time.len() {
         recorder.take(system, time[sample], &stepper.x, options)?;
         let shown = &recorder.trajectory.q[sample * n..];
         let elapsed_s = if sample > 0 { time[sample] - time[sample - 1] } else { 0.0 };
         let row = sample * n_joints..(sample + 1) * n_joints;
-        control.command(elapsed_s, &reference[row.clone()], shown, &mut commands[row.clone()]);
-        if let Some(&end) = time.get(sample + 1) {
-            let given = Commands {
-                time: &time[..=sample],
-                rows: &commands[..row.end],
-                n_joints,
-                intersample: Intersample::ZeroOrder,
-            };
-            stepper.held(system, time[sample], end, grid.steps(time[sample], end), &commands[row], &given);
+        control.command(elapsed_s, &reference[row.clone()], shown, &mut commands[row]);
+        if sample + 1 < time.len() {
+            let given = Input { time, command: &commands, intersample: Intersample::ZeroOrder };
+            course.cross(&mut stepper, system, &given, sample);
         }
     }
     Ok((recorder.finish(stepper.x), commands))

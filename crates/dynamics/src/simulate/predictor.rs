@@ -1,6 +1,6 @@
 //! The steady-state observer of the prediction-error method.
 
-use super::{Input, Options, Recorder, Scheme, SimulationError, Stepper};
+use super::{Input, Options, Recorder, Scheme, SimulationError, Stepper, adapt::Adaptation};
 use crate::system::System;
 
 /// Corrects a simulation at each sample by the error of its prediction (innovation), and so makes one-step predictions of it.
@@ -91,15 +91,9 @@ pub struct Planned {
     pub predicted: Vec<f64>,
 }
 
-/// A nudge to the speed, as a share of what an interval may err by, and how much larger it may be at the interval's end.
-const NUDGE: f64 = 1e-4;
-const MOST_GROWTH: f64 = 10.0;
-/// The state of an effect that is smaller than this is nudged as if it were so large.
-const SMALL_STATE: f64 = 1e-6;
-
-/// Looks for the cheapest way to integrate each interval that errs by no more than `tolerance` [rad or m], one of each free joint:
-/// schemes are tried in the order of [`Scheme::LADDER`], from that of `predictor` on, until halving the steps moves the interval's
-/// end, and where its end's speed leads within the time of another sample, by no more.
+/// Looks for the cheapest way to integrate each interval that is estimated to err by no more than `tolerance` [rad or m], one of each
+/// free joint, in the interval's end and by its end's speed within the time of another sample. Schemes are tried in the order of
+/// [`Scheme::LADDER`], from that of `predictor` on, which a new plan so never takes shorter.
 ///
 /// # Errors
 /// The motion diverges with the finest.
@@ -111,64 +105,15 @@ pub fn plan(
     tolerance: &[f64],
 ) -> Result<Planned, SimulationError> {
     super::check(system, input, q0)?;
-    let n = system.n_free();
-    let options = Options { substeps: 1, ..Options::default() };
+    let options = Options::default();
     let mut recorder = Recorder::new(system, input.time.len());
     let mut stepper = Stepper::new(system, &system.rest(q0));
+    let mut adaptation = Adaptation::new(system, tolerance.to_vec(), predictor.schemes, true);
     let mut schemes = Vec::with_capacity(input.time.len().saturating_sub(1));
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, &options)?;
     predictor.correct(system, input.time, 0, recorder.last(), &mut stepper.x);
-    let (mut begin, mut rough) = (stepper.x.clone(), stepper.x.clone());
     for sample in 0..input.time.len().saturating_sub(1) {
-        let span = input.time[sample + 1] - input.time[sample];
-        begin.copy_from_slice(&stepper.x);
-        let mut place = Scheme::LADDER.iter().position(|scheme| *scheme == predictor.scheme(sample)).unwrap_or(0);
-        // Halved steps of one kind are the steps of the next of that kind.
-        let (mut done, mut error_before) = (None, f64::INFINITY);
-        loop {
-            let scheme = Scheme::LADDER[place];
-            if done != Some(scheme) {
-                stepper.x.copy_from_slice(&begin);
-                stepper.across(system, input, sample, scheme);
-            }
-            if scheme == Scheme::FINEST {
-                schemes.push(scheme);
-                break;
-            }
-            rough.copy_from_slice(&stepper.x);
-            stepper.x.copy_from_slice(&begin);
-            stepper.across(system, input, sample, scheme.finer());
-            done = Some(scheme.finer());
-            let error = |slot: usize| {
-                let change = |state: usize| (stepper.x[state] - rough[state]).abs();
-                (change(slot) + span * change(n + slot)) / tolerance[slot].max(f64::MIN_POSITIVE)
-            };
-            let error =
-                (0..n).map(error).fold(0.0, |most: f64, own| if own.is_nan() { f64::INFINITY } else { most.max(own) });
-            let is_close = error <= 1.0;
-            // What chatters between the two sides of a steep law may err by little, and the state of an effect that does nothing as yet
-            // errs by nothing; but no derivative survives it.
-            let mut grows = |nudged: std::ops::Range<usize>| {
-                let nudge = |state: usize| {
-                    NUDGE * if state < 2 * n { tolerance[state - n] / span } else { begin[state].abs() + SMALL_STATE }
-                };
-                stepper.x.copy_from_slice(&begin);
-                nudged.clone().for_each(|state| stepper.x[state] += nudge(state));
-                stepper.across(system, input, sample, scheme);
-                done = None;
-                // What is no number is not within it either.
-                !nudged.into_iter().all(|state| (stepper.x[state] - rough[state]).abs() <= MOST_GROWTH * nudge(state))
-            };
-            let is_steady = !is_close || !(grows(n..2 * n) || (begin.len() > 2 * n && grows(2 * n..begin.len())));
-            if is_close && is_steady {
-                schemes.push(scheme);
-                // From here on as it will be, so that what is not stable shows.
-                stepper.x.copy_from_slice(&rough);
-                break;
-            }
-            place = scheme.next(place, is_close || error >= 0.5 * error_before);
-            error_before = error;
-        }
+        schemes.push(adaptation.cross(&mut stepper, system, input, sample));
         recorder.take(system, input.time[sample + 1], &stepper.x, &options)?;
         predictor.correct(system, input.time, sample + 1, recorder.last(), &mut stepper.x);
     }

@@ -1,49 +1,50 @@
 //! How an interval between two samples is integrated.
 
-/// Steps of an interval: where it says `k`, `2^k` of them.
+/// Steps of an interval, all of one length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheme {
-    /// The classical Runge-Kutta scheme of fourth order.
-    Explicit(u8),
-    /// The scheme of [`Implicit`](super::implicit::Implicit).
-    Implicit(u8),
+    /// So many of the classical Runge-Kutta scheme of fourth order.
+    Explicit(u16),
+    /// So many of the scheme of [`Implicit`](super::implicit::Implicit).
+    Implicit(u16),
 }
 
 impl Scheme {
     /// One explicit step.
-    pub const PLAIN: Self = Self::Explicit(0);
-    /// In the order in which they are tried: implicit steps cost about ten explicit ones each.
-    pub const LADDER: [Self; 11] = [
-        Self::Explicit(0),
+    pub const PLAIN: Self = Self::Explicit(1);
+    /// In the order in which they are tried: implicit steps cost about ten explicit ones each, and of a lower order, so that they are
+    /// for what explicit ones are not stable in.
+    pub const LADDER: [Self; 19] = [
         Self::Explicit(1),
         Self::Explicit(2),
         Self::Explicit(3),
-        Self::Implicit(0),
-        Self::Implicit(1),
         Self::Explicit(4),
-        Self::Implicit(2),
         Self::Explicit(5),
-        Self::Implicit(3),
+        Self::Explicit(6),
+        Self::Explicit(8),
+        Self::Explicit(10),
+        Self::Explicit(12),
+        Self::Explicit(16),
+        Self::Explicit(20),
+        Self::Explicit(24),
+        Self::Explicit(32),
+        Self::Explicit(48),
+        Self::Implicit(1),
+        Self::Implicit(2),
+        Self::Implicit(4),
+        Self::Implicit(8),
         Self::FINEST,
     ];
     /// What is taken where nothing else will do: whatever it errs by, what decays does not grow.
-    pub const FINEST: Self = Self::Implicit(4);
+    pub const FINEST: Self = Self::Implicit(16);
     /// Explicit steps of an interval where implicit ones find no end.
     pub const UNSOLVED: usize = 64;
 
     /// Number of steps.
     pub fn steps(self) -> usize {
         match self {
-            Self::Explicit(halvings) | Self::Implicit(halvings) => 1 << halvings,
+            Self::Explicit(steps) | Self::Implicit(steps) => usize::from(steps.max(1)),
         }
-    }
-
-    /// Place on the ladder of what is tried after this one, which stands at `place`; explicit steps that halving did not help are too
-    /// long to be stable, so implicit ones come next.
-    pub(super) fn next(self, place: usize, is_unstable: bool) -> usize {
-        let is_implicit = |scheme: &Self| matches!(scheme, Self::Implicit(_));
-        let implicit = Self::LADDER.iter().position(is_implicit).filter(|first| is_unstable && *first > place);
-        implicit.unwrap_or(place + 1).min(Self::LADDER.len() - 1)
     }
 
     /// Numbers of implicit steps that are tried, `first` to begin with: where a step finds no end, a shorter one may.
@@ -55,8 +56,8 @@ impl Scheme {
     #[must_use]
     pub fn finer(self) -> Self {
         match self {
-            Self::Explicit(halvings) => Self::Explicit(halvings + 1),
-            Self::Implicit(halvings) => Self::Implicit(halvings + 1),
+            Self::Explicit(steps) => Self::Explicit(2 * steps),
+            Self::Implicit(steps) => Self::Implicit(2 * steps),
         }
     }
 }

@@ -286,6 +286,7 @@ fn cost(runs: &[RunError]) -> f64 {
 mod tests {
     use super::*;
     use crate::{identify::FitResult, identify::identify};
+    use dynid_dynamics::simulate::Steps;
     use dynid_logs::experiment::Experiment;
     use dynid_model::physical_consistency::check_body;
 
@@ -299,7 +300,7 @@ mod tests {
         model
             .set("link.7.Izz", dynid_model::Parameter { value: izz, lower: 0.0, upper: 1e-3, fixed: false })
             .expect("it");
-        let options = Options { substeps: 10, ..Options::default() };
+        let options = Options { steps: Steps::PerSample(10), ..Options::default() };
         identify(&model, &experiment, &runs, ErrorSignal::Position, &options, &mut |_| ()).expect("a fit")
     }
 

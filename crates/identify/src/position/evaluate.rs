@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links, run_unknowns::RunUnknowns};
 use crate::sensitivity;
-use dynid_dynamics::{simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError};
+use dynid_dynamics::{simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError, simulate::Steps};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
 /// A run, ready to be evaluated at any unknowns.
@@ -38,9 +38,9 @@ pub(super) struct Evaluator<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Resolution {
     pub(super) horizon_s: f64,
-    pub(super) substeps: usize,
+    pub(super) steps: Steps,
     /// Steps of the sensitivities: fewer do, for an error of theirs only bends the path to the minimum a little.
-    pub(super) jacobian_substeps: usize,
+    pub(super) jacobian_steps: Steps,
     /// Rate of the observer to the log [1/s]; 0 without one.
     pub(super) observer: f64,
 }
@@ -100,14 +100,14 @@ impl<'a> Evaluator<'a> {
         At { evaluator: self, resolution, corrections: Vec::new() }
     }
 
-    /// At a resolution, and on top what `substeps` steps per sample make of the positions at `anchor` (defect
+    /// At a resolution, and on top what other `steps` make of the positions at `anchor` (defect
     /// correction: there the error of few steps is gone, and near there it hardly changes).
-    pub(super) fn corrected(&self, resolution: Resolution, substeps: usize, anchor: &[f64]) -> At<'_, 'a> {
+    pub(super) fn corrected(&self, resolution: Resolution, steps: Steps, anchor: &[f64]) -> At<'_, 'a> {
         let plain = self.at(resolution);
-        if substeps == resolution.substeps {
+        if steps == resolution.steps {
             return plain;
         }
-        let fine = self.at(Resolution { substeps, ..resolution });
+        let fine = self.at(Resolution { steps, ..resolution });
         let (Some(rough), Some(fine)) = (plain.simulated(anchor), fine.simulated(anchor)) else { return plain };
         let difference =
             |(rough, fine): (Vec<f64>, Vec<f64>)| fine.iter().zip(&rough).map(|(fine, rough)| fine - rough).collect();
@@ -120,19 +120,20 @@ impl<'a> Evaluator<'a> {
     ///
     /// The first seconds of the runs tell. Where so few steps cannot simulate the runs to their end and `fine` ones can, the whole
     /// runs do.
-    pub(super) fn coarse_substeps(&self, x: &[f64], fine: usize, observer: f64) -> usize {
+    pub(super) fn coarse_steps(&self, x: &[f64], fine: Steps, observer: f64) -> Steps {
         const FIRST_S: f64 = 5.0;
         const ALL_S: f64 = f64::INFINITY;
-        let simulated = |horizon_s: f64, substeps: usize| {
-            self.at(Resolution { horizon_s, substeps, jacobian_substeps: substeps, observer }).simulated(x)
+        let simulated = |horizon_s: f64, steps: Steps| {
+            self.at(Resolution { horizon_s, steps, jacobian_steps: steps, observer }).simulated(x)
         };
         let fewest = |horizon_s: f64, reference: &[Vec<f64>], above: usize| {
             let allowed = self.allowed(reference);
             [FEWEST_STEPS, 6, 10, 15, 20, 30]
                 .into_iter()
-                .filter(|substeps| (above + 1..fine).contains(substeps))
-                .find(|substeps| {
-                    simulated(horizon_s, *substeps).is_some_and(|coarse| self.are_close(reference, &coarse, allowed))
+                .filter(|steps| (above + 1..fine.per_sample()).contains(steps))
+                .map(Steps::PerSample)
+                .find(|steps| {
+                    simulated(horizon_s, *steps).is_some_and(|coarse| self.are_close(reference, &coarse, allowed))
                 })
                 .unwrap_or(fine)
         };
@@ -141,7 +142,7 @@ impl<'a> Evaluator<'a> {
         if few == fine || simulated(ALL_S, few).is_some() {
             return few;
         }
-        simulated(ALL_S, fine).map_or(few, |reference| fewest(ALL_S, &reference, few))
+        simulated(ALL_S, fine).map_or(few, |reference| fewest(ALL_S, &reference, few.per_sample()))
     }
 
     /// What integration with fewer steps may change a simulated position by, in units of the noise.
@@ -225,7 +226,7 @@ impl<'a> Ready<'a> {
     }
 
     fn simulate(&self, x: &[f64], resolution: Resolution) -> Result<Vec<f64>, SimulationError> {
-        let options = Options { substeps: resolution.substeps, ..Options::default() };
+        let options = Options { steps: resolution.steps, ..Options::default() };
         let (system, input) = (self.unknowns.system(self.run, x), self.input(resolution));
         let trajectory = match self.observer(resolution) {
             Some(observer) => {
@@ -265,8 +266,8 @@ impl<'a> Ready<'a> {
         let count = self.unknowns.columns().count();
         let width = self.unknowns.columns().width();
         let first = self.run.first_sample();
-        let options = Options { substeps: resolution.jacobian_substeps, ..Options::default() };
-        let finer = if resolution.jacobian_substeps == resolution.substeps {
+        let options = Options { steps: resolution.jacobian_steps, ..Options::default() };
+        let finer = if resolution.jacobian_steps == resolution.steps {
             None
         } else {
             Some(self.simulate(x, resolution).ok()?)
@@ -317,7 +318,7 @@ impl<'a> Ready<'a> {
 
     /// `sum(j' j)` over the samples that count for each free joint, `j` being the derivative of its simulated position by this run's
     /// unknowns.
-    fn motion(&self, x: &[f64], substeps: usize) -> Option<Vec<DMatrix<f64>>> {
+    fn motion(&self, x: &[f64], steps: Steps) -> Option<Vec<DMatrix<f64>>> {
         let system = self.unknowns.system(self.run, x);
         let (count, width) = (self.unknowns.columns().count(), self.unknowns.columns().width());
         let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
@@ -332,7 +333,7 @@ impl<'a> Ready<'a> {
             }
         };
         let all = self.run.input();
-        let options = Options { substeps, ..Options::default() };
+        let options = Options { steps, ..Options::default() };
         sensitivity::simulate(
             &system,
             self.unknowns.columns(),
@@ -430,12 +431,12 @@ impl At<'_, '_> {
 
     /// What each run tells of the parameters, and how its simulated positions move with them.
     pub(super) fn motions(&self, x: &[f64]) -> Option<Vec<RunMotion>> {
-        let substeps = self.resolution.jacobian_substeps;
+        let steps = self.resolution.jacobian_steps;
         self.evaluator
             .ready
             .par_iter()
             .map(|ready| {
-                let by_slot = ready.motion(x, substeps)?;
+                let by_slot = ready.motion(x, steps)?;
                 let starts: Vec<f64> = ready.starts.iter().map(|(_, weight)| *weight).collect();
                 let samples = ready.run.time.len() - ready.run.first_sample();
                 let n = self.evaluator.n_parameters;

@@ -4,6 +4,7 @@ use super::{
     Options,
     evaluate::{At, Evaluator, Resolution},
 };
+use dynid_dynamics::simulate::Steps;
 use dynid_optimise::sqp::Limits;
 
 /// One search.
@@ -46,25 +47,25 @@ impl Search {
         }
     }
 
-    /// What this search, begun at `anchor`, makes small: with `coarse` integration steps per sample where few do, else
+    /// What this search, begun at `anchor`, makes small: with `coarse` integration steps where few do, else
     /// with `fine` ones.
     pub(super) fn at<'e, 'a>(
         self,
         evaluator: &'e Evaluator<'a>,
         anchor: &[f64],
-        coarse: usize,
-        fine: usize,
+        coarse: Steps,
+        fine: Steps,
     ) -> At<'e, 'a> {
         let rough = Resolution {
             horizon_s: f64::INFINITY,
-            substeps: coarse,
-            jacobian_substeps: coarse,
+            steps: coarse,
+            jacobian_steps: coarse,
             observer: self.observer(),
         };
         match self {
             Self::Observed(_) | Self::Coarse => evaluator.at(rough),
             Self::Corrected => evaluator.corrected(rough, fine, anchor),
-            Self::Fine => evaluator.at(Resolution { substeps: fine, ..rough }),
+            Self::Fine => evaluator.at(Resolution { steps: fine, ..rough }),
         }
     }
 
@@ -83,8 +84,8 @@ impl Search {
     }
 }
 
-/// Whether a simulation with `coarse` steps per sample stays so near the logs that it needs no observer.
-pub(super) fn is_near(evaluator: &Evaluator<'_>, x: &[f64], coarse: usize) -> bool {
+/// Whether a simulation with `coarse` steps stays so near the logs that it needs no observer.
+pub(super) fn is_near(evaluator: &Evaluator<'_>, x: &[f64], coarse: Steps) -> bool {
     /// Root mean square of the error over the noise.
     const NEAR: f64 = 10.0;
     let at = Search::Coarse.at(evaluator, x, coarse, coarse);

@@ -328,7 +328,7 @@ fn stiff_only_later() -> FitRun {
 
 fn simulated(run: &FitRun, substeps: usize) -> Result<Vec<f64>, SimulationError> {
     let input = run.input();
-    let options = simulate::Options { substeps, ..simulate::Options::default() };
+    let options = simulate::Options::per_sample(substeps);
     simulate::simulate(&run.system, &input, &[-0.25], &options).map(|trajectory| trajectory.q)
 }
 
@@ -338,7 +338,7 @@ fn a_run_that_is_stiff_only_later_takes_as_many_steps_as_it_needs_then() {
     let steps = |run: &FitRun| {
         let alone = alone(run);
         let evaluator = Evaluator::new(&alone).unwrap();
-        evaluator.coarse_substeps(&evaluator.start(&alone), 60, 0.0)
+        evaluator.coarse_steps(&evaluator.start(&alone), Steps::PerSample(60), 0.0).per_sample()
     };
     let mut beginning = run.clone();
     beginning.time.truncate(501);
@@ -351,7 +351,7 @@ fn a_run_that_is_stiff_only_later_takes_as_many_steps_as_it_needs_then() {
     let changes = simulated(&run, enough).unwrap().into_iter().zip(simulated(&run, 60).unwrap());
     let largest = changes.map(|(enough, every)| (enough - every).abs()).fold(0.0, f64::max);
     assert!(largest < 0.5 * 2e-4, "{largest} rad with {enough} steps");
-    let judged = judge(&run, &Options { substeps: 60, ..Options::default() }).unwrap();
+    let judged = judge(&run, &Options::default()).unwrap();
     assert!(judged.rmse[0] < 1.05 * 2e-4, "{} rad", judged.rmse[0]);
 }
 
@@ -384,9 +384,9 @@ fn few_steps_are_rough_where_they_end_elsewhere_or_nowhere() {
     let alone = alone(&runs(7, 12.0)[1]);
     let evaluator = Evaluator::new(&alone).unwrap();
     let start = evaluator.start(&alone);
-    let is_rough = |few: usize| Search::Corrected.at(&evaluator, &start, few, 60).is_rough(&start);
+    let is_rough = |few: usize| Search::Corrected.at(&evaluator, &start, Steps::PerSample(few), Steps::PerSample(60)).is_rough(&start);
     assert!(is_rough(1) && !is_rough(30));
-    assert!(Search::Coarse.at(&evaluator, &start, 30, 60).is_rough(&start), "nothing was corrected");
+    assert!(Search::Coarse.at(&evaluator, &start, Steps::PerSample(30), Steps::PerSample(60)).is_rough(&start), "nothing was corrected");
 }
 
 #[test]
@@ -412,7 +412,7 @@ fn a_search_on_the_first_observer_tells_where_long_steps_stop_it() {
     let unknowns = wanted.into_iter().map(unknown).collect();
     let problem = PositionProblem { runs, unknowns, known, inequalities: Vec::new(), prior: None };
     let search = |substeps: usize, above: usize| {
-        with_first_observer(&problem, &Options { substeps, ..Options::default() }, above, 16, &|| false)
+        with_first_observer(&problem, &Options { steps: Steps::PerSample(substeps), ..Options::default() }, above, 16, &|| false)
     };
     let long = search(4, 0).unwrap();
     assert!(long.is_stuck && long.substeps == 4, "{long:?}");

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{PredictionProblem, plan::Plan, response::Predicted};
 use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
 use crate::sensitivity;
-use dynid_dynamics::simulate::{self, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError};
+use dynid_dynamics::simulate::{self, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError, Steps};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
 /// A run, ready to be predicted with any unknowns.
@@ -426,7 +426,7 @@ const LEAST_SHARE: f64 = 0.1;
 const MOST_SHARE: f64 = 0.25;
 
 /// What is not said by a plan.
-const ONE_STEP: Options = Options { substeps: 1, position_limit: POSITION_LIMIT };
+const PLANNED: Options = Options { steps: Steps::PerSample(1), position_limit: POSITION_LIMIT };
 
 /// Of a pole, and the time between samples (s) [1/s].
 fn rate(pole: f64, sample_s: f64) -> f64 {
@@ -443,7 +443,7 @@ impl Ready<'_> {
     fn predict(&self, x: &[f64], schemes: &[Scheme]) -> Result<Vec<f64>, SimulationError> {
         let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
         let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
-        simulate::predict(&system, &self.run.input(), &predictor, self.unknowns.initial(x), &ONE_STEP)
+        simulate::predict(&system, &self.run.input(), &predictor, self.unknowns.initial(x), &PLANNED)
             .map(|trajectory| trajectory.q)
     }
 
@@ -471,7 +471,7 @@ impl Ready<'_> {
             }
         };
         let (columns, initial) = (self.unknowns.columns(), self.unknowns.initial(x));
-        sensitivity::predict(&system, columns, &self.run.input(), &predictor, initial, &ONE_STEP, counted).ok()?;
+        sensitivity::predict(&system, columns, &self.run.input(), &predictor, initial, &PLANNED, counted).ok()?;
         let (mut chain, n) = (self.unknowns.chain(&system), self.joints.len());
         for (slot, (column, pole)) in columns.rates().zip(self.unknowns.rates(x)).enumerate() {
             let place = chain.ncols() - n + slot;

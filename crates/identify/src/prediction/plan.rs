@@ -22,7 +22,7 @@ impl Plan {
     #[must_use]
     pub fn stiffer(&self) -> Self {
         let stiffer = |scheme: &Scheme| match scheme {
-            Scheme::Explicit(_) => Scheme::Implicit(0),
+            Scheme::Explicit(_) => Scheme::Implicit(1),
             &Scheme::FINEST => Scheme::FINEST,
             Scheme::Implicit(_) => scheme.finer(),
         };
@@ -67,12 +67,12 @@ impl Plan {
     }
 }
 
-/// Of each interval its place on the ladder, as one digit (of base 16).
+/// Of each interval its place on the ladder, as one digit (of base 36).
 impl Serialize for Plan {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let digit = |scheme: &Scheme| {
             let place = Scheme::LADDER.iter().position(|own| own == scheme).unwrap_or(Scheme::LADDER.len() - 1);
-            u32::try_from(place).ok().and_then(|place| char::from_digit(place, 16)).unwrap_or('f')
+            u32::try_from(place).ok().and_then(|place| char::from_digit(place, 36)).unwrap_or('z')
         };
         serializer.collect_seq(self.0.iter().map(|run| run.iter().map(digit).collect::<String>()))
     }
@@ -81,7 +81,7 @@ impl Serialize for Plan {
 impl<'de> Deserialize<'de> for Plan {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let runs = Vec::<String>::deserialize(deserializer)?;
-        let scheme = |digit: char| Scheme::LADDER.get(digit.to_digit(16)? as usize).copied();
+        let scheme = |digit: char| Scheme::LADDER.get(digit.to_digit(36)? as usize).copied();
         let plan = runs.iter().map(|digits| digits.chars().map(scheme).collect()).collect::<Option<Vec<_>>>();
         plan.map(Self).ok_or_else(|| D::Error::custom("integration steps are planned by digits"))
     }
@@ -95,10 +95,10 @@ mod tests {
     fn a_plan_survives_its_text_and_has_a_stiffer_one() {
         let plan = Plan::new(vec![Scheme::LADDER.to_vec(), vec![]]);
         let text = serde_json::to_string(&plan).unwrap();
-        assert_eq!(text, r#"["0123456789a",""]"#);
+        assert_eq!(text, r#"["0123456789abcdefghi",""]"#);
         assert_eq!(serde_json::from_str::<Plan>(&text).unwrap(), plan);
-        assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["444457494aa",""]"#);
-        assert!(serde_json::from_str::<Plan>(r#"["0x"]"#).is_err());
+        assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["eeeeeeeeeeeeeefghii",""]"#);
+        assert!(serde_json::from_str::<Plan>(r#"["0z"]"#).is_err());
         assert_eq!(plan.beginning(&[2, 0]), Plan::new(vec![Scheme::LADDER[..2].to_vec(), vec![]]));
         assert_eq!(plan.beginning(&[2, 1]), plan, "the second run is shorter");
         assert_eq!(plan.beginning(&[2, 0]).continued(&[3, 0]).0[0], [0, 1, 0].map(|place| Scheme::LADDER[place]));

@@ -453,7 +453,7 @@ mod tests {
     fn predictions_answer_to_other_equations() {
         let base = arm(&[]);
         let run = run(&base);
-        for schemes in [[Scheme::Explicit(4); 80], [Scheme::Implicit(1); 80]] {
+        for schemes in [[Scheme::Explicit(16); 80], [Scheme::Implicit(2); 80]] {
             let predicted = Predicted::new(&run, base.clone(), RATES.to_vec(), &schemes, &START).unwrap();
             assert!(predicted.to(&base).unwrap().is_none());
             let before = predictions(&base, &run, &schemes);

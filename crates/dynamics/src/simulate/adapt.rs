@@ -1,0 +1,148 @@
+//! Steps as short as a tolerance asks for, interval by interval.
+
+use super::{Input, Scheme, Stepper};
+use crate::system::System;
+
+/// A nudge to a state, as a share of what an interval may err by, and how much larger it may be at the interval's end.
+const NUDGE: f64 = 1e-4;
+const MOST_GROWTH: f64 = 10.0;
+/// The state of an effect that is smaller than this is nudged as if it were so large.
+const SMALL_STATE: f64 = 1e-6;
+
+/// What steps are chosen to leave unused of the tolerance, so that the next interval need not be tried twice.
+const RESERVE: f64 = 1.5;
+/// Orders of the errors that are estimated: that of the embedded formula, and that of implicit steps.
+const EXPLICIT_ORDER: f64 = 4.0;
+const IMPLICIT_ORDER: f64 = 3.0;
+/// How many times more steps are tried at once, at most.
+const MOST_MORE: f64 = 4.0;
+/// Explicit steps that are tried first where the interval before took implicit ones.
+const AFTER_IMPLICIT: f64 = 12.0;
+
+/// Chooses the steps of one interval after the other.
+///
+/// An explicit step of fourth order is estimated to err by what a third-order formula with the same slopes makes of it,
+/// `h/6 (k4 - f(end))`: too much, in what was tried by ten to a hundred times, and never too little. Implicit steps are compared with
+/// halved ones.
+pub(super) struct Adaptation<'a> {
+    /// What an interval may err by, of each free joint [rad or m]: at its end, and by its end's speed within the time of another.
+    pub(super) tolerance: Vec<f64>,
+    /// Never fewer steps than these; none where it is empty.
+    pub(super) least: &'a [Scheme],
+    /// Whether derivatives are taken of what comes out: then no step may be so long that a nudge to the state grows.
+    pub(super) is_differentiated: bool,
+    /// Explicit steps that the last interval suggests.
+    suggested: f64,
+    begin: Vec<f64>,
+    end: Vec<f64>,
+}
+
+impl<'a> Adaptation<'a> {
+    pub(super) fn new(system: &System, tolerance: Vec<f64>, least: &'a [Scheme], is_differentiated: bool) -> Self {
+        let room = vec![0.0; system.n_states()];
+        Self { tolerance, least, is_differentiated, suggested: 1.0, begin: room.clone(), end: room }
+    }
+
+    /// Takes a stepper from a sample to the next; returns how.
+    pub(super) fn cross(
+        &mut self,
+        stepper: &mut Stepper,
+        system: &System,
+        input: &Input<'_>,
+        sample: usize,
+    ) -> Scheme {
+        let span = input.time[sample + 1] - input.time[sample];
+        self.begin.copy_from_slice(&stepper.x);
+        let first = self.least.get(sample);
+        let mut place = first.and_then(|first| Scheme::LADDER.iter().position(|own| own == first)).unwrap_or(0);
+        let (mut least_explicit, mut least_implicit) = (if first.is_some() { 0.0 } else { self.suggested }, 0.0);
+        loop {
+            let is_long_enough = |scheme: &Scheme| match scheme {
+                Scheme::Explicit(steps) => f64::from(*steps) >= least_explicit,
+                Scheme::Implicit(steps) => f64::from(*steps) >= least_implicit || *scheme == Scheme::FINEST,
+            };
+            place += Scheme::LADDER[place..].iter().position(is_long_enough).unwrap_or(0);
+            let scheme = Scheme::LADDER[place];
+            stepper.x.copy_from_slice(&self.begin);
+            match scheme {
+                Scheme::FINEST => {
+                    self.suggested = AFTER_IMPLICIT;
+                    stepper.across(system, input, sample, scheme);
+                    return scheme;
+                }
+                Scheme::Explicit(steps) => {
+                    let error = stepper.estimated(system, input, sample, scheme.steps());
+                    let error = self.in_tolerances(system, span, |state| error[state]);
+                    let wanted = f64::from(steps) * (RESERVE * error).powf(EXPLICIT_ORDER.recip());
+                    if error <= 1.0 {
+                        self.end.copy_from_slice(&stepper.x);
+                        if self.is_steady(stepper, system, (input, sample), scheme, span) {
+                            self.suggested = wanted.max(1.0);
+                            return scheme;
+                        }
+                        // Too long to be stable; what is implicit is stable at any length.
+                        least_explicit = f64::INFINITY;
+                    } else {
+                        least_explicit = wanted.min(MOST_MORE * f64::from(steps)).max(f64::from(steps) + 1.0);
+                        self.suggested = least_explicit;
+                    }
+                }
+                Scheme::Implicit(steps) => {
+                    stepper.across(system, input, sample, scheme);
+                    self.end.copy_from_slice(&stepper.x);
+                    stepper.x.copy_from_slice(&self.begin);
+                    stepper.across(system, input, sample, scheme.finer());
+                    let (rough, fine) = (&self.end, &stepper.x);
+                    let error = self.in_tolerances(system, span, |state| (rough[state] - fine[state]).abs());
+                    if error <= 1.0 && self.is_steady(stepper, system, (input, sample), scheme, span) {
+                        self.suggested = AFTER_IMPLICIT;
+                        return scheme;
+                    }
+                    let wanted = f64::from(steps) * (RESERVE * error).powf(IMPLICIT_ORDER.recip());
+                    least_implicit = wanted.min(MOST_MORE * f64::from(steps)).max(f64::from(steps) + 1.0);
+                }
+            }
+            place += 1;
+        }
+    }
+
+    /// The largest error of an interval's end in units of what it may be; infinite where one is no number.
+    fn in_tolerances(&self, system: &System, span: f64, error: impl Fn(usize) -> f64) -> f64 {
+        let n = system.n_free();
+        let own = |slot: usize| (error(slot) + span * error(n + slot)) / self.tolerance[slot].max(f64::MIN_POSITIVE);
+        (0..n).map(own).fold(0.0, |most: f64, own| if own.is_nan() { f64::INFINITY } else { most.max(own) })
+    }
+
+    /// Whether nudges to the speeds, and to the effects' states, are no larger at the end; leaves the stepper at the unnudged end.
+    ///
+    /// What chatters between the two sides of a steep law may err by little, and the state of an effect that does nothing as yet errs by
+    /// nothing; but no derivative survives it.
+    fn is_steady(
+        &self,
+        stepper: &mut Stepper,
+        system: &System,
+        (input, sample): (&Input<'_>, usize),
+        scheme: Scheme,
+        span: f64,
+    ) -> bool {
+        let (n, n_states) = (system.n_free(), self.begin.len());
+        let mut grows = |nudged: std::ops::Range<usize>| {
+            let nudge = |state: usize| {
+                let size = match state.checked_sub(n).filter(|slot| *slot < n) {
+                    Some(slot) => self.tolerance[slot] / span,
+                    None => self.begin[state].abs() + SMALL_STATE,
+                };
+                NUDGE * size
+            };
+            stepper.x.copy_from_slice(&self.begin);
+            nudged.clone().for_each(|state| stepper.x[state] += nudge(state));
+            stepper.across(system, input, sample, scheme);
+            // What is no number is not within it either.
+            !nudged.into_iter().all(|state| (stepper.x[state] - self.end[state]).abs() <= MOST_GROWTH * nudge(state))
+        };
+        let is_steady = !self.is_differentiated || !(grows(n..2 * n) || (n_states > 2 * n && grows(2 * n..n_states)));
+        // From here on as it will be, so that what is not stable shows.
+        stepper.x.copy_from_slice(&self.end);
+        is_steady
+    }
+}

@@ -174,6 +174,9 @@ impl Steps {
     }
 }
 
+/// Evaluations of the equations that a sample takes, at least.
+const EVALUATIONS: usize = 4;
+
 /// What counts as diverged where nothing else is said [rad or m]: a numerical choice, far beyond any joint.
 pub const POSITION_LIMIT: f64 = 1e3;
 
@@ -302,6 +305,7 @@ fn sample_by_sample(
     let mut stepper = Stepper::new(system, x0);
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
     after(0, recorder.last(), &mut stepper.x);
+    system.fuse_for(EVALUATIONS * input.time.len());
     let mut course = Course::new(system, input.time, options, predictor);
     for sample in 0..input.time.len().saturating_sub(1) {
         course.cross(&mut stepper, system, input, sample);

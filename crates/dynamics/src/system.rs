@@ -15,6 +15,7 @@ mod body;
 mod delay;
 mod effects;
 mod feedforward;
+mod fused;
 mod linear;
 mod parts;
 mod solve;
@@ -24,6 +25,7 @@ pub use along::{StateGroup, StateKey};
 pub use delay::Delay;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub use feedforward::InverseError;
+pub use fused::{Fuse, Fused, Law, Laws, Source};
 pub use linear::{Linear, fastest_rate};
 pub use parts::Part;
 pub use solve::substitute;
@@ -37,6 +39,7 @@ use dynid_signal_chain::{Place, Stage};
 
 use block::{Block, View};
 use body::Body;
+use fused::Fusion;
 
 /// Stands for "no such index" in the flat arrays.
 pub const NONE: usize = usize::MAX;
@@ -82,6 +85,8 @@ pub struct System {
     steady_drive: bool,
     /// Whether anything reads what the drive delivers: everywhere but where [`System::loads_apart`] has left no effect that does.
     drive_is_read: bool,
+    /// The joint effects as one function.
+    fusion: Option<Fusion>,
 }
 
 /// Why a model and a configuration do not make a system.
@@ -233,6 +238,7 @@ impl System {
             friction_is_read: false,
             steady_drive: true,
             drive_is_read: true,
+            fusion: None,
         };
         system.arrange(effects)?;
         system.prepare();
@@ -404,6 +410,11 @@ impl System {
     /// states.
     pub fn loads(&self, scratch: &mut Scratch, t: f64, x: &[f64], dx: &mut [f64]) {
         let Self { friction_blocks, load_blocks, effect_parameters, .. } = self;
+        if let Some(fused) = self.fusion.as_ref().and_then(Fusion::made) {
+            let rates = &mut dx[2 * self.n_free()..];
+            let Scratch { drive, load, friction, .. } = scratch;
+            return fused.loads((effect_parameters, x, drive, t), [load, friction], rates);
+        }
         let mut outputs = [0.0; MAX_OUTPUTS];
         scratch.load.fill(0.0);
         for block in &friction_blocks.0 {

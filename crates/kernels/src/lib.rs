@@ -5,6 +5,7 @@
 //! | the equations of a device with these joints free | [`kernel`] |
 //! | an effect's functions | [`effect`] |
 //! | where the end point is and how it moves | [`end_point`] |
+//! | the joint effects of a system as one function | [`Fuser`] |
 //! | all of these as C99, for other programs | [`c_kernels`] |
 //!
 //! What ships is compiled in (`dynid-generated`). Everything else is made here when it is first asked for, from the same
@@ -15,6 +16,7 @@
 
 mod appearing;
 mod c99;
+mod fused;
 mod made;
 
 use std::{
@@ -29,6 +31,7 @@ use dynid_generated::{EffectKernel, EndPoint, Kernel};
 use dynid_lower::{effect::UnknownSymbol, end_point::NoChain, kernel::MissingOutput};
 use dynid_model::{Device, Effect};
 
+pub use fused::Fuser;
 pub use c99::{CFunction, CKernels, c_kernels, c_number};
 
 /// Why there are no kernels.

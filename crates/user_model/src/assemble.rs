@@ -49,7 +49,8 @@ impl Model {
         let locked = kernel.locked.iter().map(|joint| position_of(*joint)).collect();
         let acting = self.effects.iter().filter(|own| own.acts_with(payload));
         let effects = acting.map(|own| self.placed(own)).collect::<Result<Vec<_>, SystemError>>()?;
-        System::new(kernel, self.device.joints.len(), link_parameters, locked, &effects)
+        let system = System::new(kernel, self.device.joints.len(), link_parameters, locked, &effects)?;
+        Ok(system.fusing(&dynid_kernels::Fuser))
     }
 
     /// One of the model's effects for a [`System`], with the link that it joins where it is a body.

@@ -19,25 +19,9 @@ impl Program {
 
     /// A copy in which inputs are replaced, e.g. accelerations by 0. `replace` is asked for each live input and may
     /// build its replacement in the new program; `None` keeps the input.
-    pub fn substitute(&self, mut replace: impl FnMut(&Input, &mut Program) -> Option<Node>) -> Program {
+    pub fn substitute(&self, replace: impl FnMut(&Input, &mut Program) -> Option<Node>) -> Program {
         let mut copy = Program::new();
-        let mut images = BTreeMap::new();
-        for node in self.live() {
-            let image = match self.operation_of(node) {
-                Operation::Input(position) => {
-                    let (input, unit) = &self.inputs[position];
-                    match replace(input, &mut copy) {
-                        Some(image) => image,
-                        None => copy.input(input.clone(), unit),
-                    }
-                }
-                operation => copy.rebuild(operation, |operand| images[&operand]),
-            };
-            if let Some(name) = self.name_of(node) {
-                copy.name(image, name);
-            }
-            images.insert(node, image);
-        }
+        let images = copy.copied(self, replace, true);
         for (name, node) in &self.outputs {
             copy.output(name, images[node]);
         }
@@ -46,23 +30,44 @@ impl Program {
 
     /// Copies the live part of `other` into this program, with its names and outputs. Equal inputs become one.
     pub fn append(&mut self, other: &Program) {
+        let images = self.copied(other, |_, _| None, true);
+        for (name, node) in &other.outputs {
+            self.output(name, images[node]);
+        }
+    }
+
+    /// Copies the live part of `other` into this program, nameless, with its inputs replaced as `replace` says; returns what its
+    /// outputs have become, in their order.
+    pub fn inline(&mut self, other: &Program, replace: impl FnMut(&Input, &mut Program) -> Option<Node>) -> Vec<Node> {
+        let images = self.copied(other, replace, false);
+        other.outputs.iter().map(|(_, node)| images[node]).collect()
+    }
+
+    /// Copies the live part of `other`; returns what each of its nodes has become.
+    fn copied(
+        &mut self,
+        other: &Program,
+        mut replace: impl FnMut(&Input, &mut Program) -> Option<Node>,
+        with_names: bool,
+    ) -> BTreeMap<Node, Node> {
         let mut images = BTreeMap::new();
         for node in other.live() {
             let image = match other.operation_of(node) {
                 Operation::Input(position) => {
                     let (input, unit) = &other.inputs[position];
-                    self.input(input.clone(), unit)
+                    match replace(input, self) {
+                        Some(image) => image,
+                        None => self.input(input.clone(), unit),
+                    }
                 }
                 operation => self.rebuild(operation, |operand| images[&operand]),
             };
-            if let Some(name) = other.name_of(node) {
+            if let Some(name) = other.name_of(node).filter(|_| with_names) {
                 self.name(image, name);
             }
             images.insert(node, image);
         }
-        for (name, node) in &other.outputs {
-            self.output(name, images[node]);
-        }
+        images
     }
 
     /// The same operation on other operands, through the folding constructors.

@@ -33,6 +33,7 @@ impl System {
         apart.drive_is_read = apart.frictions.iter().chain(&apart.loads).any(|element| element.reads_torques);
         apart.friction_blocks = Block::all(&apart.frictions, self.n_free());
         apart.load_blocks = Block::all(&apart.loads, self.n_free());
+        apart.fusion = self.fusion.as_ref().map(super::Fusion::anew);
         apart.prepare();
         apart
     }

@@ -112,6 +112,11 @@ impl Block {
         }
     }
 
+    /// Index of the first parameter of each of its effects.
+    pub(super) fn first_parameters(&self) -> &[usize] {
+        &self.first_parameter[..self.used]
+    }
+
     /// Brings the parameters up to date.
     pub(super) fn prepare(&mut self, effect_parameters: &[f64]) {
         for (index, parameter) in self.parameters.iter_mut().enumerate() {

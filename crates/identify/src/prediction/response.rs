@@ -140,6 +140,9 @@ impl Predicted {
             Some([with, without]) => (with, Some(without)),
             None => (&aligned, None),
         };
+        for system in std::iter::once(changed).chain(without) {
+            system.fuse_for(POINTS.len() * self.intervals());
+        }
         let n = self.system.n_free();
         let input = self.run.input();
         // Where the model has the same state, it goes along; what is new starts as it does.

@@ -5,6 +5,7 @@ one core; the best of five where a run is repeatable. A peer that is missing say
 is the largest difference of the final positions from ours (rad), `ddq_away` that of the accelerations, as a share of the largest.
 """
 
+import contextlib
 import importlib.metadata
 import json
 import platform
@@ -155,7 +156,9 @@ def main():
     results = []
     for name, peer, packages in PEERS:
         try:
-            result = peer(robot, work)
+            # What a peer prints on the way is not for those who read our JSON.
+            with contextlib.redirect_stdout(sys.stderr):
+                result = peer(robot, work)
             if "ddq" in result:
                 result["ddq_away"] = float(np.max(np.abs(np.array(result.pop("ddq")) - ours)) / np.max(np.abs(ours)))
         except Exception as error:  # whatever it is, it is why this peer is missing

@@ -201,7 +201,7 @@ fn gradient(n: usize) -> Result<f64> {
     let (time, command) = shared::coupled_commands();
     let (time, command) = (&time[..2001], &command[..2001 * system.n_joints()]);
     let input = Input { time, command, intersample: Intersample::ZeroOrder };
-    fastest(3, || {
+    fastest(2, || {
         let observe = |_: usize, q: &[f64], by: &[f64]| {
             black_box((q, by));
         };

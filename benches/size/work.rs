@@ -35,7 +35,7 @@ struct Work {
 }
 
 const JOINTS: &[usize] = &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10];
-const LENGTHS: &[usize] = &[10, 60, 300, 900, 1800, 3600];
+const LENGTHS: &[usize] = &[10, 60, 300, 900, 3600];
 
 const WORKS: [Work; 6] = [
     Work {
@@ -77,7 +77,7 @@ const WORKS: [Work; 6] = [
         name: "fit",
         what: "position fit of one joint, 13 unknowns, to logs of 10 s at 100 Hz on two threads",
         size: "runs",
-        sizes: &[1, 2, 5, 10, 20, 35, 50],
+        sizes: &[1, 2, 5, 10, 20, 50],
         measure: fit,
     },
 ];
@@ -223,7 +223,10 @@ fn check(seconds: usize) -> Result<f64> {
     let folder = tempfile::tempdir()?;
     let experiment = Experiment::load(shared::long_log::write(folder.path(), seconds)?)?;
     let model = Model::of_device(experiment.device);
-    fastest(1, || Ok(drop(black_box(dynid::check(&model, &experiment, &CheckSettings::default())?))))
+    fastest(1, || {
+        black_box(dynid::check(&model, &experiment, &CheckSettings::default())?);
+        Ok(())
+    })
 }
 
 fn fit(n_runs: usize) -> Result<f64> {

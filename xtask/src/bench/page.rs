@@ -115,3 +115,49 @@ fn commit() -> String {
     let changed = said("git", &["status", "--porcelain", "--", ".", &page]).is_some();
     if changed { format!("{commit}, with changes") } else { commit }
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::super::WORKS;
+    use super::*;
+
+    #[test]
+    fn the_page_has_the_rows_the_sizes_and_why_a_peer_is_missing() {
+        let measured = json!({
+            "peers": [
+                { "name": "this", "versions": ["this 1.0", "that 2.0"], "simulate": 2.0, "away": 1e-9 },
+                { "name": "that", "versions": ["that 2.0"], "missing": "there is no C compiler (cc)" },
+            ],
+            "tools": ["Python 3.11.7"],
+        });
+        let verdict = WORKS[1].check.verdict(&measured["peers"][0]);
+        let row = Row { work: WORKS[1].id, by: "this".to_owned(), seconds: 2.0, ratio: 4.0, same: verdict };
+        let points =
+            json!([{ "size": 1, "seconds": 1e-3, "peak_kb": 2000 }, { "size": 2, "seconds": 1e-2, "peak_kb": null }]);
+        let sizes = json!([{ "name": "read", "what": "reading", "size": "rows", "points": points, "exponent": 1.25 }]);
+        let text = text(&WORKS, &[row], &measured, &sizes);
+        let row = "| `simulate/freedom6s/all_60s` | this | 2.00e0 | 4.00 | yes: 1e-9 rad from our final positions |\n";
+        let others = [
+            "; Python 3.11.7; this 1.0; that 2.0\n",
+            "\nthat is missing: there is no C compiler (cc)\n",
+            "**read**: reading. Exponent 1.25.\n",
+            "| 1 | 1.00e-3 | 2 |\n| 2 | 1.00e-2 | not known |\n",
+        ];
+        for part in [row].into_iter().chain(others) {
+            assert!(text.contains(part), "{part:?} is not in\n{text}");
+        }
+        let failed = missing(&json!({ "failed": "there is no python3" }));
+        assert_eq!(failed, ["No peer was measured: there is no python3"]);
+    }
+
+    #[test]
+    fn other_work_and_no_answer_are_not_the_same_work() {
+        let verdict = |peer: Value| WORKS[1].check.verdict(&peer);
+        assert_eq!(verdict(json!({ "away": 0.2 })), "NO: 2e-1 rad from our final positions");
+        assert!(verdict(json!({})).starts_with("NO"));
+        let fit = WORKS[2].check.verdict(&json!({ "rmse": 0.1, "noise_reached": false }));
+        assert_eq!(fit, "NO: stops at 1.00e-1 rad");
+    }
+}

@@ -69,3 +69,25 @@ fn installed(python: &Path, requirements: &Path) -> anyhow::Result<Vec<(String, 
     }
     Ok(refused)
 }
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    /// A package that is not to be had takes no other with it, and pip's reason is kept.
+    #[test]
+    fn what_cannot_be_installed_is_named_with_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let python = folder.path().join("python");
+        let script =
+            "#!/bin/sh\ncase \"$*\" in *absent*) echo 'ERROR: there is none' >&2; echo 'a notice' >&2; exit 1;; esac\n";
+        fs::write(&python, script).unwrap();
+        fs::set_permissions(&python, fs::Permissions::from_mode(0o755)).unwrap();
+        let requirements = folder.path().join("requirements.txt");
+        fs::write(&requirements, "absent[more]==1.0\n\nthere==2.0\n").unwrap();
+        let refused = installed(&python, &requirements).unwrap();
+        assert_eq!(refused, [("absent".to_owned(), "ERROR: there is none".to_owned())]);
+    }
+}

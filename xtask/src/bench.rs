@@ -4,7 +4,6 @@ mod page;
 mod peers;
 
 use std::fs;
-use std::path::PathBuf;
 
 use anyhow::Context;
 use serde_json::Value;
@@ -45,7 +44,7 @@ struct Work {
     id: &'static str,
     /// What it is.
     what: &'static str,
-    /// The peers' key for its seconds.
+    /// The key of its seconds, ours and the peers'.
     key: &'static str,
     /// What says whether a peer did the same.
     check: Check,
@@ -117,14 +116,14 @@ struct Row {
 }
 
 fn compare() -> anyhow::Result<()> {
-    let ids: Vec<&str> = WORKS.iter().map(|work| work.id).collect();
-    criterion(Some(&format!("^({})$", ids.join("|"))))?;
     let folder = shell::root().join("target/peers");
     fs::create_dir_all(&folder)?;
     let work = folder.join("work.json");
-    fs::write(&work, example("peers_work")?)?;
+    let text = example("peers_work")?;
+    fs::write(&work, &text)?;
+    let ours: Value = serde_json::from_str(&text).context("peers_work prints JSON")?;
     let measured = peers::measured(&folder, &work);
-    let rows = rows(&measured)?;
+    let rows = rows(&ours["ours"], &measured)?;
     page::print(&rows, &measured);
     let sizes: Value = serde_json::from_str(&example("size_work")?).context("size_work prints JSON")?;
     page::write(&WORKS, &rows, &measured, &sizes)
@@ -136,10 +135,10 @@ fn example(name: &str) -> anyhow::Result<String> {
     shell::stdout_of(&mut shell::cargo(&arguments))
 }
 
-fn rows(measured: &Value) -> anyhow::Result<Vec<Row>> {
+fn rows(ours: &Value, measured: &Value) -> anyhow::Result<Vec<Row>> {
     let mut rows = Vec::new();
     for work in &WORKS {
-        let own = ours(work.id)?;
+        let own = ours[work.key].as_f64().with_context(|| format!("peers_work says what {} costs us", work.id))?;
         rows.push(Row { work: work.id, by: "dynid".to_owned(), seconds: own, ratio: 1.0, same: String::new() });
         for peer in measured["peers"].as_array().into_iter().flatten() {
             let Some(seconds) = peer[work.key].as_f64() else { continue };
@@ -148,26 +147,4 @@ fn rows(measured: &Value) -> anyhow::Result<Vec<Row>> {
         }
     }
     Ok(rows)
-}
-
-/// The fastest sample of a benchmark's last run, in seconds: what else the machine does makes no sample faster.
-fn ours(id: &str) -> anyhow::Result<f64> {
-    let file: PathBuf = ["target/criterion", &grouped(id), "new/sample.json"].iter().collect();
-    let flat: PathBuf = ["target/criterion", &id.replace('/', "_"), "new/sample.json"].iter().collect();
-    let root = shell::root();
-    let path = [root.join(file), root.join(flat)].into_iter().find(|path| path.exists());
-    let path = path.with_context(|| format!("criterion has kept nothing of {id}"))?;
-    let text = fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
-    let sample: Value = serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))?;
-    let numbers = |key: &str| sample[key].as_array().into_iter().flatten().filter_map(Value::as_f64);
-    let fastest = numbers("times").zip(numbers("iters")).map(|(time, calls)| 1e-9 * time / calls).reduce(f64::min);
-    fastest.with_context(|| format!("{id} has samples in {}", path.display()))
-}
-
-/// Criterion's folder of a benchmark in a group: `simulate/freedom6s` and `all_60s`.
-fn grouped(id: &str) -> String {
-    match id.rsplit_once('/') {
-        Some((group, name)) => format!("{}/{name}", group.replace('/', "_")),
-        None => id.to_owned(),
-    }
 }

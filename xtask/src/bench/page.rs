@@ -32,7 +32,8 @@ fn text(works: &[Work], rows: &[Row], measured: &Value, sizes: &Value) -> String
     let mut text = String::from(
         "# What things cost\n\n\
          Written by `cargo xtask bench --peers`, which measures all of this in one run: do not edit. One core, but where threads are named.\n\
-         Ours are the fastest of criterion's samples, in wall time; the peers' are CPU seconds of one thread, the best of five, of a fit the only one.\n\
+         Beside other programs: CPU seconds of one thread, the best of five, of our fits the best of three, of the peers' the only one.\n\
+         Against size: wall time.\n\
          A peer counts only where a number shows that it did the same work: that is the last column.\n\n",
     );
     let mut line = |line: String| text += &(line + "\n");

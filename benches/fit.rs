@@ -1,14 +1,19 @@
 //! How long a position fit takes: one joint, 13 unknowns, a 60 s log at 100 Hz, Runge-Kutta at 1/6 ms, started as far
-//! off as the thesis's guesses are from its results.
+//! off as the thesis's guesses are from its results; and of the same joint with friction that needs no state, 6 unknowns.
 
 mod shared;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use dynid_identify::SearchControl;
-use dynid_identify::{position, position::Options};
+use dynid_identify::{position, position::Options, position::PositionProblem};
 
-fn one_joint(criterion: &mut Criterion) {
-    let problem = match shared::one_joint_problem() {
+fn joints(criterion: &mut Criterion) {
+    measure(criterion, "one_joint", shared::one_joint_problem());
+    measure(criterion, "linear_joint", shared::linear_joint_problem());
+}
+
+fn measure(criterion: &mut Criterion, name: &str, problem: anyhow::Result<PositionProblem>) {
+    let problem = match problem {
         Ok(problem) => problem,
         Err(error) => panic!("{error}"),
     };
@@ -22,9 +27,9 @@ fn one_joint(criterion: &mut Criterion) {
     }
     let mut group = criterion.benchmark_group("fit/freedom6s");
     group.sample_size(10);
-    group.bench_function("one_joint", |bencher| bencher.iter(|| fit().is_ok()));
+    group.bench_function(name, |bencher| bencher.iter(|| fit().is_ok()));
     group.finish();
 }
 
-criterion_group!(benches, one_joint);
+criterion_group!(benches, joints);
 criterion_main!(benches);

@@ -41,20 +41,26 @@ def simulate(p, commands, up_x, up_y, substeps, out):
         out[sample + 1] = state[0]
 
 
-def measure(robot: Robot, work: dict) -> dict:
-    joint = work["joint"]
-    commands, log = np.array(work["commands"]), np.array(work["position"])
-    # The joint turns about the z of the frame before it; which way is up there?
-    tree = next(k for k, j in enumerate(robot.joints) if j["slope"][joint] == 1 and not any(b["parent"] == k for b in robot.joints))
-    turn = np.eye(3)
+def upwards(robot: Robot, joint: int):
+    """Up, times gravity, in the frame before the joint, about whose z it turns."""
+    def is_last(k):
+        return not any(other["parent"] == k for other in robot.joints)
+
+    k = next(k for k, own in enumerate(robot.joints) if own["slope"][joint] == 1 and is_last(k))
     chain = []
-    k = tree
     while k is not None:
         chain.append(robot.joints[k]["place"][:3, :3])
         k = robot.joints[k]["parent"]
+    turn = np.eye(3)
     for place in reversed(chain):
         turn = turn @ place
-    up = turn.T @ robot.up
+    return turn.T @ robot.up
+
+
+def measure(robot: Robot, work: dict) -> dict:
+    joint = work["joint"]
+    commands, log = np.array(work["commands"]), np.array(work["position"])
+    up = upwards(robot, joint)
     order = ["link.7.m", "link.7.x", "link.7.y", "link.7.Izz"]
     order += [f"joint.{joint}.gain.Kp"]
     order += [f"joint.{joint}.lugre.{s}" for s in ("sigma0", "sigma1", "sigma2", "vs", "Fs", "Fc")]

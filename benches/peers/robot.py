@@ -48,6 +48,7 @@ class Robot:
             self.frames[row["name"]] = (known[0], after)
         # bodies: joint, mass, centroid and inertia about it in the joint's frame
         self.bodies = []
+        self.links = data["link"]
         for link in data["link"]:
             joint, place = self.frames[link["frame"]]
             if joint is None:

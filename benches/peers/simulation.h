@@ -60,10 +60,12 @@ static int measure(const char *file) {
         const double took = seconds() - begin;
         best = took < best ? took : best;
     }
-    double q[N], dq[N], tau[N], ddq[N], call = 1e9;
+    double q[N], dq[N], tau[N], ddq[N], first[N], call = 1e9;
+    for (int i = 0; i < N; i++) q[i] = 0.4 - 0.15 * i, dq[i] = 0.7 - 0.2 * i, tau[i] = sin(i);
+    forward(q, dq, tau, first);
     for (int repeat = 0; repeat < 5; repeat++) {
         const int calls = 200000;
-        for (int i = 0; i < N; i++) q[i] = 0.4 - 0.15 * i, dq[i] = 0.7 - 0.2 * i, tau[i] = sin(i);
+        for (int i = 0; i < N; i++) q[i] = 0.4 - 0.15 * i;
         const double begin = seconds();
         for (int k = 0; k < calls; k++) {
             forward(q, dq, tau, ddq);
@@ -75,6 +77,8 @@ static int measure(const char *file) {
     }
     printf("{\"simulate\": %.6f, \"forward_dynamics\": %.12f, \"last\": [", best, call);
     for (int i = 0; i < N; i++) printf("%s%.15g", i ? ", " : "", x[i]);
+    printf("], \"ddq\": [");
+    for (int i = 0; i < N; i++) printf("%s%.15g", i ? ", " : "", first[i]);
     printf("]}\n");
     return 0;
 }

@@ -1,39 +1,111 @@
 //! The work that the peers do, as JSON on stdout: the commands of the benchmark `simulate/freedom6s/all_60s` and where they
-//! lead, and the log of `fit/freedom6s/one_joint` with the start of its unknowns.
+//! lead, what `forward_dynamics/freedom6s/all` gives, and the logs of the fits with the starts of their unknowns. With it, what these cost us, measured
+//! as the peers measure themselves: in CPU seconds of one thread, which do not depend on what else the machine does.
 //!
 //! `cargo run --release --example peers_work`, mostly by `cargo xtask bench --peers`.
 
 #[path = "../shared/mod.rs"]
 mod shared;
 
+use std::{fs, hint::black_box, time::Instant};
+
+use anyhow::ensure;
 use dynid_dynamics::{simulate::Input, simulate::Intersample, simulate::Options, simulate::simulate};
-use serde_json::json;
+use dynid_identify::{SearchControl, position, position::PositionProblem};
+use serde_json::{Value, json};
 
 fn main() -> anyhow::Result<()> {
     let system = shared::all_joints()?;
     let (time, command) = shared::coupled_commands();
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let motion = simulate(&system, &input, &shared::START, &Options::default())?;
+    let n = system.n_joints();
+    let per_joint = |of: fn(f64) -> f64| -> Vec<f64> { (0..n).map(|joint| of(joint as f64)).collect() };
+    let (q, dq, tau) =
+        (per_joint(|joint| 0.4 - 0.15 * joint), per_joint(|joint| 0.7 - 0.2 * joint), per_joint(f64::sin));
+    let mut ddq = vec![0.0; n];
+    system.kernel().functions.forward_dynamics(system.prepared(), &q, &dq, &tau, &mut ddq);
+    let simulated = fastest(5, || {
+        simulate(black_box(&system), &input, &shared::START, &Options::default())?;
+        Ok(())
+    })?;
+    let calls = 200_000;
+    let (mut moved, mut next) = (q.clone(), ddq.clone());
+    let called = fastest(5, || {
+        for _ in 0..calls {
+            system.kernel().functions.forward_dynamics(system.prepared(), &moved, &dq, &tau, &mut next);
+            // The posture hardly moves, but the next call has to wait for this one.
+            for ((moved, q), next) in moved.iter_mut().zip(&q).zip(&next) {
+                *moved = q + 1e-9 * next;
+            }
+        }
+        Ok(())
+    })?;
     let problem = shared::one_joint_problem()?;
-    let run = &problem.runs[0];
-    let n_joints = run.system.n_joints();
-    let unknowns = problem.unknowns.iter().map(
-        |unknown| json!({ "name": unknown.name, "start": unknown.value, "lower": unknown.lower, "upper": unknown.upper }),
-    );
+    let linear = shared::linear_joint_problem()?;
     let work = json!({
+        "ours": {
+            "forward_dynamics": called / f64::from(calls),
+            "simulate": simulated,
+            "fit": fitted(&problem)?,
+            "linear_fit": fitted(&linear)?,
+        },
         "simulate": {
             "commands": command,
             "start": shared::START,
             "last": motion.q[motion.q.len() - shared::START.len()..],
         },
-        "fit": {
-            "joint": shared::JOINT,
-            "commands": run.command.chunks(n_joints).map(|row| row[shared::JOINT]).collect::<Vec<_>>(),
-            "position": run.position,
-            "noise": shared::NOISE,
-            "unknowns": unknowns.collect::<Vec<_>>(),
-        },
+        "forward_dynamics": { "q": q, "dq": dq, "tau": tau, "ddq": ddq },
+        "fit": fit(&problem),
+        "linear_fit": fit(&linear),
     });
     println!("{work}");
     Ok(())
+}
+
+/// The log and the start of a fit.
+fn fit(problem: &PositionProblem) -> Value {
+    let run = &problem.runs[0];
+    let unknowns = problem.unknowns.iter().map(
+        |unknown| json!({ "name": unknown.name, "start": unknown.value, "lower": unknown.lower, "upper": unknown.upper }),
+    );
+    let commands = run.command.chunks(run.system.n_joints()).map(|row| row[shared::JOINT]);
+    json!({
+        "joint": shared::JOINT,
+        "commands": commands.collect::<Vec<_>>(),
+        "position": run.position,
+        "noise": shared::NOISE,
+        "unknowns": unknowns.collect::<Vec<_>>(),
+    })
+}
+
+/// CPU seconds of a fit on one thread.
+fn fitted(problem: &PositionProblem) -> anyhow::Result<f64> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    pool.install(|| {
+        fastest(3, || {
+            let fit = position::fit(problem, &Default::default(), &mut |_| SearchControl::Continue)?;
+            let rmse = fit.runs[0].rmse[0];
+            ensure!(rmse < 1.03 * shared::NOISE, "the noise is not reached: {rmse} rad");
+            Ok(())
+        })
+    })
+}
+
+/// CPU seconds of this thread in the fastest of several runs.
+fn fastest(runs: usize, mut run: impl FnMut() -> anyhow::Result<()>) -> anyhow::Result<f64> {
+    let mut least = f64::INFINITY;
+    for _ in 0..runs {
+        let (began, cpu) = (Instant::now(), thread_s());
+        run()?;
+        let wall = began.elapsed().as_secs_f64();
+        least = least.min(thread_s().zip(cpu).map_or(wall, |(now, before)| now - before));
+    }
+    Ok(least)
+}
+
+/// CPU time of this thread so far (s); `None` where the system does not tell, and wall time has to do.
+fn thread_s() -> Option<f64> {
+    let nanoseconds = fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    Some(1e-9 * nanoseconds.split_whitespace().next()?.parse::<f64>().ok()?)
 }

@@ -1,8 +1,9 @@
 //! `cargo xtask bench`: the criterion benchmarks of the workspace, and with `--peers` other programs at the same work.
 
+mod page;
+mod peers;
+
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use anyhow::Context;
 use serde_json::Value;
@@ -14,8 +15,9 @@ use crate::shell;
 pub struct Arguments {
     /// Only benchmarks whose id contains this, e.g. `forward_dynamics/freedom6s/all`.
     filter: Option<String>,
-    /// Measure Pinocchio, C by CasADi, and numba with scipy on the same robot and the same work in the same run, and
-    /// print one table. Needs Python 3.11 with pip, and for the first two a compiler; a peer that cannot run says why.
+    /// Measure CasADi's C, Pinocchio, MuJoCo, mujoco.sysid, and numba with scipy on the same robot and the same work in the same run, then
+    /// how our costs grow with size, and write docs/speed.md. Needs Python 3.11 with pip and a C and a C++ compiler; a peer that cannot run
+    /// says why.
     #[arg(long, conflicts_with = "filter")]
     peers: bool,
 }
@@ -36,96 +38,113 @@ fn criterion(filter: Option<&str>) -> anyhow::Result<()> {
     shell::succeed(&mut command)
 }
 
-/// What is compared: our benchmark, the peers' key for it, and the number that says whether a peer did the same work.
-const WORK: [(&str, &str, &str); 3] = [
-    ("simulate/freedom6s/all_60s", "simulate", "away"),
-    ("fit/freedom6s/one_joint", "fit", "rmse"),
-    ("forward_dynamics/freedom6s/all", "forward_dynamics", "away"),
+/// Work that others do too.
+struct Work {
+    /// Our benchmark.
+    id: &'static str,
+    /// What it is.
+    what: &'static str,
+    /// The key of its seconds, ours and the peers'.
+    key: &'static str,
+    /// What says whether a peer did the same.
+    check: Check,
+}
+
+/// The number of a peer that says whether it did the same work.
+enum Check {
+    /// The largest difference of its final positions from ours (rad).
+    Positions,
+    /// The largest difference of its accelerations from ours, as a share of the largest.
+    Accelerations,
+    /// What its fit leaves of the logged position, root mean square (rad), and whether that is the noise, under these keys.
+    Noise(&'static str, &'static str),
+}
+
+const WORKS: [Work; 4] = [
+    Work {
+        id: "forward_dynamics/freedom6s/all",
+        what: "one acceleration of the Freedom 6S, all six joints free; a call needs what the one before gave",
+        key: "forward_dynamics",
+        check: Check::Accelerations,
+    },
+    Work {
+        id: "simulate/freedom6s/all_60s",
+        what: "60 s of it with LuGre friction and cable springs, at steps of 1/6 ms (Runge-Kutta of fourth order)",
+        key: "simulate",
+        check: Check::Positions,
+    },
+    Work {
+        id: "fit/freedom6s/one_joint",
+        what: "fit of simulated to logged positions: one joint, 13 unknowns, a log of 60 s at 100 Hz",
+        key: "fit",
+        check: Check::Noise("rmse", "noise_reached"),
+    },
+    Work {
+        id: "fit/freedom6s/linear_joint",
+        what: "the same with viscous instead of LuGre friction, 6 unknowns (ours has the initial position too; MuJoCo steps by 1 ms)",
+        key: "linear_fit",
+        check: Check::Noise("linear_rmse", "linear_noise_reached"),
+    },
 ];
 
-/// Farther from our final positions than this (rad), a peer has simulated something else.
-const AWAY: f64 = 1e-6;
+impl Check {
+    /// What it says of a peer.
+    fn verdict(&self, peer: &Value) -> String {
+        /// Farther from our final positions than this (rad), or from our accelerations (as a share), a peer has computed something else.
+        const AWAY: f64 = 1e-6;
+        let number = |key: &str| peer[key].as_f64().unwrap_or(f64::NAN);
+        let (away, what) = match self {
+            Self::Positions => (number("away"), "rad from our final positions"),
+            Self::Accelerations => (number("ddq_away"), "of the largest acceleration from ours"),
+            Self::Noise(rmse, reached) if peer[reached] == Value::Bool(true) => {
+                return format!("yes: reaches the noise, {:.2e} rad", number(rmse));
+            }
+            Self::Noise(rmse, _) => return format!("NO: stops at {:.2e} rad", number(rmse)),
+        };
+        format!("{}: {away:.0e} {what}", if away <= AWAY { "yes" } else { "NO" })
+    }
+}
+
+/// One line of the table.
+struct Row {
+    work: &'static str,
+    by: String,
+    seconds: f64,
+    /// Over our seconds.
+    ratio: f64,
+    same: String,
+}
 
 fn compare() -> anyhow::Result<()> {
-    for (id, ..) in WORK {
-        criterion(Some(&format!("^{id}$")))?;
-    }
     let folder = shell::root().join("target/peers");
     fs::create_dir_all(&folder)?;
     let work = folder.join("work.json");
-    let arguments = ["run", "--release", "--quiet", "--package", "dynid", "--example", "peers_work"];
-    fs::write(&work, shell::stdout_of(&mut shell::cargo(&arguments))?)?;
-    let peers = match measured(&folder, &work) {
-        Ok(peers) => peers,
-        Err(error) => {
-            eprintln!("no peer was measured: {error:#}");
-            Value::Null
-        }
-    };
-    print(&peers)
+    let text = example("peers_work")?;
+    fs::write(&work, &text)?;
+    let ours: Value = serde_json::from_str(&text).context("peers_work prints JSON")?;
+    let measured = peers::measured(&folder, &work);
+    let rows = rows(&ours["ours"], &measured)?;
+    page::print(&rows, &measured);
+    let sizes: Value = serde_json::from_str(&example("size_work")?).context("size_work prints JSON")?;
+    page::write(&WORKS, &rows, &measured, &sizes)
 }
 
-/// What the peers' script prints, run in an environment of its own.
-fn measured(folder: &Path, work: &Path) -> anyhow::Result<Value> {
-    let scripts = shell::root().join("benches/peers");
-    let environment = folder.join("venv");
-    let python = environment.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
-    if !python.exists() {
-        shell::succeed(Command::new("python3").args(["-m", "venv"]).arg(&environment).stdin(Stdio::null()))?;
-    }
-    let mut install = Command::new(&python);
-    install.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]);
-    shell::succeed(install.arg(scripts.join("requirements.txt")).stdin(Stdio::null()))?;
-    let mut run = Command::new(&python);
-    run.arg("-B").arg(scripts.join("run.py")).arg(work).stdin(Stdio::null());
-    let text = shell::stdout_of(&mut run)?;
-    serde_json::from_str(&text).context("the peers' script prints JSON")
+/// What an example of the package prints.
+fn example(name: &str) -> anyhow::Result<String> {
+    let arguments = ["run", "--release", "--quiet", "--package", "dynid", "--example", name];
+    shell::stdout_of(&mut shell::cargo(&arguments))
 }
 
-/// Median of a benchmark's last run in seconds.
-fn ours(id: &str) -> anyhow::Result<f64> {
-    let file: PathBuf = ["target/criterion", &id.replace('/', "_"), "new/estimates.json"].iter().collect();
-    let grouped: PathBuf = ["target/criterion", &grouped(id), "new/estimates.json"].iter().collect();
-    let root = shell::root();
-    let path = [root.join(grouped), root.join(file)].into_iter().find(|path| path.exists());
-    let path = path.with_context(|| format!("criterion has kept nothing of {id}"))?;
-    let text = fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
-    let estimates: Value = serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))?;
-    let median = estimates["median"]["point_estimate"].as_f64().with_context(|| format!("{id} has a median"))?;
-    Ok(1e-9 * median)
-}
-
-/// Criterion's folder of a benchmark in a group: `simulate/freedom6s` and `all_60s`.
-fn grouped(id: &str) -> String {
-    match id.rsplit_once('/') {
-        Some((group, name)) => format!("{}/{name}", group.replace('/', "_")),
-        None => id.to_owned(),
-    }
-}
-
-fn print(peers: &Value) -> anyhow::Result<()> {
-    println!("\n{:<34} {:<12} {:>12} {:>8}  the same work?", "work", "by", "seconds", "ratio");
-    for (id, key, check) in WORK {
-        let own = ours(id)?;
-        println!("{id:<34} {:<12} {own:>12.3e} {:>8.2}", "dynid", 1.0);
-        for (name, result) in peers.as_object().into_iter().flatten() {
-            let Some(seconds) = result[key].as_f64() else { continue };
-            let number = result[check].as_f64().unwrap_or(f64::NAN);
-            let verdict = match check {
-                "away" if number <= AWAY => format!("yes: final positions within {number:.0e} rad of ours"),
-                "away" => format!("NO: final positions {number:.0e} rad from ours"),
-                _ if result["noise_reached"] == Value::Bool(true) => {
-                    format!("yes: reaches the noise, {number:.3e} rad")
-                }
-                _ => format!("NO: stops at {number:.3e} rad"),
-            };
-            println!("{id:<34} {name:<12} {seconds:>12.3e} {:>8.2}  {verdict}", seconds / own);
+fn rows(ours: &Value, measured: &Value) -> anyhow::Result<Vec<Row>> {
+    let mut rows = Vec::new();
+    for work in &WORKS {
+        let own = ours[work.key].as_f64().with_context(|| format!("peers_work says what {} costs us", work.id))?;
+        rows.push(Row { work: work.id, by: "dynid".to_owned(), seconds: own, ratio: 1.0, same: String::new() });
+        for peer in measured["peers"].as_array().into_iter().flatten() {
+            let Some(seconds) = peer[work.key].as_f64() else { continue };
+            let by = peer["name"].as_str().unwrap_or_default().to_owned();
+            rows.push(Row { work: work.id, by, seconds, ratio: seconds / own, same: work.check.verdict(peer) });
         }
     }
-    for (name, result) in peers.as_object().into_iter().flatten() {
-        if let Some(why) = result["missing"].as_str() {
-            println!("{name} is missing: {why}");
-        }
-    }
-    Ok(())
+    Ok(rows)
 }

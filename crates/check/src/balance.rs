@@ -273,7 +273,8 @@ fn timing(own: &Balance<'_>, slots: &[usize]) -> Vec<(usize, FindingKind)> {
     let declared: i64 = if held { 1 } else { 0 };
     let bases: Vec<Basis> = slots.iter().map(|slot| own.basis(*slot)).collect();
     let mut motion = own.motion.clone();
-    let mut left_at = |half_samples: i64| -> Vec<(f64, f64)> {
+    // Per slot: what is left, and its share of the torque's square.
+    let mut left_at = |half_samples: i64| -> Vec<(Vec<f64>, f64)> {
         for (command, raw) in motion.command.iter_mut().zip(&raw) {
             *command = late(raw, half_samples + declared);
         }
@@ -282,7 +283,8 @@ fn timing(own: &Balance<'_>, slots: &[usize]) -> Vec<(usize, FindingKind)> {
             let torque: Vec<f64> = torques[*slot].iter().map(|torque| torque / slopes[*slot]).collect();
             let torque = own.counted(*slot, &motion.filtered(&torque));
             let left = basis.residual(&torque);
-            (square(&left) / square(&centred(&torque)).max(f64::MIN_POSITIVE), independent(&left))
+            let share = square(&left) / square(&centred(&torque)).max(f64::MIN_POSITIVE);
+            (left, share)
         };
         slots.iter().zip(&bases).map(of_slot).collect()
     };
@@ -297,9 +299,10 @@ fn timing(own: &Balance<'_>, slots: &[usize]) -> Vec<(usize, FindingKind)> {
     }
     places.sort_unstable();
     places.dedup();
-    let mut tried: Vec<(i64, Vec<(f64, f64)>)> = places.iter().map(|&place| (place, left_at(place))).collect();
-    let best_of = |tried: &[(i64, Vec<(f64, f64)>)], slot: usize| {
-        tried.iter().min_by(|a, b| a.1[slot].0.total_cmp(&b.1[slot].0)).map_or(0, |(place, _)| *place)
+    let mut try_at = |place: i64| -> (i64, Vec<f64>) { (place, left_at(place).iter().map(|own| own.1).collect()) };
+    let mut tried: Vec<(i64, Vec<f64>)> = places.iter().map(|&place| try_at(place)).collect();
+    let best_of = |tried: &[(i64, Vec<f64>)], slot: usize| {
+        tried.iter().min_by(|a, b| a.1[slot].total_cmp(&b.1[slot])).map_or(0, |(place, _)| *place)
     };
     let mut finer: Vec<i64> = Vec::new();
     for slot in 0..slots.len() {
@@ -310,16 +313,20 @@ fn timing(own: &Balance<'_>, slots: &[usize]) -> Vec<(usize, FindingKind)> {
     finer.dedup();
     for place in finer {
         if tried.iter().all(|(known, _)| *known != place) {
-            tried.push((place, left_at(place)));
+            tried.push(try_at(place));
         }
     }
     let mut kinds = Vec::new();
     for (index, &slot) in slots.iter().enumerate() {
         let best = best_of(&tried, index);
         let at = |place: i64| tried.iter().find(|(known, _)| *known == place).map(|(_, left)| left[index]);
-        let (Some((as_logged, _)), Some((shifted, n))) = (at(0), at(best)) else { continue };
-        let gain = 0.5 * n * (as_logged / shifted.max(f64::MIN_POSITIVE)).ln();
-        if best == 0 || best.abs() >= reach || shifted > WORTH * as_logged || shifted > EXPLAINED || gain < SURE {
+        let (Some(as_logged), Some(shifted)) = (at(0), at(best)) else { continue };
+        if best == 0 || best.abs() >= reach || shifted > WORTH * as_logged || shifted > EXPLAINED {
+            continue;
+        }
+        // How many errors are independent costs more than all else at a place, so it is asked last.
+        let gain = 0.5 * independent(&left_at(best)[index].0) * (as_logged / shifted.max(f64::MIN_POSITIVE)).ln();
+        if gain < SURE {
             continue;
         }
         let percent = |share: f64| 100.0 * share.sqrt();

@@ -221,6 +221,11 @@ struct Column {
 }
 
 impl Column {
+    /// What stands in its place of a row, without blanks around it.
+    fn cell<'a>(&self, record: &'a csv::ByteRecord) -> Option<&'a str> {
+        record.get(self.index).and_then(|cell| std::str::from_utf8(cell.trim_ascii()).ok())
+    }
+
     /// A value in SI, with the turns that the encoder has forgotten.
     fn in_si(&self, number: f64) -> f64 {
         let value = number * self.scale;
@@ -232,7 +237,7 @@ impl Column {
 
     /// Counts the turns of a row that is not selected. What it holds beside that does not matter.
     fn pass(&mut self, record: &csv::ByteRecord) {
-        let cell = record.get(self.index).and_then(|cell| std::str::from_utf8(cell).ok());
+        let cell = self.cell(record);
         let number = cell.and_then(|cell| cell.parse::<f64>().ok()).filter(|number| number.is_finite());
         self.before = number.map(|number| self.in_si(number)).or(self.before);
     }
@@ -242,7 +247,9 @@ impl Column {
 pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     let mut reader = csv::ReaderBuilder::new()
         .flexible(true)
-        .trim(csv::Trim::All)
+        // Cells are trimmed where they are read: the reader would copy each row for it.
+        .trim(csv::Trim::Headers)
+        .buffer_capacity(1 << 16)
         .delimiter(delimiter_of_file(path)?)
         .from_path(path)
         .map_err(|error| unreadable(path, &error))?;
@@ -360,7 +367,7 @@ fn read_rows(
         if (from..to).contains(&row) {
             let line = record.position().map_or(0, csv::Position::line);
             for (place, column) in columns.iter_mut().enumerate() {
-                let cell = record.get(column.index).and_then(|cell| std::str::from_utf8(cell).ok());
+                let cell = column.cell(&record);
                 let number = cell.and_then(|cell| cell.parse::<f64>().ok()).map(|number| column.in_si(number));
                 let Some(number) = number.filter(|number| number.is_finite()) else {
                     let found = match cell {

@@ -56,6 +56,19 @@ fn refusal(experiment: &str, log: &str) -> String {
     text.replace(&format!("{}/", folder.path().display()), "")
 }
 
+/// Blanks around a cell are no part of it, also where it is quoted or its encoder's turns are counted.
+#[test]
+fn reads_cells_with_blanks_around_them() {
+    let experiment = format!("{GOOD}turn = {{ q1 = 6 }}\nrows = [1, 3]\n");
+    let log = "t,tau0,tau1,q0,q1\r\n 0 ,1,2,3,5\r\n\t0.1, 1 ,\" 2\",3 ,\t0.5 \r\n0.2,1,2,  3,1\r\n";
+    let (_folder, result) = read(&experiment, log);
+    let log = &result.expect("the experiment is good").runs[0].log;
+    assert_eq!((&log.t[..], &log.tau[1][..], &log.q[0][..]), (&[0.1, 0.2][..], &[2.0, 2.0][..], &[3.0, 3.0][..]));
+    assert_eq!(log.q[1], [6.5, 7.0]);
+    let refused = refusal(GOOD, "t,tau0,tau1,q0,q1\n0,1,2,3,4\n0.1,1, much ,3,4\n");
+    assert_snapshot!(refused, @"log.csv:3: column `tau1`, row 1: expected a finite number, found `much`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
+}
+
 #[test]
 fn reads_columns_scale_rows_mask_and_settings() {
     let experiment = "

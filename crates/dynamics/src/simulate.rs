@@ -159,7 +159,7 @@ pub enum Steps {
 impl Steps {
     /// What is taken where nothing is said: 60 s of the Freedom 6S, one joint or all, stay within 1e-5 rad of steps ten times as short as
     /// the thesis's (`cargo xtask bench`).
-    pub const ADAPTIVE: Self = Self::Within(1e-5);
+    pub const ADAPTIVE: Self = Self::Within(1e-6);
     /// Steps of a gap between samples, and where none can be adapted, for each (mean) sample time of it.
     const OF_GAP: usize = 60;
     /// A joint that has hardly moved from zero is taken to have gone so far [rad or m].
@@ -305,7 +305,7 @@ fn sample_by_sample(
     let mut stepper = Stepper::new(system, x0);
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
     after(0, recorder.last(), &mut stepper.x);
-    system.fuse_for(EVALUATIONS * input.time.len());
+    system.announce(EVALUATIONS * input.time.len());
     let mut course = Course::new(system, input.time, options, predictor);
     for sample in 0..input.time.len().saturating_sub(1) {
         course.cross(&mut stepper, system, input, sample);

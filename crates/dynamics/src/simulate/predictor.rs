@@ -105,7 +105,7 @@ pub fn plan(
     tolerance: &[f64],
 ) -> Result<Planned, SimulationError> {
     super::check(system, input, q0)?;
-    system.fuse_for(super::EVALUATIONS * input.time.len());
+    system.announce(super::EVALUATIONS * input.time.len());
     let options = Options::default();
     let mut recorder = Recorder::new(system, input.time.len());
     let mut stepper = Stepper::new(system, &system.rest(q0));

@@ -4,7 +4,10 @@
 //! ([`System::fusing`]) makes one of all of them, with the same bits; without it, each effect is evaluated by its own kernel.
 
 use std::fmt;
-use std::sync::{Arc, OnceLock};
+use std::sync::{
+    Arc, OnceLock,
+    atomic::{AtomicUsize, Ordering},
+};
 
 use dynid_generated::{EffectKernel, N_SIGNALS, Signal};
 
@@ -75,7 +78,14 @@ pub trait Fuse: Sync {
 #[derive(Clone)]
 pub(super) struct Fusion {
     maker: &'static dyn Fuse,
-    made: Arc<OnceLock<Option<Arc<dyn Fused>>>>,
+    shared: Arc<Shared>,
+}
+
+#[derive(Default)]
+struct Shared {
+    /// Evaluations that were announced.
+    evaluations: AtomicUsize,
+    made: OnceLock<Option<Arc<dyn Fused>>>,
 }
 
 impl fmt::Debug for Fusion {
@@ -86,7 +96,7 @@ impl fmt::Debug for Fusion {
 
 impl Fusion {
     pub(super) fn new(maker: &'static dyn Fuse) -> Self {
-        Self { maker, made: Arc::default() }
+        Self { maker, shared: Arc::default() }
     }
 
     /// That of other effects by the same maker.
@@ -95,7 +105,7 @@ impl Fusion {
     }
 
     pub(super) fn made(&self) -> Option<&dyn Fused> {
-        self.made.get()?.as_deref()
+        self.shared.made.get()?.as_deref()
     }
 }
 
@@ -107,12 +117,15 @@ impl System {
         self
     }
 
-    /// Makes one function of all joint effects, if that pays for so many `evaluations` and there is a maker.
-    pub fn fuse_for(&self, evaluations: usize) {
+    /// Announces so many evaluations of this system. Where there is a maker, and all that were announced are worth it, it makes one
+    /// function of all joint effects.
+    pub fn announce(&self, evaluations: usize) {
         /// What making it costs, in evaluations without it.
         const WORTH: usize = 5_000;
-        let Some(fusion) = self.fusion.as_ref().filter(|_| evaluations >= WORTH) else { return };
-        fusion.made.get_or_init(|| self.laws().and_then(|laws| fusion.maker.fuse(&laws)));
+        let Some(Fusion { maker, shared }) = &self.fusion else { return };
+        if shared.evaluations.fetch_add(evaluations, Ordering::Relaxed) + evaluations >= WORTH {
+            shared.made.get_or_init(|| self.laws().and_then(|laws| maker.fuse(&laws)));
+        }
     }
 
     /// Its joint effects; `None` where there are none.

@@ -141,7 +141,7 @@ impl Predicted {
             None => (&aligned, None),
         };
         for system in std::iter::once(changed).chain(without) {
-            system.fuse_for(POINTS.len() * self.intervals());
+            system.announce(POINTS.len() * self.intervals());
         }
         let n = self.system.n_free();
         let input = self.run.input();

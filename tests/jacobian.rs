@@ -1,6 +1,8 @@
 //! The exact derivatives of simulated positions against central differences, on a whole device.
 
-use dynid_dynamics::{simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::Steps, system::System};
+use dynid_dynamics::{
+    simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::Steps, system::System,
+};
 use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_plant::random::Noise;
 use dynid_user_model::Model;

@@ -2,8 +2,8 @@
 //! parameters, in open loop and with an observer of samples, held or straight commands.
 
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::Steps, simulate::SimulationError, simulate::control,
-    simulate::control::Controller, simulate::control::Filter, system::System,
+    simulate, simulate::Input, simulate::Intersample, simulate::Options, simulate::SimulationError, simulate::Steps,
+    simulate::control, simulate::control::Controller, simulate::control::Filter, system::System,
 };
 use dynid_identify::{sensitivity, sensitivity::Columns, sensitivity::Lumps};
 use dynid_model::{Effect, Scope};
@@ -168,6 +168,37 @@ fn every_effect_vanishes_at_its_null() {
             let (with, without) = (run(&with), run(&without));
             let error = with.iter().zip(&without).fold(0.0_f64, |error, (a, b)| error.max((a - b).abs()));
             assert!(error <= 1e-12, "{} ({intersample:?}): {error:.2e} rad", effect.id);
+        }
+    }
+}
+
+/// One function of all joint effects, made while the program runs, has the bits of the effects' own kernels: the same motion.
+#[test]
+fn fused_effects_have_the_bits_of_each_alone() {
+    for effect in dynid_model::effects() {
+        let model = model(effect);
+        for free in [&FREE[..], &FREE[..1], &FREE[1..]] {
+            let system = |evaluations: usize| {
+                let system = model.system(free, |_| 0.2).expect("a configuration");
+                system.announce(evaluations);
+                system
+            };
+            let (alone, fused) = (system(0), system(1_000_000));
+            let n_states = alone.n_states();
+            for turn in 0..40 {
+                let number = |k: usize| ((turn * n_states + k) as f64 * 0.618_033_988_749_895).fract() * 2.4 - 1.2;
+                let mut x: Vec<f64> = (0..n_states).map(number).collect();
+                if turn % 4 == 0 {
+                    x[free.len()..].fill(0.0);
+                }
+                let command = [number(n_states), number(n_states + 1)];
+                let run = |system: &System| {
+                    let (mut scratch, mut dx) = (system.scratch(), vec![0.0; n_states]);
+                    system.derivative(&mut scratch, 0.3 * turn as f64, &x, &command, &mut dx);
+                    dx
+                };
+                assert_eq!(run(&alone), run(&fused), "{} with {free:?} free, at {x:?}", effect.id);
+            }
         }
     }
 }

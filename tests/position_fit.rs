@@ -101,8 +101,10 @@ fn fitted(model: &Model, runs: Vec<FitRun>, start: impl Fn(&str, f64) -> f64, su
         }
     }
     problem.runs = runs;
-    position::fit(&problem, &Options { steps: Steps::PerSample(substeps), ..Options::default() }, &mut |_| SearchControl::Continue)
-        .expect("the fit comes to an end")
+    position::fit(&problem, &Options { steps: Steps::PerSample(substeps), ..Options::default() }, &mut |_| {
+        SearchControl::Continue
+    })
+    .expect("the fit comes to an end")
 }
 
 /// A combination of parameters that the log shows: how far it is off and its standard error.

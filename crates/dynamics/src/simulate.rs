@@ -16,7 +16,7 @@ pub use predictor::{Gains, Planned, Predictor, correct_by, plan};
 pub use scheme::Scheme;
 
 use crate::{system::Scratch, system::System};
-use adapt::Adaptation;
+use adapt::{Adaptation, Tolerance};
 use implicit::Implicit;
 
 /// How the commanded torque runs between samples.
@@ -152,18 +152,16 @@ pub enum Steps {
     /// So many explicit ones in a (mean) sample time; a longer gap between two samples takes proportionally more. The thesis's
     /// coupled joints take 60.
     PerSample(usize),
-    /// As few as leave an interval's estimated error within this share of the farthest position so far, of each joint.
+    /// As few as leave the error that is estimated of an interval within this share, of each state, of the largest that it was so far.
     Within(f64),
 }
 
 impl Steps {
     /// What is taken where nothing is said: 60 s of the Freedom 6S, one joint or all, stay within 1e-5 rad of steps ten times as short as
     /// the thesis's (`cargo xtask bench`).
-    pub const ADAPTIVE: Self = Self::Within(1e-6);
+    pub const ADAPTIVE: Self = Self::Within(3e-5);
     /// Steps of a gap between samples, and where none can be adapted, for each (mean) sample time of it.
     const OF_GAP: usize = 60;
-    /// A joint that has hardly moved from zero is taken to have gone so far [rad or m].
-    const SMALL_POSITION: f64 = 1e-3;
 
     /// Explicit steps in a sample time where none can be adapted.
     pub fn per_sample(self) -> usize {
@@ -351,7 +349,7 @@ pub fn check_state(system: &System, time_s: f64, x: &[f64], options: &Options) -
 enum Course<'a> {
     Grid(Grid),
     Planned(&'a Predictor<'a>),
-    Adapted { adaptation: Box<Adaptation<'a>>, grid: Grid, share: f64 },
+    Adapted { adaptation: Box<Adaptation<'a>>, grid: Grid },
 }
 
 impl<'a> Course<'a> {
@@ -360,9 +358,8 @@ impl<'a> Course<'a> {
             (Some(predictor), _) => Self::Planned(predictor),
             (None, Steps::PerSample(steps)) => Self::Grid(Grid::new(time, steps)),
             (None, Steps::Within(share)) => {
-                let tolerance = vec![share * Steps::SMALL_POSITION; system.n_free()];
-                let adaptation = Box::new(Adaptation::new(system, tolerance, &[], false));
-                Self::Adapted { adaptation, grid: Grid::new(time, 1), share }
+                let adaptation = Adaptation::new(system, Tolerance::of_all(system, share), &[], false);
+                Self::Adapted { adaptation: Box::new(adaptation), grid: Grid::new(time, 1) }
             }
         }
     }
@@ -372,13 +369,10 @@ impl<'a> Course<'a> {
         match self {
             Self::Grid(grid) => stepper.explicit(system, input, sample, grid.steps(start, end)),
             Self::Planned(predictor) => stepper.across(system, input, sample, predictor.scheme(sample)),
-            Self::Adapted { adaptation, grid, share } => {
+            Self::Adapted { adaptation, grid } => {
                 let samples = grid.steps(start, end);
                 if samples > 1 {
                     return stepper.explicit(system, input, sample, samples * Steps::OF_GAP);
-                }
-                for (tolerance, q) in adaptation.tolerance.iter_mut().zip(&stepper.x) {
-                    *tolerance = tolerance.max(*share * q.abs());
                 }
                 adaptation.cross(stepper, system, input, sample);
             }

@@ -16,7 +16,9 @@ pub fn stays_near(model: &Model, run: &Run) -> bool {
     let input = fit_run.input();
     let n = run.free.len();
     let start = first_state(&fit_run);
-    let Ok(trajectory) = simulate::simulate(&fit_run.system, &input, &start, &simulate::Options::default()) else { return false };
+    let Ok(trajectory) = simulate::simulate(&fit_run.system, &input, &start, &simulate::Options::default()) else {
+        return false;
+    };
     let simulated: Vec<Vec<f64>> =
         (0..n).map(|slot| trajectory.q.iter().skip(slot).step_by(n).copied().collect()).collect();
     !strays(run, &simulated, NEAR)

@@ -32,7 +32,8 @@ pub(crate) use result::undetermined;
 pub use result::{Direction, Estimate, PositionFit, RunError};
 
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Intersample, simulate::SimulationError, simulate::Steps, system::System, system::SystemError,
+    simulate, simulate::Input, simulate::Intersample, simulate::SimulationError, simulate::Steps, system::System,
+    system::SystemError,
 };
 use dynid_optimise::{
     region::Entry, region::HalfSpace, region::Region, sqp, sqp::Ended, sqp::Iteration, sqp::Limits, sqp::SearchControl,
@@ -418,7 +419,8 @@ pub fn resume(
         ended = outcome.ended;
         // What stiffened on the way may need shorter steps to be simulated at all.
         let is_cut_short = ended == Ended::Stuck && x != anchor && iterations < options.iterations;
-        if is_cut_short && evaluator.coarse_steps(&x, options.steps, kind.observer()).per_sample() > coarse.per_sample() {
+        if is_cut_short && evaluator.coarse_steps(&x, options.steps, kind.observer()).per_sample() > coarse.per_sample()
+        {
             continue;
         }
         stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };

@@ -15,7 +15,7 @@ use serde::Serialize;
 pub use inputs::{CorrelationOutcome, InputCorrelation};
 pub use locate::{Finding, FindingKind, locate};
 
-use dynid_identify::{strays};
+use dynid_identify::strays;
 
 use crate::CompareError;
 use dynid_dynamics::{

@@ -64,7 +64,12 @@ struct Loads(Routine<f64>);
 
 impl Fused for Loads {
     #[inline]
-    fn loads(&self, (parameters, x, drive, t): (&[f64], &[f64], &[f64], f64), sums: [&mut [f64]; 2], rates: &mut [f64]) {
+    fn loads(
+        &self,
+        (parameters, x, drive, t): (&[f64], &[f64], &[f64], f64),
+        sums: [&mut [f64]; 2],
+        rates: &mut [f64],
+    ) {
         let [loads, frictions] = sums;
         self.0.call([parameters, x, drive, &[t]], [loads, frictions, rates]);
     }
@@ -119,8 +124,10 @@ impl Loads {
             }
             Results { name, elements }
         };
-        let results = vec![written("load", sums), written("friction", frictions), Results { name: "rates", elements: rates }];
-        let numbered = |name: &'static str, n: usize| Argument { name, elements: (0..n).map(|k| element(name, k)).collect() };
+        let results =
+            vec![written("load", sums), written("friction", frictions), Results { name: "rates", elements: rates }];
+        let numbered =
+            |name: &'static str, n: usize| Argument { name, elements: (0..n).map(|k| element(name, k)).collect() };
         let function = Function {
             name: "loads",
             title: "The sums of the joint effects' torques, and the rates of their states.",
@@ -150,13 +157,7 @@ fn element(name: &str, place: usize) -> Input {
 }
 
 /// What an input of a law is in the whole function.
-fn given(
-    law: &Law,
-    arguments: &[Argument],
-    input: &Input,
-    frictions: &[Option<Node>],
-    program: &mut Program,
-) -> Node {
+fn given(law: &Law, arguments: &[Argument], input: &Input, frictions: &[Option<Node>], program: &mut Program) -> Node {
     let place = |argument: usize| arguments[argument].elements.iter().position(|own| own == input);
     if let Some(parameter) = place(0) {
         return program.input(element(PARAMETER, law.first_parameter + parameter), "");
@@ -177,8 +178,7 @@ fn given(
 
 /// Whether a law calls a function that takes no longer for two numbers side by side than for one.
 fn calls_what_has_lanes(program: &Program) -> bool {
-    let has_lanes = |node: Node| {
-        matches!(program.operation_of(node), Operation::Call(Call::Exp | Call::Sin | Call::Cos, _))
-    };
+    let has_lanes =
+        |node: Node| matches!(program.operation_of(node), Operation::Call(Call::Exp | Call::Sin | Call::Cos, _));
     program.live().into_iter().any(has_lanes)
 }

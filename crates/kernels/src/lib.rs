@@ -31,8 +31,8 @@ use dynid_generated::{EffectKernel, EndPoint, Kernel};
 use dynid_lower::{effect::UnknownSymbol, end_point::NoChain, kernel::MissingOutput};
 use dynid_model::{Device, Effect};
 
-pub use fused::Fuser;
 pub use c99::{CFunction, CKernels, c_kernels, c_number};
+pub use fused::Fuser;
 
 /// Why there are no kernels.
 #[derive(Debug, Clone, thiserror::Error)]

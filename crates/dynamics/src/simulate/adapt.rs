@@ -22,13 +22,52 @@ const MOST_MORE: f64 = 4.0;
 /// Explicit steps that are tried first where the interval before took implicit ones.
 const AFTER_IMPLICIT: f64 = 12.0;
 
+/// What an interval may err by.
+pub(super) enum Tolerance {
+    /// In the position of each free joint [rad or m], and in its speed so much that the position errs by no more after as long an interval.
+    Position(Vec<f64>),
+    /// In each state, this share of the largest that it was so far.
+    Share(f64, Vec<f64>),
+}
+
+impl Tolerance {
+    /// What a position or a speed that was always smaller counts as [rad, m, rad/s or m/s].
+    const SMALL_MOTION: f64 = 1e-3;
+
+    pub(super) fn of_positions(tolerance: &[f64]) -> Self {
+        Self::Position(tolerance.to_vec())
+    }
+
+    pub(super) fn of_all(system: &System, share: f64) -> Self {
+        let (n, n_states) = (system.n_free(), system.n_states());
+        let small = |state: usize| if state < 2 * n { Self::SMALL_MOTION } else { SMALL_STATE };
+        Self::Share(share, (0..n_states).map(small).collect())
+    }
+
+    /// What each of the first states may err by at the end of an interval of `span` (s); those after them may by anything.
+    fn by_state(&self, span: f64) -> impl Iterator<Item = f64> + Clone {
+        let (positions, span, share, largest) = match self {
+            Self::Position(positions) => (positions.as_slice(), span, 0.0, [].as_slice()),
+            Self::Share(share, largest) => ([].as_slice(), span, *share, largest.as_slice()),
+        };
+        let speeds = positions.iter().map(move |tolerance| tolerance / span);
+        positions.iter().copied().chain(speeds).chain(largest.iter().map(move |largest| share * largest))
+    }
+
+    /// Sees the state that an interval begins with.
+    fn see(&mut self, x: &[f64]) {
+        if let Self::Share(_, largest) = self {
+            largest.iter_mut().zip(x).for_each(|(largest, x)| *largest = largest.max(x.abs()));
+        }
+    }
+}
+
 /// Chooses the steps of one interval after the other.
 ///
 /// What an explicit step of fourth order errs by is estimated from what a third-order formula with the same slopes makes of it,
 /// `h/6 (k4 - f(end))` ([`OF_THIRD_ORDER`]). Implicit steps are compared with halved ones.
 pub(super) struct Adaptation<'a> {
-    /// What an interval may err by, of each free joint [rad or m]: at its end, and by its end's speed within the time of another.
-    pub(super) tolerance: Vec<f64>,
+    tolerance: Tolerance,
     /// Never fewer steps than these; none where it is empty.
     pub(super) least: &'a [Scheme],
     /// Whether derivatives are taken of what comes out: then no step may be so long that a nudge to the state grows.
@@ -40,31 +79,27 @@ pub(super) struct Adaptation<'a> {
 }
 
 impl<'a> Adaptation<'a> {
-    pub(super) fn new(system: &System, tolerance: Vec<f64>, least: &'a [Scheme], is_differentiated: bool) -> Self {
+    pub(super) fn new(system: &System, tolerance: Tolerance, least: &'a [Scheme], is_differentiated: bool) -> Self {
         let room = vec![0.0; system.n_states()];
         Self { tolerance, least, is_differentiated, suggested: 1.0, begin: room.clone(), end: room }
     }
 
     /// Takes a stepper from a sample to the next; returns how.
-    pub(super) fn cross(
-        &mut self,
-        stepper: &mut Stepper,
-        system: &System,
-        input: &Input<'_>,
-        sample: usize,
-    ) -> Scheme {
+    pub(super) fn cross(&mut self, stepper: &mut Stepper, system: &System, input: &Input<'_>, sample: usize) -> Scheme {
         let span = input.time[sample + 1] - input.time[sample];
         self.begin.copy_from_slice(&stepper.x);
+        self.tolerance.see(&self.begin);
         let first = self.least.get(sample);
-        let mut place = first.and_then(|first| Scheme::LADDER.iter().position(|own| own == first)).unwrap_or(0);
+        let ladder = if self.is_differentiated { Scheme::LADDER.as_slice() } else { &Scheme::LONG_LADDER };
+        let mut place = first.and_then(|first| ladder.iter().position(|own| own == first)).unwrap_or(0);
         let (mut least_explicit, mut least_implicit) = (if first.is_some() { 0.0 } else { self.suggested }, 0.0);
         loop {
             let is_long_enough = |scheme: &Scheme| match scheme {
                 Scheme::Explicit(steps) => f64::from(*steps) >= least_explicit,
                 Scheme::Implicit(steps) => f64::from(*steps) >= least_implicit || *scheme == Scheme::FINEST,
             };
-            place += Scheme::LADDER[place..].iter().position(is_long_enough).unwrap_or(0);
-            let scheme = Scheme::LADDER[place];
+            place += ladder[place..].iter().position(is_long_enough).unwrap_or(0);
+            let scheme = ladder[place];
             stepper.x.copy_from_slice(&self.begin);
             match scheme {
                 Scheme::FINEST => {
@@ -74,7 +109,7 @@ impl<'a> Adaptation<'a> {
                 }
                 Scheme::Explicit(steps) => {
                     let error = stepper.estimated(system, input, sample, scheme.steps());
-                    let error = self.in_tolerances(system, span, |state| OF_THIRD_ORDER * error[state]);
+                    let error = self.in_tolerances(span, |state| OF_THIRD_ORDER * error[state]);
                     let wanted = f64::from(steps) * (RESERVE * error).powf(EXPLICIT_ORDER.recip());
                     if error <= 1.0 {
                         self.end.copy_from_slice(&stepper.x);
@@ -95,7 +130,7 @@ impl<'a> Adaptation<'a> {
                     stepper.x.copy_from_slice(&self.begin);
                     stepper.across(system, input, sample, scheme.finer());
                     let (rough, fine) = (&self.end, &stepper.x);
-                    let error = self.in_tolerances(system, span, |state| (rough[state] - fine[state]).abs());
+                    let error = self.in_tolerances(span, |state| (rough[state] - fine[state]).abs());
                     if error <= 1.0 && self.is_steady(stepper, system, (input, sample), scheme, span) {
                         self.suggested = AFTER_IMPLICIT;
                         return scheme;
@@ -109,10 +144,13 @@ impl<'a> Adaptation<'a> {
     }
 
     /// The largest error of an interval's end in units of what it may be; infinite where one is no number.
-    fn in_tolerances(&self, system: &System, span: f64, error: impl Fn(usize) -> f64) -> f64 {
-        let n = system.n_free();
-        let own = |slot: usize| (error(slot) + span * error(n + slot)) / self.tolerance[slot].max(f64::MIN_POSITIVE);
-        (0..n).map(own).fold(0.0, |most: f64, own| if own.is_nan() { f64::INFINITY } else { most.max(own) })
+    fn in_tolerances(&self, span: f64, error: impl Fn(usize) -> f64) -> f64 {
+        let own = self
+            .tolerance
+            .by_state(span)
+            .enumerate()
+            .map(|(state, tolerance)| error(state) / tolerance.max(f64::MIN_POSITIVE));
+        own.fold(0.0, |most: f64, own| if own.is_nan() { f64::INFINITY } else { most.max(own) })
     }
 
     /// Whether nudges to the speeds, and to the effects' states, are no larger at the end; leaves the stepper at the unnudged end.
@@ -130,11 +168,8 @@ impl<'a> Adaptation<'a> {
         let (n, n_states) = (system.n_free(), self.begin.len());
         let mut grows = |nudged: std::ops::Range<usize>| {
             let nudge = |state: usize| {
-                let size = match state.checked_sub(n).filter(|slot| *slot < n) {
-                    Some(slot) => self.tolerance[slot] / span,
-                    None => self.begin[state].abs() + SMALL_STATE,
-                };
-                NUDGE * size
+                let of_speed = self.tolerance.by_state(span).nth(state).filter(|_| state < 2 * n);
+                NUDGE * of_speed.unwrap_or(self.begin[state].abs() + SMALL_STATE)
             };
             stepper.x.copy_from_slice(&self.begin);
             nudged.clone().for_each(|state| stepper.x[state] += nudge(state));

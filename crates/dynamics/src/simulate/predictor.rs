@@ -1,6 +1,6 @@
 //! The steady-state observer of the prediction-error method.
 
-use super::{Input, Options, Recorder, Scheme, SimulationError, Stepper, adapt::Adaptation};
+use super::{Input, Options, Recorder, Scheme, SimulationError, Stepper, adapt::Adaptation, adapt::Tolerance};
 use crate::system::System;
 
 /// Corrects a simulation at each sample by the error of its prediction (innovation), and so makes one-step predictions of it.
@@ -109,7 +109,7 @@ pub fn plan(
     let options = Options::default();
     let mut recorder = Recorder::new(system, input.time.len());
     let mut stepper = Stepper::new(system, &system.rest(q0));
-    let mut adaptation = Adaptation::new(system, tolerance.to_vec(), predictor.schemes, true);
+    let mut adaptation = Adaptation::new(system, Tolerance::of_positions(tolerance), predictor.schemes, true);
     let mut schemes = Vec::with_capacity(input.time.len().saturating_sub(1));
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, &options)?;
     predictor.correct(system, input.time, 0, recorder.last(), &mut stepper.x);

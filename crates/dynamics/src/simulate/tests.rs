@@ -19,7 +19,7 @@ fn a_swinging_pendulum_keeps_its_period() {
     let system = pendulum(&[]);
     let (time, command) = (times(1001, 0.01), vec![0.0; 1001]);
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let swing = simulate(&system, &input, &[1e-3], &Options::default()).unwrap();
+    let swing = simulate(&system, &input, &[1e-3], &Options::per_sample(60)).unwrap();
     let rate = (GRAVITY * 0.15 / (0.01 + 0.5 * 0.09)).sqrt();
     // Amplitude 1e-3 lengthens the period by 1/16 of its square: 6e-8.
     for (t, q) in time.iter().zip(&swing.q) {
@@ -33,7 +33,7 @@ fn energy_is_kept_without_friction() {
     let system = System::new(&ARM, 2, links, Vec::new(), &[]).unwrap();
     let (time, command) = (times(501, 0.01), vec![0.0; 1002]);
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let motion = simulate(&system, &input, &[0.4, 0.3], &Options::default()).unwrap();
+    let motion = simulate(&system, &input, &[0.4, 0.3], &Options::per_sample(60)).unwrap();
     let energy = |q: &[f64], dq: &[f64]| {
         let mut d = [0.0; 4];
         ARM.functions.inertia(system.prepared(), q, &mut d);
@@ -54,7 +54,7 @@ fn an_oscillator_follows_its_exact_solution() {
     let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.05], Vec::new(), &effects).unwrap();
     let (time, command) = (times(301, 0.01), vec![0.0; 301]);
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let motion = simulate(&system, &input, &[0.9], &Options::default()).unwrap();
+    let motion = simulate(&system, &input, &[0.9], &Options::per_sample(60)).unwrap();
     let decay: f64 = 0.08 / (2.0 * 0.05);
     let rate = (3.0 / 0.05 - decay * decay).sqrt();
     for (t, q) in time.iter().zip(&motion.q) {
@@ -69,13 +69,13 @@ fn a_held_torque_acts_over_its_sample_and_a_linear_one_between() {
     let time = [0.0, 0.1, 0.3];
     let command = [4.0, 8.0, 0.0];
     let held = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let motion = simulate(&system, &held, &[1.0], &Options::default()).unwrap();
+    let motion = simulate(&system, &held, &[1.0], &Options::per_sample(60)).unwrap();
     let expected = [1.0, 1.0 + 0.01, 1.01 + 0.2 * 0.2 + 0.5 * 4.0 * 0.04];
     for (q, expected) in motion.q.iter().zip(expected) {
         assert!((q - expected).abs() < 1e-12, "{q} instead of {expected}");
     }
     let linear = Input { intersample: Intersample::FirstOrder, ..held };
-    let motion = simulate(&system, &linear, &[1.0], &Options::default()).unwrap();
+    let motion = simulate(&system, &linear, &[1.0], &Options::per_sample(60)).unwrap();
     // ddq = 2 + 20 t over the first sample: q = t^2 + 20 t^3 / 6
     assert!((motion.q[1] - (1.0 + 0.01 + 20.0 * 1e-3 / 6.0)).abs() < 1e-12);
     assert!((motion.dq[1] - (0.2 + 0.1)).abs() < 1e-12);
@@ -91,7 +91,7 @@ fn lugre_agrees_with_an_independent_fine_integration() {
     let time = times(201, 0.01);
     let command: Vec<f64> = time.iter().map(|t| 0.04 * (3.0 * t).cos()).collect();
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let motion = simulate(&system, &input, &[-0.2], &Options::default()).unwrap();
+    let motion = simulate(&system, &input, &[-0.2], &Options::per_sample(60)).unwrap();
     let (mut q, mut v, mut z): (f64, f64, f64) = (-0.2, 0.0, 0.0);
     let steps = 20_000;
     let mut largest: f64 = 0.0;
@@ -119,7 +119,7 @@ fn a_diverging_motion_is_an_error_that_says_when_and_where() {
     let system = pendulum(&effects);
     let (time, command) = (times(101, 0.01), vec![0.0; 101]);
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let error = simulate(&system, &input, &[0.1], &Options::default()).unwrap_err();
+    let error = simulate(&system, &input, &[0.1], &Options::per_sample(60)).unwrap_err();
     let SimulationError::Diverged { time_s, joint: 0 } = error else { panic!("{error}") };
     assert!((0.05..0.5).contains(&time_s), "{time_s}");
 }
@@ -129,7 +129,7 @@ fn inputs_that_do_not_fit_are_errors() {
     let system = full_arm();
     let run = |time: &[f64], command: &[f64], q0: &[f64]| {
         let input = Input { time, command, intersample: Intersample::ZeroOrder };
-        simulate(&system, &input, q0, &Options::default()).unwrap_err().to_string()
+        simulate(&system, &input, q0, &Options::per_sample(60)).unwrap_err().to_string()
     };
     assert_eq!(run(&[0.0, 0.1], &[0.0; 3], &[0.0; 2]), "commanded torques: 3 values given, 4 needed");
     assert_eq!(run(&[0.0, 0.1], &[0.0; 4], &[0.0; 1]), "initial positions: 1 values given, 2 needed");
@@ -152,7 +152,7 @@ fn stiff(schemes: &[Scheme], time: &[f64], command: &[f64], rates: &[f64]) -> Ve
     let position: Vec<f64> = time.iter().map(|t| 0.3 * (4.0 * t).sin()).collect();
     let predictor = Predictor { position: &position, rates, schemes };
     let input = Input { time, command, intersample: Intersample::FirstOrder };
-    predict(&pendulum(&effects), &input, &predictor, &[0.0], &Options::default()).unwrap().q
+    predict(&pendulum(&effects), &input, &predictor, &[0.0], &Options::per_sample(60)).unwrap().q
 }
 
 /// `J ddq + Fv dq + Ks (q - qeq) = 0`, whose fast part decays within a thousandth of the slow one.
@@ -171,7 +171,7 @@ fn implicit_steps_come_to_the_exact_solution_with_the_third_power_of_their_lengt
     let error = |scheme: Scheme| {
         let schemes = [scheme; 100];
         let predictor = Predictor { position: &position, rates: &[0.0], schemes: &schemes };
-        let found = predict(&system, &input, &predictor, &[0.9], &Options::default()).unwrap();
+        let found = predict(&system, &input, &predictor, &[0.9], &Options::per_sample(60)).unwrap();
         // After the first intervals, in which the fast part decays.
         time.iter().zip(&found.q).skip(4).fold(0.0_f64, |most, (t, q)| most.max((q - exact(*t)).abs()))
     };
@@ -225,8 +225,59 @@ fn a_plan_that_keeps_no_tolerance_is_stable() {
     let input = Input { time: &time, command: &command, intersample: Intersample::FirstOrder };
     let planned = plan(&system, &input, &predictor, &[0.0], &[1e-18]).unwrap();
     let predictor = Predictor { schemes: &planned.schemes, ..predictor };
-    let moved = |nudge: f64| predict(&system, &input, &predictor, &[nudge], &Options::default()).unwrap().q;
+    let moved = |nudge: f64| predict(&system, &input, &predictor, &[nudge], &Options::per_sample(60)).unwrap().q;
     let nudge = 1e-9;
     let apart = moved(0.0).iter().zip(moved(nudge)).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
     assert!(planned.schemes.contains(&Scheme::FINEST) && apart < 10.0 * nudge, "{apart}");
+}
+
+/// Adapted steps against the exact solution of an oscillator, and against steps of 1/600 of a sample where bristles stick and slip; of held
+/// and of straight commands, with a gap in the samples.
+#[test]
+fn adapted_steps_stay_near_the_exact_motion() {
+    let most = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+    let effects = [placed(&VISCOUS, 0, None, &[0.08]), placed(&SPRING, 0, None, &[3.0, 0.5])];
+    let system = System::new(&PENDULUM, 1, vec![0.0, 0.0, 0.05], Vec::new(), &effects).unwrap();
+    let (mut time, command) = (times(301, 0.01), vec![0.0; 301]);
+    let decay: f64 = 0.08 / (2.0 * 0.05);
+    let rate = (3.0 / 0.05 - decay * decay).sqrt();
+    let exact = |t: f64| 0.5 + 0.4 * (-decay * t).exp() * ((rate * t).cos() + decay / rate * (rate * t).sin());
+    for share in [1e-5, 1e-7] {
+        let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
+        let options = Options { steps: Steps::Within(share), ..Options::default() };
+        let adapted = simulate(&system, &input, &[0.9], &options).unwrap();
+        let exact: Vec<f64> = time.iter().map(|t| exact(*t)).collect();
+        assert!(most(&adapted.q, &exact) < 20.0 * share, "{:e} at {share:e}", most(&adapted.q, &exact));
+    }
+    time[200..].iter_mut().for_each(|t| *t += 0.07);
+    let command: Vec<f64> = time.iter().map(|t| 1.5 * (3.0 * t).sin()).collect();
+    let effects = [placed(&LUGRE, 0, None, &[200.0, 2.0, 0.05, 0.1, 0.5, 0.4]), placed(&VISCOUS, 0, None, &[0.02])];
+    for intersample in [Intersample::ZeroOrder, Intersample::FirstOrder] {
+        let input = Input { time: &time, command: &command, intersample };
+        let run = |options: Options| simulate(&pendulum(&effects), &input, &[0.0], &options).unwrap().q;
+        let (adapted, fine) = (run(Options::default()), run(Options::per_sample(600)));
+        let (error, farthest) = (most(&adapted, &fine), fine.iter().fold(0.0_f64, |most, q| most.max(q.abs())));
+        assert!(error < 2e-5 * farthest, "{error:e} of {farthest} with {intersample:?}");
+    }
+}
+
+/// A run in a closed loop takes the same adapted steps as its commands played again.
+#[test]
+fn adapted_steps_are_the_same_in_a_closed_loop() {
+    let effects = [placed(&LUGRE, 0, None, &[200.0, 2.0, 0.05, 0.1, 0.5, 0.4])];
+    let time = times(301, 0.01);
+    let reference: Vec<f64> = time.iter().map(|t| 0.3 * (4.0 * t).sin()).collect();
+    let controller = control::Controller {
+        proportional: vec![3.0],
+        derivative: vec![0.1],
+        filter: control::Filter::THESIS,
+        limit: vec![f64::INFINITY],
+        position_quantum: 1e-4,
+        torque_quantum: 0.0,
+    };
+    let options = Options::default();
+    let (motion, commands) =
+        control::simulate(&pendulum(&effects), &controller, &time, &reference, &[0.1], &options).unwrap();
+    let input = Input { time: &time, command: &commands, intersample: Intersample::ZeroOrder };
+    assert_eq!(simulate(&pendulum(&effects), &input, &[0.1], &options).unwrap(), motion);
 }

@@ -138,7 +138,8 @@ impl System {
         };
         let frictions = in_order(&self.friction_blocks, &self.frictions).into_iter().map(|element| (element, true));
         let loads = in_order(&self.load_blocks, &self.loads).into_iter().map(|element| (element, false));
-        let laws: Vec<Law> = frictions.chain(loads).map(|(element, is_friction)| self.law(&element, is_friction)).collect();
+        let laws: Vec<Law> =
+            frictions.chain(loads).map(|(element, is_friction)| self.law(&element, is_friction)).collect();
         let n_parameters = self.effect_parameters.len();
         (!laws.is_empty()).then(|| Laws { laws, n_parameters, n_free: self.n_free(), n_states: self.n_states() })
     }

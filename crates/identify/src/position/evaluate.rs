@@ -6,7 +6,9 @@ use rayon::prelude::*;
 
 use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links, run_unknowns::RunUnknowns};
 use crate::sensitivity;
-use dynid_dynamics::{simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError, simulate::Steps};
+use dynid_dynamics::{
+    simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError, simulate::Steps,
+};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
 /// A run, ready to be evaluated at any unknowns.
@@ -267,11 +269,8 @@ impl<'a> Ready<'a> {
         let width = self.unknowns.columns().width();
         let first = self.run.first_sample();
         let options = Options { steps: resolution.jacobian_steps, ..Options::default() };
-        let finer = if resolution.jacobian_steps == resolution.steps {
-            None
-        } else {
-            Some(self.simulate(x, resolution).ok()?)
-        };
+        let finer =
+            if resolution.jacobian_steps == resolution.steps { None } else { Some(self.simulate(x, resolution).ok()?) };
         let mut cost = 0.0;
         let mut gradient = vec![0.0; width];
         let mut hessian = vec![0.0; width * width];

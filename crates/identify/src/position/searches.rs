@@ -56,12 +56,8 @@ impl Search {
         coarse: Steps,
         fine: Steps,
     ) -> At<'e, 'a> {
-        let rough = Resolution {
-            horizon_s: f64::INFINITY,
-            steps: coarse,
-            jacobian_steps: coarse,
-            observer: self.observer(),
-        };
+        let rough =
+            Resolution { horizon_s: f64::INFINITY, steps: coarse, jacobian_steps: coarse, observer: self.observer() };
         match self {
             Self::Observed(_) | Self::Coarse => evaluator.at(rough),
             Self::Corrected => evaluator.corrected(rough, fine, anchor),

@@ -384,9 +384,14 @@ fn few_steps_are_rough_where_they_end_elsewhere_or_nowhere() {
     let alone = alone(&runs(7, 12.0)[1]);
     let evaluator = Evaluator::new(&alone).unwrap();
     let start = evaluator.start(&alone);
-    let is_rough = |few: usize| Search::Corrected.at(&evaluator, &start, Steps::PerSample(few), Steps::PerSample(60)).is_rough(&start);
+    let is_rough = |few: usize| {
+        Search::Corrected.at(&evaluator, &start, Steps::PerSample(few), Steps::PerSample(60)).is_rough(&start)
+    };
     assert!(is_rough(1) && !is_rough(30));
-    assert!(Search::Coarse.at(&evaluator, &start, Steps::PerSample(30), Steps::PerSample(60)).is_rough(&start), "nothing was corrected");
+    assert!(
+        Search::Coarse.at(&evaluator, &start, Steps::PerSample(30), Steps::PerSample(60)).is_rough(&start),
+        "nothing was corrected"
+    );
 }
 
 #[test]
@@ -412,7 +417,13 @@ fn a_search_on_the_first_observer_tells_where_long_steps_stop_it() {
     let unknowns = wanted.into_iter().map(unknown).collect();
     let problem = PositionProblem { runs, unknowns, known, inequalities: Vec::new(), prior: None };
     let search = |substeps: usize, above: usize| {
-        with_first_observer(&problem, &Options { steps: Steps::PerSample(substeps), ..Options::default() }, above, 16, &|| false)
+        with_first_observer(
+            &problem,
+            &Options { steps: Steps::PerSample(substeps), ..Options::default() },
+            above,
+            16,
+            &|| false,
+        )
     };
     let long = search(4, 0).unwrap();
     assert!(long.is_stuck && long.substeps == 4, "{long:?}");

@@ -14,7 +14,7 @@ use crate::{Error, check_device};
 /// How finely.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SimulateSettings {
-    /// Integration steps per sample; `None` for as few as keep every joint within some millionths of its motion.
+    /// Integration steps per sample; `None` for as few as keep each interval's error within a ten-millionth of the motion.
     pub substeps: Option<usize>,
 }
 
@@ -25,6 +25,9 @@ pub struct Simulated {
     pub position: Vec<f64>,
     /// Commanded torques of all joints, one row a sample [N*m or N]: the log's, or those of the run's controller.
     pub command: Vec<f64>,
+    /// How far shorter integration steps, twice as many, move the positions of each free joint at most [rad or m]: what the integration is off
+    /// by, and less where the motion parts from itself.
+    pub integration: Vec<f64>,
     /// Root mean square off the log, per free joint [rad or m]; `None` for a run that is only planned.
     pub rmse: Option<Vec<f64>>,
 }
@@ -53,7 +56,7 @@ pub fn simulate(
     progress: &(dyn Fn(Done) -> ControlFlow<()> + Sync),
 ) -> Result<Vec<Simulated>, Error> {
     check_device(model, experiment)?;
-    let steps = settings.substeps.map_or(Steps::ADAPTIVE, |steps| Steps::PerSample(steps.max(1)));
+    let steps = settings.substeps.map_or(Steps::EXACT, |steps| Steps::PerSample(steps.max(1)));
     let options = Options { steps, ..Options::default() };
     each(&experiment.runs, progress, |run| played(model, run, &options))
 }
@@ -61,24 +64,39 @@ pub fn simulate(
 fn played(model: &Model, run: &Run, options: &Options) -> Result<Simulated, Error> {
     let fit_run = FitRun::of_run(model, run)?;
     let integration = dynamics::Options { steps: options.steps, ..dynamics::Options::default() };
+    let finer = dynamics::Options { steps: integration.steps.finer(), ..integration };
     let of_run = |error| Error::Simulation { run: run.file.clone(), error };
+    let n_free = run.free.len();
+    let apart = |rough: &[f64], fine: &[f64]| {
+        let mut most = vec![0.0_f64; n_free];
+        for (index, (rough, fine)) in rough.iter().zip(fine).enumerate() {
+            most[index % n_free] = most[index % n_free].max((rough - fine).abs());
+        }
+        most
+    };
+    let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
+    let simulated = |start: &[f64], how: &dynamics::Options| dynamics::simulate(&fit_run.system, &input, start, how);
     if let Some(played) = compare::closed_loop(&fit_run.system, run, &integration)? {
         let (trajectory, command) = played.map_err(of_run)?;
-        let n_free = run.free.len();
+        let integration = match compare::closed_loop(&fit_run.system, run, &finer)? {
+            Some(Ok((fine, _))) => apart(&trajectory.q, &fine.q),
+            _ => vec![f64::INFINITY; n_free],
+        };
         let rmse = (0..n_free).map(|slot| {
             let errors = fit_run.position.iter().zip(&trajectory.q).skip(slot).step_by(n_free);
             (errors.map(|(y, q)| (y - q).powi(2)).sum::<f64>() / run.log.len() as f64).sqrt()
         });
         let rmse = run.settings.start.is_none().then(|| rmse.collect());
-        return Ok(Simulated { rmse, position: trajectory.q, command });
+        return Ok(Simulated { rmse, integration, position: trajectory.q, command });
     }
     if run.settings.start.is_some() {
-        let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
         let start: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
-        let trajectory = dynamics::simulate(&fit_run.system, &input, &start, &integration).map_err(of_run)?;
-        return Ok(Simulated { rmse: None, position: trajectory.q, command: fit_run.command });
+        let trajectory = simulated(&start, &integration).map_err(of_run)?;
+        let integration = apart(&trajectory.q, &simulated(&start, &finer).map_err(of_run)?.q);
+        return Ok(Simulated { rmse: None, integration, position: trajectory.q, command: fit_run.command });
     }
-    let RunError { simulated, rmse, .. } =
+    let RunError { simulated: position, rmse, initial, .. } =
         position::judge(&fit_run, options).map_err(dynid_identify::FitError::from)?;
-    Ok(Simulated { position: simulated, command: fit_run.command, rmse: Some(rmse) })
+    let integration = apart(&position, &simulated(&initial, &finer).map_err(of_run)?.q);
+    Ok(Simulated { position, integration, command: fit_run.command, rmse: Some(rmse) })
 }

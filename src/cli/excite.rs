@@ -624,7 +624,8 @@ fn simulated(system: &System, excitation: &Excitation, start: &[f64]) -> anyhow:
     let command: Vec<f64> = rows.flat_map(|k| excitation.values.iter().map(move |joint| joint[k])).collect();
     let input = Input { time: &excitation.time, command: &command, intersample: Intersample::ZeroOrder };
     let first: Vec<f64> = free.iter().map(|&joint| start[joint]).collect();
-    let trajectory = simulate::simulate(system, &input, &first, &simulate::Options::default())?;
+    let options = simulate::Options { steps: simulate::Steps::EXACT, ..simulate::Options::default() };
+    let trajectory = simulate::simulate(system, &input, &first, &options)?;
     let rows = |values: &[f64]| values.chunks_exact(free.len()).map(<[f64]>::to_vec).collect();
     Ok(Path::of_speeds(&excitation.time, rows(&trajectory.q), rows(&trajectory.dq)))
 }

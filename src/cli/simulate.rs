@@ -35,7 +35,8 @@ pub struct Arguments {
     /// Overwrite files that are there.
     #[arg(long)]
     force: bool,
-    /// Integration steps per sample; without it, as few as keep every joint within some millionths of its motion.
+    /// Integration steps per sample; without it, as few as keep each interval's error within a ten-millionth of the
+    /// motion.
     #[arg(long, value_name = "N")]
     substeps: Option<usize>,
 }
@@ -59,6 +60,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         ("run", Align::Left),
         ("joint", Align::Right),
         ("off the log by, RMS", Align::Right),
+        ("integration within", Align::Right),
         ("written", Align::Left),
     ]);
     let mut runs: Vec<Value> = Vec::new();
@@ -67,10 +69,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let rmse = |slot: usize| result.rmse.as_ref().map(|rmse| rmse[slot]);
         for (slot, joint) in run.free.iter().enumerate() {
             let off = rmse(slot).map_or_else(|| "planned".to_owned(), |rmse| format!("{rmse:.3e}"));
-            table.row([run.file.clone(), joint.to_string(), off, target.display().to_string()]);
+            let within = format!("{:.0e}", result.integration[slot]);
+            table.row([run.file.clone(), joint.to_string(), off, within, target.display().to_string()]);
         }
-        let joints: Vec<Value> =
-            run.free.iter().enumerate().map(|(slot, joint)| json!({ "joint": joint, "rmse": rmse(slot) })).collect();
+        let joints: Vec<Value> = run
+            .free
+            .iter()
+            .enumerate()
+            .map(|(slot, joint)| json!({ "joint": joint, "rmse": rmse(slot), "integration": result.integration[slot] }))
+            .collect();
         runs.push(json!({ "file": run.file, "out": target.display().to_string(), "joints": joints }));
     }
     Ok(Outcome { text: table.text(), json: json!({ "runs": runs }), answer: Answer::Yes })

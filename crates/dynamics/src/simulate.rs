@@ -158,10 +158,22 @@ pub enum Steps {
 
 impl Steps {
     /// What is taken where nothing is said: 60 s of the Freedom 6S, one joint or all, stay within 1e-5 rad of steps ten times as short as
-    /// the thesis's (`cargo xtask bench`).
+    /// the thesis's (`docs/speed.md`).
     pub const ADAPTIVE: Self = Self::Within(3e-5);
+    /// What is taken where the motion is handed on as the model's own.
+    pub const EXACT: Self = Self::Within(1e-7);
     /// Steps of a gap between samples, and where none can be adapted, for each (mean) sample time of it.
     const OF_GAP: usize = 60;
+
+    /// Shorter ones, which tell what these err by.
+    #[must_use]
+    pub fn finer(self) -> Self {
+        match self {
+            Self::PerSample(steps) => Self::PerSample(2 * steps),
+            // Of fourth order: about half as long.
+            Self::Within(share) => Self::Within(share / 16.0),
+        }
+    }
 
     /// Explicit steps in a sample time where none can be adapted.
     pub fn per_sample(self) -> usize {
@@ -573,7 +585,7 @@ impl Stepper {
             if k == 0 || !*estimates || !is_continuous {
                 rate(at(k), x, slope);
             }
-            runge_kutta_on(&mut rate, at(k), step, [x, stage, slope, sum]);
+            runge_kutta_from(&mut rate, at(k), step, [x, stage, slope, sum]);
             if *estimates {
                 // The slope at the end takes the place of the last stage's in an embedded formula of third order.
                 rate(at(k + 1), x, last_slope);
@@ -608,11 +620,11 @@ pub fn runge_kutta(
     [x, stage, slope, sum]: [&mut Vec<f64>; 4],
 ) {
     rate(t, x, slope);
-    runge_kutta_on(rate, t, step, [x, stage, slope, sum]);
+    runge_kutta_from(rate, t, step, [x, stage, slope, sum]);
 }
 
-/// As [`runge_kutta`], where the slope at `x` is there already.
-fn runge_kutta_on(
+/// As [`runge_kutta`], where the slope at `x` is there already: in the third vector, which then holds the slope of the last stage.
+pub fn runge_kutta_from(
     mut rate: impl FnMut(f64, &[f64], &mut [f64]),
     t: f64,
     step: f64,

@@ -1,11 +1,25 @@
 //! Whether a simulation stays near its log.
 
-use dynid_dynamics::simulate;
+use dynid_dynamics::{simulate, simulate::Steps};
 use dynid_logs::{experiment::Run, noise::noise_of_log};
 use dynid_signal::statistics::rms;
 use dynid_user_model::Model;
 
 use crate::position::{FitRun, first_state};
+
+/// Integration steps that err by little beside the noise of a log, over a motion as it holds.
+pub fn steps_beside(run: &Run) -> Steps {
+    /// Share of the noise that an interval may err by: hundreds of intervals add up.
+    const SHARE: f64 = 3e-4;
+    /// What rounding leaves to be told.
+    const LEAST: f64 = 1e-9;
+    let share = |&joint: &usize| {
+        let q = &run.log.q[joint];
+        SHARE * noise_of_log(q) / q.iter().fold(0.0_f64, |most, q| most.max(q.abs()))
+    };
+    let Steps::Within(usual) = Steps::ADAPTIVE else { return Steps::ADAPTIVE };
+    Steps::Within(run.free.iter().map(share).fold(usual, f64::min).max(LEAST))
+}
 
 /// Whether a simulation of `model` from where the run begins, under its commands, shows the motion of the log, not one of
 /// its own.

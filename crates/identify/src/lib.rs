@@ -28,7 +28,7 @@ pub mod torque;
 
 pub use dynid_optimise::sqp::SearchControl;
 pub use error::FitError;
-pub use follows_log::{stays_near, strays};
+pub use follows_log::{stays_near, steps_beside, strays};
 
 use dynid_model::{Link, expression::Comparison};
 

@@ -15,7 +15,7 @@ use serde::Serialize;
 pub use inputs::{CorrelationOutcome, InputCorrelation};
 pub use locate::{Finding, FindingKind, locate};
 
-use dynid_identify::strays;
+use dynid_identify::{steps_beside, strays};
 
 use crate::CompareError;
 use dynid_dynamics::{
@@ -361,7 +361,7 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
     // What a fit leaves out or weighs less is judged all the same.
     let fit_run = FitRun { from_s: f64::NEG_INFINITY, first_half: 1.0, ..FitRun::of_run(model, run)? };
     let input = Input { time: &fit_run.time, command: &fit_run.command, intersample: fit_run.intersample };
-    let options = simulate::Options::default();
+    let options = simulate::Options { steps: steps_beside(run), ..simulate::Options::default() };
     let by_joint = |values: &[f64]| -> Vec<Vec<f64>> {
         let n_free = run.free.len();
         (0..n_free).map(|slot| values.iter().skip(slot).step_by(n_free).copied().collect()).collect()

@@ -18,11 +18,14 @@ use dynid_lower::{
 /// Makes them.
 pub struct Fuser;
 
+/// What was made, or could not be, by what it hangs on.
+type Known = HashMap<Vec<u64>, Option<Arc<Loads>>>;
+
 impl Fuse for Fuser {
     fn fuse(&self, laws: &Laws) -> Option<Arc<dyn Fused>> {
         /// What was made is kept, up to so many: a diagnosis asks for the same effects with other values.
         const MOST: usize = 1_000;
-        static MADE: OnceLock<Mutex<HashMap<Vec<u64>, Option<Arc<Loads>>>>> = OnceLock::new();
+        static MADE: OnceLock<Mutex<Known>> = OnceLock::new();
         let known = || MADE.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
         let key = key(laws);
         let found = known().get(&key).cloned();

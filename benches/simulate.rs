@@ -1,4 +1,4 @@
-//! How long a simulation takes: 60 s of the Freedom 6S, all joints free, LuGre friction, Runge-Kutta at 1/6 ms.
+//! How long a simulation takes: 60 s of the Freedom 6S, all joints free, LuGre friction, Runge-Kutta at 1/6 ms and in adapted steps.
 
 mod shared;
 
@@ -16,9 +16,12 @@ fn all_joints(criterion: &mut Criterion) {
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
     let mut group = criterion.benchmark_group("simulate/freedom6s");
     group.sample_size(10);
-    group.bench_function("all_60s", |bencher| {
-        bencher.iter(|| simulate(black_box(&system), &input, &shared::START, &Options::default()).is_ok());
-    });
+    let stated = Options::per_sample(shared::SUBSTEPS);
+    for (name, options) in [("all_60s", stated), ("all_60s_adapted", Options::default())] {
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| simulate(black_box(&system), &input, &shared::START, &options).is_ok());
+        });
+    }
     group.finish();
 }
 

@@ -10,7 +10,9 @@ mod shared;
 use std::{fs, hint::black_box, time::Instant};
 
 use anyhow::ensure;
-use dynid_dynamics::{simulate::Input, simulate::Intersample, simulate::Options, simulate::simulate};
+use dynid_dynamics::simulate::{self, Input, Intersample, Options, Predictor, simulate};
+use dynid_dynamics::system::System;
+use dynid_identify::sensitivity::{self, Columns, Lumps};
 use dynid_identify::{SearchControl, position, position::PositionProblem};
 use serde_json::{Value, json};
 
@@ -18,7 +20,8 @@ fn main() -> anyhow::Result<()> {
     let system = shared::all_joints()?;
     let (time, command) = shared::coupled_commands();
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let motion = simulate(&system, &input, &shared::START, &Options::default())?;
+    let stated = Options::per_sample(shared::SUBSTEPS);
+    let motion = simulate(&system, &input, &shared::START, &stated)?;
     let n = system.n_joints();
     let per_joint = |of: fn(f64) -> f64| -> Vec<f64> { (0..n).map(|joint| of(joint as f64)).collect() };
     let (q, dq, tau) =
@@ -26,7 +29,7 @@ fn main() -> anyhow::Result<()> {
     let mut ddq = vec![0.0; n];
     system.kernel().functions.forward_dynamics(system.prepared(), &q, &dq, &tau, &mut ddq);
     let simulated = fastest(5, || {
-        simulate(black_box(&system), &input, &shared::START, &Options::default())?;
+        simulate(black_box(&system), &input, &shared::START, &stated)?;
         Ok(())
     })?;
     let calls = 200_000;
@@ -43,7 +46,17 @@ fn main() -> anyhow::Result<()> {
     })?;
     let problem = shared::one_joint_problem()?;
     let linear = shared::linear_joint_problem()?;
+    let run = &problem.runs[0];
+    let alone = shared::one_joint()?;
+    let mut adapted = Vec::new();
+    for (what, system, input, start) in [
+        ("one joint", &alone, run.input(), [shared::JOINT_START].as_slice()),
+        ("six joints", &system, input, shared::START.as_slice()),
+    ] {
+        adapted.extend(adapted_steps(what, system, &input, start)?);
+    }
     let work = json!({
+        "adapted": adapted,
         "ours": {
             "forward_dynamics": called / f64::from(calls),
             "simulate": simulated,
@@ -61,6 +74,46 @@ fn main() -> anyhow::Result<()> {
     });
     println!("{work}");
     Ok(())
+}
+
+/// What a simulation and its gradient by all unknowns cost with as many steps as the peers take, and with as few as a tolerance asks for;
+/// and how far the latter are from steps ten times as short as the former.
+fn adapted_steps(what: &str, system: &System, input: &Input<'_>, start: &[f64]) -> anyhow::Result<[Value; 2]> {
+    /// What an interval of the gradient's motion may err by [rad].
+    const TOLERANCE: f64 = 1e-6;
+    let away = |q: &[f64], fine: &[f64]| q.iter().zip(fine).fold(0.0_f64, |most, (q, fine)| most.max((q - fine).abs()));
+    let fine = simulate(system, input, start, &Options::per_sample(10 * shared::SUBSTEPS))?.q;
+    let stated = Options::per_sample(shared::SUBSTEPS);
+    let simulated = |options: &Options| {
+        fastest(5, || {
+            black_box(simulate(black_box(system), input, start, options)?);
+            Ok(())
+        })
+    };
+    let row = |what: String, stated_s: f64, adapted_s: f64, away: f64| json!({ "what": what, "stated_s": stated_s, "adapted_s": adapted_s, "away": away });
+    let own = simulate(system, input, start, &Options::default())?.q;
+    let simulation =
+        row(format!("{what}, 60 s"), simulated(&stated)?, simulated(&Options::default())?, away(&own, &fine));
+    let columns = Columns::new(system, |_| true, Lumps::Wanted);
+    // Predictions that nothing corrects are a simulation.
+    let rates = vec![0.0; system.n_free()];
+    let predictor = Predictor { position: &fine, rates: &rates, schemes: &[] };
+    let planned = simulate::plan(system, input, &predictor, start, &vec![TOLERANCE; system.n_free()])?;
+    let predictor = Predictor { schemes: &planned.schemes, ..predictor };
+    let observe = |_: usize, q: &[f64], by: &[f64]| {
+        black_box((q, by));
+    };
+    let with_stated =
+        fastest(2, || Ok(sensitivity::simulate(system, &columns, input, None, start, &stated, observe)?))?;
+    let with_adapted =
+        fastest(3, || Ok(sensitivity::predict(system, &columns, input, &predictor, start, &stated, observe)?))?;
+    let gradient = row(
+        format!("its gradient by {} unknowns, steps planned once", columns.count()),
+        with_stated,
+        with_adapted,
+        away(&planned.predicted, &fine),
+    );
+    Ok([simulation, gradient])
 }
 
 /// The log and the start of a fit.

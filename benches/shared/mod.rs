@@ -43,8 +43,12 @@ pub fn coupled_commands() -> (Vec<f64>, Vec<f64>) {
     (time, command)
 }
 
+/// Steps of a sample: the thesis's, and the peers'.
+pub const SUBSTEPS: usize = 60;
 /// The joint that is free.
 pub const JOINT: usize = 4;
+/// Where it starts [rad].
+pub const JOINT_START: f64 = -0.28;
 /// Relative error of the start, alternating in sign: links, then effects.
 const OFF: [f64; 2] = [0.05, 0.12];
 /// Standard deviation of the log's noise [rad].
@@ -59,7 +63,7 @@ fn log(model: &Model, seconds: u32, seed: u64) -> Result<FitRun> {
         row[JOINT] = 0.005 * ((0.5 + 2.5 / f64::from(seconds) * t) * t).cos();
     }
     let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-    let motion = simulate::simulate(&system, &input, &[-0.28], &simulate::Options::default())?;
+    let motion = simulate::simulate(&system, &input, &[JOINT_START], &simulate::Options::per_sample(SUBSTEPS))?;
     let mut noise = Random::new(seed);
     let position = motion.q.iter().map(|q| q + NOISE * noise.normal()).collect();
     Ok(FitRun {
@@ -93,6 +97,11 @@ fn started_off(truth: &Model, runs: Vec<FitRun>, is_unknown: impl Fn(&str) -> bo
     }
     problem.runs = runs;
     Ok(problem)
+}
+
+/// The Freedom 6S with that joint free.
+pub fn one_joint() -> Result<System> {
+    Ok(freedom6s()?.system(&[JOINT], |_| 0.0)?)
 }
 
 /// The fit of one joint: 13 unknowns, a 60 s log at 100 Hz, started as far off as the thesis's guesses are.

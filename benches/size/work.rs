@@ -205,7 +205,15 @@ fn gradient(n: usize) -> Result<f64> {
         let observe = |_: usize, q: &[f64], by: &[f64]| {
             black_box((q, by));
         };
-        Ok(sensitivity::simulate(&system, &columns, &input, None, &shared::START, &Options::default(), observe)?)
+        Ok(sensitivity::simulate(
+            &system,
+            &columns,
+            &input,
+            None,
+            &shared::START,
+            &Options::per_sample(shared::SUBSTEPS),
+            observe,
+        )?)
     })
 }
 

@@ -21,14 +21,14 @@ pub fn print(rows: &[Row], measured: &Value) {
 }
 
 /// Writes the page.
-pub fn write(works: &[Work], rows: &[Row], measured: &Value, sizes: &Value) -> anyhow::Result<()> {
+pub fn write(works: &[Work], rows: &[Row], adapted: &Value, measured: &Value, sizes: &Value) -> anyhow::Result<()> {
     let page = shell::root().join(PAGE);
-    fs::write(&page, text(works, rows, measured, sizes))?;
+    fs::write(&page, text(works, rows, adapted, measured, sizes))?;
     println!("\nwrote {PAGE}");
     Ok(())
 }
 
-fn text(works: &[Work], rows: &[Row], measured: &Value, sizes: &Value) -> String {
+fn text(works: &[Work], rows: &[Row], adapted: &Value, measured: &Value, sizes: &Value) -> String {
     let mut text = String::from(
         "# What things cost\n\n\
          Written by `cargo xtask bench --peers`, which measures all of this in one run: do not edit. One core, but where threads are named.\n\
@@ -63,6 +63,17 @@ fn text(works: &[Work], rows: &[Row], measured: &Value, sizes: &Value) -> String
     let missing = missing(measured);
     if !missing.is_empty() {
         line(format!("\n{}", missing.join("\n\n")));
+    }
+    line("\n## Adapted steps\n".to_owned());
+    line("As many steps of a sample as the peers take, and as few as a tolerance asks for, which is what a user gets who states nothing;".to_owned());
+    line("how far the latter are from steps ten times as short as the former.\n".to_owned());
+    line("| work | steps of 1/6 ms (s) | adapted (s) | times as fast | largest deviation (rad) |".to_owned());
+    line("| --- | ---: | ---: | ---: | ---: |".to_owned());
+    for row in adapted.as_array().into_iter().flatten() {
+        let number = |key: &str| row[key].as_f64().unwrap_or(f64::NAN);
+        let (stated, adapted) = (number("stated_s"), number("adapted_s"));
+        let what = row["what"].as_str().unwrap_or_default();
+        line(format!("| {what} | {stated:.2e} | {adapted:.2e} | {:.1} | {:.0e} |", stated / adapted, number("away")));
     }
     line("\n## Cost against size\n".to_owned());
     line("The exponent is that of the power law through the larger half of the sizes, by least squares of the logarithms; each size has".to_owned());
@@ -138,11 +149,13 @@ mod tests {
         let points =
             json!([{ "size": 1, "seconds": 1e-3, "peak_kb": 2000 }, { "size": 2, "seconds": 1e-2, "peak_kb": null }]);
         let sizes = json!([{ "name": "read", "what": "reading", "size": "rows", "points": points, "exponent": 1.25 }]);
-        let text = text(&WORKS, &[row], &measured, &sizes);
+        let adapted = json!([{ "what": "one joint", "stated_s": 0.2, "adapted_s": 0.025, "away": 2e-6 }]);
+        let text = text(&WORKS, &[row], &adapted, &measured, &sizes);
         let row = "| `simulate/freedom6s/all_60s` | this | 2.00e0 | 4.00 | yes: 1e-9 rad from our final positions |\n";
         let others = [
             "; Python 3.11.7; this 1.0; that 2.0\n",
             "\nthat is missing: there is no C compiler (cc)\n",
+            "\n| one joint | 2.00e-1 | 2.50e-2 | 8.0 | 2e-6 |\n",
             "**read**: reading. Exponent 1.25.\n",
             "| 1 | 1.00e-3 | 2 |\n| 2 | 1.00e-2 | not known |\n",
         ];

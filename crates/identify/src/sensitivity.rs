@@ -993,7 +993,7 @@ mod tests {
         let mut q0 = [0.3, -0.5];
         change(&mut links, &mut effects, &mut q0);
         system.set_parameters(&links, &effects);
-        dynid_dynamics::simulate::simulate(&system, input, &q0, &Options::default()).unwrap().q
+        dynid_dynamics::simulate::simulate(&system, input, &q0, &Options::per_sample(60)).unwrap().q
     }
 
     fn central(index: usize, size: f64, what: Which, input: &Input<'_>) -> Vec<f64> {
@@ -1034,7 +1034,7 @@ mod tests {
             let columns = Columns::new(&system, |_| true, Lumps::Wanted);
             let mut s = Vec::new();
             let mut q = Vec::new();
-            simulate(&system, &columns, &input, None, &[0.3, -0.5], &Options::default(), |_, position, rows| {
+            simulate(&system, &columns, &input, None, &[0.3, -0.5], &Options::per_sample(60), |_, position, rows| {
                 q.extend_from_slice(position);
                 s.extend(rows.chunks(columns.width()).map(<[f64]>::to_vec));
             })
@@ -1093,7 +1093,7 @@ mod tests {
         let (system, time, command, position) = predicted_arm(viscous);
         let predictor = Predictor { position: &position, rates, schemes: &SCHEMES };
         let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
-        dynid_dynamics::simulate::predict(&system, &input, &predictor, q0, &Options::default()).unwrap().q
+        dynid_dynamics::simulate::predict(&system, &input, &predictor, q0, &Options::per_sample(60)).unwrap().q
     }
 
     fn predicted_arm(change: f64) -> (System, Vec<f64>, Vec<f64>, Vec<f64>) {

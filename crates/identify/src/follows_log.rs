@@ -10,7 +10,7 @@ use crate::position::{FitRun, first_state};
 /// Integration steps that err by little beside the noise of a log, over a motion as it holds.
 pub fn steps_beside(run: &Run) -> Steps {
     /// Share of the noise that an interval may err by: hundreds of intervals add up.
-    const SHARE: f64 = 3e-4;
+    const SHARE: f64 = 2e-3;
     /// What rounding leaves to be told.
     const LEAST: f64 = 1e-9;
     let share = |&joint: &usize| {

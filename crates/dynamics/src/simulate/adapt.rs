@@ -24,7 +24,7 @@ const AFTER_IMPLICIT: f64 = 12.0;
 
 /// What an interval may err by.
 pub(super) enum Tolerance {
-    /// In the position of each free joint [rad or m], and in its speed so much that the position errs by no more after as long an interval.
+    /// By this in the position of each free joint [rad or m] after as long an interval again: in its position and in its speed together.
     Position(Vec<f64>),
     /// In each state, this share of the largest that it was so far.
     Share(f64, Vec<f64>),
@@ -50,8 +50,13 @@ impl Tolerance {
             Self::Position(positions) => (positions.as_slice(), span, 0.0, [].as_slice()),
             Self::Share(share, largest) => ([].as_slice(), span, *share, largest.as_slice()),
         };
-        let speeds = positions.iter().map(move |tolerance| tolerance / span);
-        positions.iter().copied().chain(speeds).chain(largest.iter().map(move |largest| share * largest))
+        // Half of it each.
+        let speeds = positions.iter().map(move |tolerance| 0.5 * tolerance / span);
+        positions
+            .iter()
+            .map(|tolerance| 0.5 * tolerance)
+            .chain(speeds)
+            .chain(largest.iter().map(move |largest| share * largest))
     }
 
     /// Sees the state that an interval begins with.

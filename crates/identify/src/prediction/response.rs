@@ -19,7 +19,7 @@ use crate::sensitivity::{self, Columns, Transition};
 const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 /// Steps of an effect's own states to the first point, between the points, and to the end, at most; fewer where a formula of third order
 /// differs by no more than this share of the largest that a state was so far.
-const MOST_STEPS: usize = 16;
+const MOST_STEPS: usize = 4;
 const ERROR: f64 = 1e-4;
 /// What a state that was always smaller counts as.
 const SMALL_STATE: f64 = 1e-9;

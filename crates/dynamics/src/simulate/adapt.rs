@@ -95,16 +95,16 @@ impl<'a> Adaptation<'a> {
         self.begin.copy_from_slice(&stepper.x);
         self.tolerance.see(&self.begin);
         let first = self.least.get(sample);
-        let ladder = if self.is_differentiated { Scheme::LADDER.as_slice() } else { &Scheme::LONG_LADDER };
-        let mut place = first.and_then(|first| ladder.iter().position(|own| own == first)).unwrap_or(0);
+        let most_explicit = if self.is_differentiated { Scheme::MOST_REPEATED } else { u16::MAX };
+        let mut place = first.and_then(|first| Scheme::LADDER.iter().position(|own| own == first)).unwrap_or(0);
         let (mut least_explicit, mut least_implicit) = (if first.is_some() { 0.0 } else { self.suggested }, 0.0);
         loop {
             let is_long_enough = |scheme: &Scheme| match scheme {
-                Scheme::Explicit(steps) => f64::from(*steps) >= least_explicit,
+                Scheme::Explicit(steps) => *steps <= most_explicit && f64::from(*steps) >= least_explicit,
                 Scheme::Implicit(steps) => f64::from(*steps) >= least_implicit || *scheme == Scheme::FINEST,
             };
-            place += ladder[place..].iter().position(is_long_enough).unwrap_or(0);
-            let scheme = ladder[place];
+            place += Scheme::LADDER[place..].iter().position(is_long_enough).unwrap_or(0);
+            let scheme = Scheme::LADDER[place];
             stepper.x.copy_from_slice(&self.begin);
             match scheme {
                 Scheme::FINEST => {

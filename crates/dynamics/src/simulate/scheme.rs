@@ -14,30 +14,7 @@ impl Scheme {
     pub const PLAIN: Self = Self::Explicit(1);
     /// In the order in which they are tried: implicit steps cost about ten explicit ones each, and of a lower order, so that they are
     /// for what explicit ones are not stable in.
-    pub const LADDER: [Self; 19] = [
-        Self::Explicit(1),
-        Self::Explicit(2),
-        Self::Explicit(3),
-        Self::Explicit(4),
-        Self::Explicit(5),
-        Self::Explicit(6),
-        Self::Explicit(8),
-        Self::Explicit(10),
-        Self::Explicit(12),
-        Self::Explicit(16),
-        Self::Explicit(20),
-        Self::Explicit(24),
-        Self::Explicit(32),
-        Self::Explicit(48),
-        Self::Implicit(1),
-        Self::Implicit(2),
-        Self::Implicit(4),
-        Self::Implicit(8),
-        Self::FINEST,
-    ];
-    /// The same where an interval is crossed once and no derivatives are taken: where friction reverses, no scheme keeps its order, and many
-    /// explicit steps find their way.
-    pub const LONG_LADDER: [Self; 24] = [
+    pub const LADDER: [Self; 24] = [
         Self::Explicit(1),
         Self::Explicit(2),
         Self::Explicit(3),
@@ -63,6 +40,9 @@ impl Scheme {
         Self::Implicit(8),
         Self::FINEST,
     ];
+    /// Explicit steps of an interval that is crossed again and again, at most. Where friction reverses, no scheme keeps its order, and
+    /// only many explicit steps find their way: those are for what is crossed once.
+    pub const MOST_REPEATED: u16 = 48;
     /// What is taken where nothing else will do: whatever it errs by, what decays does not grow.
     pub const FINEST: Self = Self::Implicit(16);
     /// Explicit steps of an interval where implicit ones find no end.

@@ -95,9 +95,9 @@ mod tests {
     fn a_plan_survives_its_text_and_has_a_stiffer_one() {
         let plan = Plan::new(vec![Scheme::LADDER.to_vec(), vec![]]);
         let text = serde_json::to_string(&plan).unwrap();
-        assert_eq!(text, r#"["0123456789abcdefghi",""]"#);
+        assert_eq!(text, r#"["0123456789abcdefghijklmn",""]"#);
         assert_eq!(serde_json::from_str::<Plan>(&text).unwrap(), plan);
-        assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["eeeeeeeeeeeeeefghii",""]"#);
+        assert_eq!(serde_json::to_string(&plan.stiffer()).unwrap(), r#"["jjjjjjjjjjjjjjjjjjjklmnn",""]"#);
         assert!(serde_json::from_str::<Plan>(r#"["0z"]"#).is_err());
         assert_eq!(plan.beginning(&[2, 0]), Plan::new(vec![Scheme::LADDER[..2].to_vec(), vec![]]));
         assert_eq!(plan.beginning(&[2, 1]), plan, "the second run is shorter");

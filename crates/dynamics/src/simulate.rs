@@ -383,7 +383,8 @@ impl<'a> Course<'a> {
             Self::Planned(predictor) => stepper.across(system, input, sample, predictor.scheme(sample)),
             Self::Adapted { adaptation, grid } => {
                 let samples = grid.steps(start, end);
-                if samples > 1 {
+                // A clock that is uneven makes no gaps.
+                if samples > 2 {
                     return stepper.explicit(system, input, sample, samples * Steps::OF_GAP);
                 }
                 adaptation.cross(stepper, system, input, sample);

@@ -17,7 +17,7 @@ use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 8;
+const FORMAT: u32 = 9;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use dynid_dynamics::{simulate as dynamics, simulate::Input, simulate::Steps};
+use dynid_dynamics::{simulate as dynamics, simulate::Input, simulate::Steps, simulate::Trajectory};
 use dynid_identify::{position, position::FitRun, position::Options, position::RunError};
 use dynid_judge::compare;
 use dynid_logs::experiment::{Experiment, Run};
@@ -14,7 +14,7 @@ use crate::{Error, check_device};
 /// How finely.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SimulateSettings {
-    /// Integration steps per sample; `None` for as few as keep each interval's error within a ten-millionth of the motion.
+    /// Integration steps per sample; `None` for as few as an estimate of each interval's error within a ten-millionth of the motion asks for.
     pub substeps: Option<usize>,
 }
 
@@ -25,8 +25,8 @@ pub struct Simulated {
     pub position: Vec<f64>,
     /// Commanded torques of all joints, one row a sample [N*m or N]: the log's, or those of the run's controller.
     pub command: Vec<f64>,
-    /// How far shorter integration steps, twice as many, move the positions of each free joint at most [rad or m]: what the integration is off
-    /// by, and less where the motion parts from itself.
+    /// How far shorter integration steps move the positions of each free joint at most [rad or m], which tells what the integration is off by;
+    /// infinite where they come to no end.
     pub integration: Vec<f64>,
     /// Root mean square off the log, per free joint [rad or m]; `None` for a run that is only planned.
     pub rmse: Option<Vec<f64>>,
@@ -67,9 +67,10 @@ fn played(model: &Model, run: &Run, options: &Options) -> Result<Simulated, Erro
     let finer = dynamics::Options { steps: integration.steps.finer(), ..integration };
     let of_run = |error| Error::Simulation { run: run.file.clone(), error };
     let n_free = run.free.len();
-    let apart = |rough: &[f64], fine: &[f64]| {
+    let apart = |rough: &[f64], fine: Option<Trajectory>| {
+        let Some(fine) = fine else { return vec![f64::INFINITY; n_free] };
         let mut most = vec![0.0_f64; n_free];
-        for (index, (rough, fine)) in rough.iter().zip(fine).enumerate() {
+        for (index, (rough, fine)) in rough.iter().zip(&fine.q).enumerate() {
             most[index % n_free] = most[index % n_free].max((rough - fine).abs());
         }
         most
@@ -78,10 +79,8 @@ fn played(model: &Model, run: &Run, options: &Options) -> Result<Simulated, Erro
     let simulated = |start: &[f64], how: &dynamics::Options| dynamics::simulate(&fit_run.system, &input, start, how);
     if let Some(played) = compare::closed_loop(&fit_run.system, run, &integration)? {
         let (trajectory, command) = played.map_err(of_run)?;
-        let integration = match compare::closed_loop(&fit_run.system, run, &finer)? {
-            Some(Ok((fine, _))) => apart(&trajectory.q, &fine.q),
-            _ => vec![f64::INFINITY; n_free],
-        };
+        let fine = compare::closed_loop(&fit_run.system, run, &finer)?.and_then(Result::ok);
+        let integration = apart(&trajectory.q, fine.map(|(fine, _)| fine));
         let rmse = (0..n_free).map(|slot| {
             let errors = fit_run.position.iter().zip(&trajectory.q).skip(slot).step_by(n_free);
             (errors.map(|(y, q)| (y - q).powi(2)).sum::<f64>() / run.log.len() as f64).sqrt()
@@ -92,11 +91,11 @@ fn played(model: &Model, run: &Run, options: &Options) -> Result<Simulated, Erro
     if run.settings.start.is_some() {
         let start: Vec<f64> = run.free.iter().map(|&joint| run.log.q[joint][0]).collect();
         let trajectory = simulated(&start, &integration).map_err(of_run)?;
-        let integration = apart(&trajectory.q, &simulated(&start, &finer).map_err(of_run)?.q);
+        let integration = apart(&trajectory.q, simulated(&start, &finer).ok());
         return Ok(Simulated { rmse: None, integration, position: trajectory.q, command: fit_run.command });
     }
     let RunError { simulated: position, rmse, initial, .. } =
         position::judge(&fit_run, options).map_err(dynid_identify::FitError::from)?;
-    let integration = apart(&position, &simulated(&initial, &finer).map_err(of_run)?.q);
+    let integration = apart(&position, simulated(&initial, &finer).ok());
     Ok(Simulated { position, integration, command: fit_run.command, rmse: Some(rmse) })
 }

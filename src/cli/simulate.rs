@@ -35,8 +35,8 @@ pub struct Arguments {
     /// Overwrite files that are there.
     #[arg(long)]
     force: bool,
-    /// Integration steps per sample; without it, as few as keep each interval's error within a ten-millionth of the
-    /// motion.
+    /// Integration steps per sample; without it, as few as an estimate of each interval's error asks for, within a
+    /// ten-millionth of the motion.
     #[arg(long, value_name = "N")]
     substeps: Option<usize>,
 }

@@ -159,7 +159,9 @@ pub enum Steps {
 impl Steps {
     /// What is taken where nothing is said: 60 s of the Freedom 6S, one joint or all, stay within 1e-5 rad of steps ten times as short as
     /// the thesis's (`docs/speed.md`).
-    pub const ADAPTIVE: Self = Self::Within(3e-5);
+    pub const ADAPTIVE: Self = Self::Within(Self::ADAPTIVE_SHARE);
+    /// The share of it.
+    pub const ADAPTIVE_SHARE: f64 = 3e-5;
     /// What is taken where the motion is handed on as the model's own.
     pub const EXACT: Self = Self::Within(1e-7);
     /// Steps of a gap between samples, and where none can be adapted, for each (mean) sample time of it.
@@ -528,7 +530,6 @@ impl Stepper {
 
     /// As [`Stepper::explicit`]; returns what each state is estimated to err by at the end.
     fn estimated(&mut self, system: &System, input: &Input<'_>, sample: usize, steps: usize) -> &[f64] {
-        self.error.fill(0.0);
         self.estimates = true;
         self.explicit(system, input, sample, steps);
         self.estimates = false;
@@ -569,8 +570,8 @@ impl Stepper {
         });
     }
 
-    /// From `start` to `end` (s) in `steps` steps with the rates that `rate` makes of room, a step's index, the time and the state. Where the
-    /// rates of two steps meet (`is_continuous`), an estimate shares its slope with the next step.
+    /// From `start` to `end` (s) in `steps` steps with the rates that `rate` makes of room, a step's index, the time and the state;
+    /// `is_continuous` where the rates of two steps meet.
     fn explicitly(
         &mut self,
         (start, end): (f64, f64),
@@ -579,23 +580,53 @@ impl Stepper {
         mut rate: impl FnMut(&mut Scratch, &mut [f64], usize, f64, &[f64], &mut [f64]),
     ) {
         let step = (end - start) / steps as f64;
-        let at = |k: usize| start + k as f64 * step;
         let Self { x, scratch, stage, rate: slope, sum, command, last_slope, error, estimates, .. } = self;
-        for k in 0..steps {
-            let mut rate = |t: f64, x: &[f64], dx: &mut [f64]| rate(scratch, command, k, t, x, dx);
-            if k == 0 || !*estimates || !is_continuous {
-                rate(at(k), x, slope);
-            }
-            runge_kutta_from(&mut rate, at(k), step, [x, stage, slope, sum]);
-            if *estimates {
-                // The slope at the end takes the place of the last stage's in an embedded formula of third order.
-                rate(at(k + 1), x, last_slope);
-                for ((error, last), end) in error.iter_mut().zip(&*slope).zip(&*last_slope) {
-                    *error += (step / 6.0 * (last - end)).abs();
-                }
-                std::mem::swap(slope, last_slope);
-            }
+        let rate = |k: usize, t: f64, x: &[f64], dx: &mut [f64]| rate(scratch, command, k, t, x, dx);
+        let room = [x, stage, slope, sum];
+        if *estimates {
+            runge_kutta_estimated(rate, (start, step, steps), is_continuous, room, [last_slope, error]);
+        } else {
+            runge_kutta_steps(rate, (start, step, steps), room);
         }
+    }
+}
+
+/// So many steps of the classical scheme from `start` (s), each `step` (s) long; `rate` is also told the step's index. Room as for
+/// [`runge_kutta`].
+fn runge_kutta_steps(
+    mut rate: impl FnMut(usize, f64, &[f64], &mut [f64]),
+    (start, step, steps): (f64, f64, usize),
+    [x, stage, slope, sum]: [&mut Vec<f64>; 4],
+) {
+    for k in 0..steps {
+        let rate = |t: f64, x: &[f64], dx: &mut [f64]| rate(k, t, x, dx);
+        runge_kutta(rate, start + k as f64 * step, step, [x, stage, slope, sum]);
+    }
+}
+
+/// The same steps, and what each element is estimated to err by: where the slope at the end takes the place of the last stage's in the
+/// scheme, an embedded formula of third order, whose differences add up in the last vector. The one before it is room. Where the rates of
+/// two steps meet (`is_continuous`), a step begins with that slope.
+pub fn runge_kutta_estimated(
+    mut rate: impl FnMut(usize, f64, &[f64], &mut [f64]),
+    (start, step, steps): (f64, f64, usize),
+    is_continuous: bool,
+    [x, stage, slope, sum]: [&mut Vec<f64>; 4],
+    [last_slope, error]: [&mut Vec<f64>; 2],
+) {
+    let at = |k: usize| start + k as f64 * step;
+    error.fill(0.0);
+    for k in 0..steps {
+        let mut rate = |t: f64, x: &[f64], dx: &mut [f64]| rate(k, t, x, dx);
+        if k == 0 || !is_continuous {
+            rate(at(k), x, slope);
+        }
+        runge_kutta_from(&mut rate, at(k), step, [x, stage, slope, sum]);
+        rate(at(k + 1), x, last_slope);
+        for ((error, last), end) in error.iter_mut().zip(&*slope).zip(&*last_slope) {
+            *error += (step / 6.0 * (last - end)).abs();
+        }
+        std::mem::swap(slope, last_slope);
     }
 }
 
@@ -625,7 +656,7 @@ pub fn runge_kutta(
 }
 
 /// As [`runge_kutta`], where the slope at `x` is there already: in the third vector, which then holds the slope of the last stage.
-pub fn runge_kutta_from(
+fn runge_kutta_from(
     mut rate: impl FnMut(f64, &[f64], &mut [f64]),
     t: f64,
     step: f64,

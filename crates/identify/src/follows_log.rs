@@ -17,8 +17,7 @@ pub fn steps_beside(run: &Run) -> Steps {
         let q = &run.log.q[joint];
         SHARE * noise_of_log(q) / q.iter().fold(0.0_f64, |most, q| most.max(q.abs()))
     };
-    let Steps::Within(usual) = Steps::ADAPTIVE else { return Steps::ADAPTIVE };
-    Steps::Within(run.free.iter().map(share).fold(usual, f64::min).max(LEAST))
+    Steps::Within(run.free.iter().map(share).fold(Steps::ADAPTIVE_SHARE, f64::min).max(LEAST))
 }
 
 /// Whether a simulation of `model` from where the run begins, under its commands, shows the motion of the log, not one of

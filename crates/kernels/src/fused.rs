@@ -1,4 +1,4 @@
-//! The joint effects of a system as one function.
+//! The joint effects of a system as one function: the operations of their own kernels, but that what is known to be 0 is not added.
 
 use std::{
     collections::HashMap,

@@ -74,9 +74,9 @@ impl Tolerance {
 pub(super) struct Adaptation<'a> {
     tolerance: Tolerance,
     /// Never fewer steps than these; none where it is empty.
-    pub(super) least: &'a [Scheme],
+    least: &'a [Scheme],
     /// Whether derivatives are taken of what comes out: then no step may be so long that a nudge to the state grows.
-    pub(super) is_differentiated: bool,
+    is_differentiated: bool,
     /// Explicit steps that the last interval suggests.
     suggested: f64,
     begin: Vec<f64>,

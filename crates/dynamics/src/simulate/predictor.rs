@@ -92,7 +92,7 @@ pub struct Planned {
 }
 
 /// Looks for the cheapest way to integrate each interval that is estimated to err by no more than `tolerance` [rad or m], one of each
-/// free joint, in the interval's end and by its end's speed within the time of another sample. Schemes are tried in the order of
+/// free joint, in its end and by its end's speed within the time of another sample together. Schemes are tried in the order of
 /// [`Scheme::LADDER`], from that of `predictor` on, which a new plan so never takes shorter.
 ///
 /// # Errors

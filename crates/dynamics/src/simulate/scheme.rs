@@ -51,7 +51,7 @@ impl Scheme {
     /// Number of steps.
     pub fn steps(self) -> usize {
         match self {
-            Self::Explicit(steps) | Self::Implicit(steps) => usize::from(steps.max(1)),
+            Self::Explicit(steps) | Self::Implicit(steps) => usize::from(steps),
         }
     }
 

@@ -11,12 +11,11 @@ const MOST: usize = 2;
 #[derive(Clone)]
 pub(super) struct Block {
     kernel: &'static EffectKernel,
+    effects: Vec<Element>,
     /// First index of each one's parameters among those of the effects.
     first_parameter: [usize; LANES],
     parameters: Vec<Lanes>,
     reads: Vec<Read>,
-    /// How many lanes count.
-    used: usize,
     /// First index of each one's states in `x`.
     states: [usize; LANES],
     /// Free joint that it acts on.
@@ -100,10 +99,10 @@ impl Block {
         read(Signal::Qeq, Source::Parameter, &|element| element.qeq);
         Self {
             kernel: first.kernel,
+            effects: elements.iter().map(|element| (*element).clone()).collect(),
             first_parameter: each(&|element| element.p),
             parameters: vec![Lanes::new([0.0; LANES]); first.np],
             reads,
-            used: elements.len(),
             states: each(&|element| element.z),
             slots: each(&|element| element.joint.slot),
             torque: first.torque,
@@ -112,9 +111,9 @@ impl Block {
         }
     }
 
-    /// Index of the first parameter of each of its effects.
-    pub(super) fn first_parameters(&self) -> &[usize] {
-        &self.first_parameter[..self.used]
+    /// Its effects, in their order.
+    pub(super) fn effects(&self) -> &[Element] {
+        &self.effects
     }
 
     /// Brings the parameters up to date.
@@ -154,7 +153,7 @@ impl Block {
         self.kernel.functions.eval_lanes(&self.parameters, &signals, &states[..nz], outputs_used, rates_used);
         let mut deliver = |output: usize, slots: &[usize; LANES]| {
             if let Some(output) = outputs.get(output) {
-                for (torque, slot) in output.to_array().iter().zip(slots).take(self.used) {
+                for (torque, slot) in output.to_array().iter().zip(slots).take(self.effects.len()) {
                     if let Some(load) = load.get_mut(*slot) {
                         *load += torque;
                     }
@@ -166,7 +165,7 @@ impl Block {
             deliver(self.torque_from, &self.others);
         }
         for (k, rate) in rates[..nz].iter().enumerate() {
-            for (rate, first) in rate.to_array().iter().zip(self.states).take(self.used) {
+            for (rate, first) in rate.to_array().iter().zip(self.states).take(self.effects.len()) {
                 dx[first + k] = *rate;
             }
         }

@@ -1,7 +1,8 @@
 //! The joint effects of a system as one function, without a call and a look at each by itself.
 //!
 //! Effects are small: what leads to a law costs more than the law. Whoever can make functions while the program runs
-//! ([`System::fusing`]) makes one of all of them, with the same bits; without it, each effect is evaluated by its own kernel.
+//! ([`System::fusing`]) makes one of all of them, with the same bits but for the sign of a zero (of numbers: what is infinite or none may differ); without it,
+//! each effect is evaluated by its own kernel.
 
 use std::fmt;
 use std::sync::{
@@ -11,7 +12,7 @@ use std::sync::{
 
 use dynid_generated::{EffectKernel, N_SIGNALS, Signal};
 
-use super::{Element, NONE, System};
+use super::{Block, Element, NONE, System};
 
 /// All joint effects of a system: first the frictions, then the others, each in the order in which they add up.
 #[derive(Clone)]
@@ -118,28 +119,25 @@ impl System {
     }
 
     /// Announces so many evaluations of this system. Where there is a maker, and all that were announced are worth it, it makes one
-    /// function of all joint effects.
-    pub fn announce(&self, evaluations: usize) {
+    /// function of all joint effects; says whether there is one.
+    pub fn announce(&self, evaluations: usize) -> bool {
         /// What making it costs, in evaluations without it.
         const WORTH: usize = 5_000;
-        let Some(Fusion { maker, shared }) = &self.fusion else { return };
+        let Some(fusion) = &self.fusion else { return false };
+        let Fusion { maker, shared } = fusion;
         if shared.evaluations.fetch_add(evaluations, Ordering::Relaxed) + evaluations >= WORTH {
             shared.made.get_or_init(|| self.laws().and_then(|laws| maker.fuse(&laws)));
         }
+        fusion.made().is_some()
     }
 
     /// Its joint effects; `None` where there are none.
     fn laws(&self) -> Option<Laws> {
-        let in_order = |(blocks, alone): &(Vec<super::Block>, Vec<Element>), elements: &[Element]| -> Vec<Element> {
-            let of_block = |block: &super::Block| block.first_parameters().to_vec();
-            let blocks = blocks.iter().flat_map(of_block);
-            let found = blocks.filter_map(|p| elements.iter().find(|element| element.p == p).cloned());
-            found.chain(alone.iter().cloned()).collect()
+        let in_order = |(blocks, alone): &(Vec<Block>, Vec<Element>), is_friction: bool| -> Vec<Law> {
+            let of_blocks = blocks.iter().flat_map(Block::effects);
+            of_blocks.chain(alone).map(|element| self.law(element, is_friction)).collect()
         };
-        let frictions = in_order(&self.friction_blocks, &self.frictions).into_iter().map(|element| (element, true));
-        let loads = in_order(&self.load_blocks, &self.loads).into_iter().map(|element| (element, false));
-        let laws: Vec<Law> =
-            frictions.chain(loads).map(|(element, is_friction)| self.law(&element, is_friction)).collect();
+        let laws = [in_order(&self.friction_blocks, true), in_order(&self.load_blocks, false)].concat();
         let n_parameters = self.effect_parameters.len();
         (!laws.is_empty()).then(|| Laws { laws, n_parameters, n_free: self.n_free(), n_states: self.n_states() })
     }

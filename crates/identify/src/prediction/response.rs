@@ -7,7 +7,7 @@
 //! anything that a torque, an inertia or a sensor is linear in, but for how a torque bends within an interval. States that the model
 //! has too are taken to go on as they do in it.
 
-use dynid_dynamics::simulate::{Predictor, Scheme, SimulationError, correct_by, runge_kutta_from};
+use dynid_dynamics::simulate::{Predictor, Scheme, SimulationError, correct_by, runge_kutta_estimated};
 use dynid_dynamics::system::{Scratch, System};
 use dynid_signal::statistics::rms;
 use nalgebra::DMatrix;
@@ -144,9 +144,6 @@ impl Predicted {
             Some([with, without]) => (with, Some(without)),
             None => (&aligned, None),
         };
-        for system in std::iter::once(changed).chain(without) {
-            system.announce(POINTS.len() * self.intervals());
-        }
         let n = self.system.n_free();
         let input = self.run.input();
         // Where the model has the same state, it goes along; what is new starts as it does.
@@ -163,6 +160,13 @@ impl Predicted {
             places.filter_map(|(k, known)| Some((2 * n + k, (*known)?))).for_each(|(to, from)| x[to] = own[from]);
         };
         let has_new = known.iter().any(Option::is_none);
+        /// Evaluations that a part of an interval takes to follow new states, at least.
+        const FOLLOWED: usize = 5;
+        let followed = if has_new { FOLLOWED * (POINTS.len() + 1) } else { 0 };
+        changed.announce((POINTS.len() + followed) * self.intervals());
+        without.iter().for_each(|without| {
+            without.announce(POINTS.len() * self.intervals());
+        });
         let (mut room, mut own_room) = (Room::new(changed), Room::new(&self.system));
         room.states.begin.copy_from_slice(&x[2 * n..]);
         let mut missing = vec![0.0; n];
@@ -259,7 +263,7 @@ impl Predicted {
         let Room { scratch, command, dx, states } = room;
         let States { begin, z, stage, slope, sum, last_slope, error, largest, steps } = states;
         let (start, span) = (self.run.time[interval], self.run.time[interval + 1] - self.run.time[interval]);
-        let mut rate = |t: f64, z: &[f64], dz: &mut [f64]| {
+        let mut rate = |_: usize, t: f64, z: &[f64], dz: &mut [f64]| {
             self.state(interval, (t - start) / span, own);
             x[2 * n..].copy_from_slice(z);
             take(own, x);
@@ -271,18 +275,10 @@ impl Predicted {
         *steps = (*steps / 2).max(1);
         loop {
             let step = (to - from) * span / *steps as f64;
-            let at = |index: usize| start + from * span + index as f64 * step;
             z.copy_from_slice(begin);
-            error.fill(0.0);
-            rate(at(0), z, slope);
-            for index in 0..*steps {
-                runge_kutta_from(&mut rate, at(index), step, [z, stage, slope, sum]);
-                rate(at(index + 1), z, last_slope);
-                for ((error, last), end) in error.iter_mut().zip(&*slope).zip(&*last_slope) {
-                    *error += (step / 6.0 * (last - end)).abs();
-                }
-                std::mem::swap(slope, last_slope);
-            }
+            let room = [&mut *z, &mut *stage, &mut *slope, &mut *sum];
+            let estimate = [&mut *last_slope, &mut *error];
+            runge_kutta_estimated(&mut rate, (start + from * span, step, *steps), true, room, estimate);
             if *steps >= MOST_STEPS || error.iter().zip(&*largest).all(|(error, largest)| *error <= ERROR * largest) {
                 break;
             }

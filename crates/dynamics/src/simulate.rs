@@ -164,8 +164,8 @@ impl Steps {
     pub const ADAPTIVE_SHARE: f64 = 3e-5;
     /// What is taken where the motion is handed on as the model's own.
     pub const EXACT: Self = Self::Within(1e-7);
-    /// Steps of a gap between samples, and where none can be adapted, for each (mean) sample time of it.
-    const OF_GAP: usize = 60;
+    /// Steps of a (mean) sample time where none can be adapted.
+    const NOT_ADAPTED: usize = 60;
 
     /// Shorter ones, which tell what these err by.
     #[must_use]
@@ -181,7 +181,7 @@ impl Steps {
     pub fn per_sample(self) -> usize {
         match self {
             Self::PerSample(steps) => steps,
-            Self::Within(_) => Self::OF_GAP,
+            Self::Within(_) => Self::NOT_ADAPTED,
         }
     }
 }
@@ -236,8 +236,8 @@ impl Trajectory {
 pub enum SimulationError {
     /// The motion left all bounds, or its equations lost their meaning.
     #[error(
-        "the simulation diverges at {time_s:.4} s at joint {joint}: with these values the model is unstable, or the step \
-         is too long (take more substeps)"
+        "the simulation diverges at {time_s:.4} s at joint {joint}: with these values the model is unstable, or steps that \
+         were stated are too long (take more substeps)"
     )]
     Diverged {
         /// When (s).
@@ -387,7 +387,7 @@ impl<'a> Course<'a> {
                 let samples = grid.steps(start, end);
                 // A clock that is uneven makes no gaps.
                 if samples > 2 {
-                    return stepper.explicit(system, input, sample, samples * Steps::OF_GAP);
+                    return adaptation.cross_gap(stepper, system, (input, sample), samples);
                 }
                 adaptation.cross(stepper, system, input, sample);
             }

@@ -11,7 +11,7 @@ const SMALL_STATE: f64 = 1e-6;
 
 /// What steps are chosen to leave unused of the tolerance, so that the next interval need not be tried twice.
 const RESERVE: f64 = 1.5;
-/// Orders of the errors that are estimated: that of the embedded formula, and that of implicit steps.
+/// Orders by which numbers of steps are foreseen: those of the schemes. The embedded formula's, one less, would use up the reserve.
 const EXPLICIT_ORDER: f64 = 4.0;
 const IMPLICIT_ORDER: f64 = 3.0;
 /// Share of the third-order formula's difference that counts as error. Where one joint or six with LuGre friction take 3 to 12 steps of a
@@ -81,12 +81,22 @@ pub(super) struct Adaptation<'a> {
     suggested: f64,
     begin: Vec<f64>,
     end: Vec<f64>,
+    /// End of what errs least of what was tried and is not good enough.
+    least_off: Vec<f64>,
 }
 
 impl<'a> Adaptation<'a> {
     pub(super) fn new(system: &System, tolerance: Tolerance, least: &'a [Scheme], is_differentiated: bool) -> Self {
         let room = vec![0.0; system.n_states()];
-        Self { tolerance, least, is_differentiated, suggested: 1.0, begin: room.clone(), end: room }
+        Self {
+            tolerance,
+            least,
+            is_differentiated,
+            suggested: 1.0,
+            begin: room.clone(),
+            end: room.clone(),
+            least_off: room,
+        }
     }
 
     /// Takes a stepper from a sample to the next; returns how.
@@ -98,6 +108,7 @@ impl<'a> Adaptation<'a> {
         let most_explicit = if self.is_differentiated { Scheme::MOST_REPEATED } else { u16::MAX };
         let mut place = first.and_then(|first| Scheme::LADDER.iter().position(|own| own == first)).unwrap_or(0);
         let (mut least_explicit, mut least_implicit) = (if first.is_some() { 0.0 } else { self.suggested }, 0.0);
+        let mut nearest: Option<(f64, Scheme)> = None;
         loop {
             let is_long_enough = |scheme: &Scheme| match scheme {
                 Scheme::Explicit(steps) => *steps <= most_explicit && f64::from(*steps) >= least_explicit,
@@ -109,8 +120,13 @@ impl<'a> Adaptation<'a> {
             match scheme {
                 Scheme::FINEST => {
                     self.suggested = AFTER_IMPLICIT;
-                    stepper.across(system, input, sample, scheme);
-                    return scheme;
+                    let Some((least, explicit)) = nearest else {
+                        stepper.across(system, input, sample, scheme);
+                        return scheme;
+                    };
+                    let is_better = self.halved(stepper, system, (input, sample), scheme, span) < least;
+                    stepper.x.copy_from_slice(if is_better { &self.end } else { &self.least_off });
+                    return if is_better { scheme } else { explicit };
                 }
                 Scheme::Explicit(steps) => {
                     let error = stepper.estimated(system, input, sample, scheme.steps());
@@ -125,17 +141,18 @@ impl<'a> Adaptation<'a> {
                         // Too long to be stable; what is implicit is stable at any length.
                         least_explicit = f64::INFINITY;
                     } else {
+                        // No derivatives survive steps that are too long to be stable, whatever they err by.
+                        let is_nearer = !self.is_differentiated && nearest.is_none_or(|(least, _)| error < least);
+                        if is_nearer && error.is_finite() {
+                            nearest = Some((error, scheme));
+                            self.least_off.copy_from_slice(&stepper.x);
+                        }
                         least_explicit = wanted.min(MOST_MORE * f64::from(steps)).max(f64::from(steps) + 1.0);
                         self.suggested = least_explicit;
                     }
                 }
                 Scheme::Implicit(steps) => {
-                    stepper.across(system, input, sample, scheme);
-                    self.end.copy_from_slice(&stepper.x);
-                    stepper.x.copy_from_slice(&self.begin);
-                    stepper.across(system, input, sample, scheme.finer());
-                    let (rough, fine) = (&self.end, &stepper.x);
-                    let error = self.in_tolerances(span, |state| (rough[state] - fine[state]).abs());
+                    let error = self.halved(stepper, system, (input, sample), scheme, span);
                     if error <= 1.0 && self.is_steady(stepper, system, (input, sample), scheme, span) {
                         self.suggested = AFTER_IMPLICIT;
                         return scheme;
@@ -146,6 +163,48 @@ impl<'a> Adaptation<'a> {
             }
             place += 1;
         }
+    }
+
+    /// From a sample to a gap's end in explicit steps, at least one for each of its so many sample times.
+    pub(super) fn cross_gap(
+        &mut self,
+        stepper: &mut Stepper,
+        system: &System,
+        (input, sample): (&Input<'_>, usize),
+        samples: usize,
+    ) {
+        /// Steps in a sample time, at most.
+        const MOST: usize = 1_000;
+        let span = input.time[sample + 1] - input.time[sample];
+        self.begin.copy_from_slice(&stepper.x);
+        self.tolerance.see(&self.begin);
+        let mut steps = samples * self.suggested.ceil() as usize;
+        loop {
+            let error = stepper.estimated(system, input, sample, steps);
+            let error = self.in_tolerances(span, |state| OF_THIRD_ORDER * error[state]);
+            if error <= 1.0 || steps >= samples * MOST {
+                return;
+            }
+            let wanted = (RESERVE * error).powf(EXPLICIT_ORDER.recip()).min(MOST_MORE) * steps as f64;
+            steps = (wanted.ceil() as usize).max(steps + 1).min(samples * MOST);
+            stepper.x.copy_from_slice(&self.begin);
+        }
+    }
+
+    /// From the interval's beginning to its end by a scheme, which `end` then holds, and with halved steps: how far these are apart.
+    fn halved(
+        &mut self,
+        stepper: &mut Stepper,
+        system: &System,
+        (input, sample): (&Input<'_>, usize),
+        scheme: Scheme,
+        span: f64,
+    ) -> f64 {
+        stepper.across(system, input, sample, scheme);
+        self.end.copy_from_slice(&stepper.x);
+        stepper.x.copy_from_slice(&self.begin);
+        stepper.across(system, input, sample, scheme.finer());
+        self.in_tolerances(span, |state| (self.end[state] - stepper.x[state]).abs())
     }
 
     /// The largest error of an interval's end in units of what it may be; infinite where one is no number.

@@ -261,6 +261,47 @@ fn adapted_steps_stay_near_the_exact_motion() {
     }
 }
 
+/// A gap of a second in a log that stands at rest so far: bristles that swing at 600 rad/s in it need more than the samples around it do, and
+/// shorter steps are asked of it where less may be left.
+#[test]
+fn adapted_steps_of_a_gap_keep_their_share() {
+    let effects = [placed(&LUGRE, 0, None, &[2e4, 20.0, 0.05, 0.01, 5.0, 4.0])];
+    let system = pendulum(&effects);
+    let mut time = times(61, 0.1);
+    time[30..].iter_mut().for_each(|t| *t += 1.0);
+    let mut command = vec![0.0; 61];
+    command[29] = 2.0;
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
+    let run = |steps: Steps| {
+        let options = Options { steps, ..Options::default() };
+        simulate(&system, &input, &[0.0], &options).unwrap().q
+    };
+    let most = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+    let fine = run(Steps::PerSample(6000));
+    // What moves less than a millimetre or so counts as if it did.
+    let farthest = fine.iter().fold(1e-3_f64, |most, q| most.max(q.abs()));
+    for share in [Steps::ADAPTIVE_SHARE, 1e-6] {
+        let steps = Steps::Within(share);
+        let (rough, finer) = (most(&run(steps), &fine), most(&run(steps.finer()), &fine));
+        assert!(rough < 30.0 * share * farthest, "{rough:e} of {farthest} at {share:e}");
+        assert!(finer < 30.0 * share / 16.0 * farthest, "{finer:e} of {farthest} at a sixteenth of {share:e}");
+    }
+}
+
+/// A share that no steps keep takes those that err least.
+#[test]
+fn adapted_steps_that_keep_nothing_err_least() {
+    let effects = [placed(&LUGRE, 0, None, &[200.0, 2.0, 0.05, 0.1, 0.5, 0.4]), placed(&VISCOUS, 0, None, &[0.02])];
+    let (system, time) = (pendulum(&effects), times(101, 0.01));
+    let command: Vec<f64> = time.iter().map(|t| 1.5 * (3.0 * t).sin()).collect();
+    let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
+    let run = |steps: Steps| simulate(&system, &input, &[0.0], &Options { steps, ..Options::default() }).unwrap().q;
+    let fine = run(Steps::PerSample(2000));
+    let error = |steps: Steps| run(steps).iter().zip(&fine).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+    let (least, many) = (error(Steps::Within(1e-20)), error(Steps::PerSample(128)));
+    assert!(least < many, "{least:e}, and {many:e} with many steps");
+}
+
 /// A run in a closed loop takes the same adapted steps as its commands played again.
 #[test]
 fn adapted_steps_are_the_same_in_a_closed_loop() {

@@ -15,7 +15,7 @@ use dynid_user_model::{EffectInstance, Model};
 use rayon::prelude::*;
 
 use crate::arms::{Arm, race};
-use crate::candidate::{Candidate, Sizes, candidates, make_alike, probes};
+use crate::candidate::{Candidate, Probe, Sizes, candidates, make_alike, probes};
 use crate::refit::count;
 use crate::score_test::{RATES, ScoreTest, Start, at_rates, promising};
 use crate::settings::Settings;
@@ -289,7 +289,10 @@ impl Logs<'_> {
         if others.is_empty() {
             points.push((model.clone(), base.fit.rates.clone(), base.fit.initial.clone(), base.fit.plan.clone()));
             let believed = model.with_values(&|name| self.given.prior(name));
-            if let Ok(search) = Search::new(&self.problem(&believed)?, None) {
+            let problem = self.problem(&believed)?;
+            // Where nothing but noise is left, nothing is to be found from other values.
+            let is_asked = !self.leaves_nothing(base);
+            if let Some(search) = is_asked.then(|| Search::new(&problem, None).ok()).flatten() {
                 let (rates, initial) = search.nuisance();
                 points.push((believed, rates, initial, search.state().plan.clone()));
             }
@@ -322,35 +325,51 @@ impl Logs<'_> {
         }
     }
 
-    /// What candidates promise at a model with these rates, starts of the runs and integration steps. Of many, a short look at the fitted
-    /// rates tells which are worth a longer one, and from which values.
-    fn asked(&self, point: &Point, all: &[Candidate]) -> Result<Vec<Start>, PositionFitError> {
-        let (model, rates, initial, plan) = point;
+    /// Those of starts at a fitted model whose candidates promise more than `least` in all that is fitted to, not only in the beginnings.
+    pub fn shown(&self, base: &Fitted, mut starts: Vec<Start>, least: f64) -> Result<Vec<Start>, PositionFitError> {
+        let of_all = self.of_all();
+        starts.retain(|start| of_all * start.promise > least);
+        if starts.is_empty() {
+            return Ok(starts);
+        }
+        let mut probes = self.probes(&base.model, &promising(&starts, starts.len()));
+        keep_promising(&mut probes, &starts, self.settings.arms);
+        let PredictionFit { rates, initial, plan, .. } = &base.fit;
         let expected = |name: &str| self.expected(name);
+        let test = ScoreTest::new(&base.model, (rates, RATES.len()), (initial, plan), &self.fit, &expected)?;
+        let shown = test.ask(&probes, &|| !(self.stop)());
+        starts.retain(|start| shown.iter().any(|own| own.candidate == start.candidate && own.promise > least));
+        Ok(starts)
+    }
+
+    /// All candidates' probes at the values of a model.
+    fn probes(&self, model: &Model, all: &[Candidate]) -> Vec<(Candidate, Vec<Probe>)> {
         let motions = self.fit.iter().filter_map(|run| Some((run, Motion::of(run).ok()?)));
         let (with_motion, motions): (Vec<&Run>, Vec<Motion>) = motions.unzip();
         let joints = 0..model.device.joints.len();
         let sizes: Vec<Sizes> = joints.map(|joint| Sizes::of(model, &with_motion, &motions, joint)).collect();
         let own = |candidate: &Candidate| probes(model, candidate, &sizes[candidate.joint.unwrap_or(0)]);
-        let mut probes: Vec<_> = all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect();
+        all.iter().map(|candidate| (candidate.clone(), own(candidate))).collect()
+    }
+
+    /// What candidates promise at a model with these rates, starts of the runs and integration steps. Of many, a short look at the fitted
+    /// rates tells which are worth a longer one, and from which values.
+    fn asked(&self, point: &Point, all: &[Candidate]) -> Result<Vec<Start>, PositionFitError> {
+        let (model, rates, initial, plan) = point;
+        let expected = |name: &str| self.expected(name);
+        let mut probes = self.probes(model, all);
         let go_on = || !(self.stop)();
         let n_probes: usize = probes.iter().map(|(_, own)| own.len()).sum();
+        let (whole, least) = self.settings.beginning;
         if n_probes > self.settings.further * self.settings.arms {
-            let (whole, least) = self.settings.beginning;
             let share = (self.settings.further as f64 / all.len() as f64).min(1.0);
             let beginnings = self.beginnings(least.max(whole * share), least);
             let test = ScoreTest::new(model, (rates, 1), (initial, plan), &beginnings, &expected)?;
             let starts = test.ask(&probes, &go_on);
             let promising = promising(&starts, self.settings.further);
             probes.retain(|(candidate, _)| promising.contains(candidate));
-            for (candidate, own) in &mut probes {
-                let best = starts.iter().filter(|start| start.candidate == *candidate).take(self.settings.arms);
-                let best: Vec<usize> = best.map(|start| start.probe).collect();
-                let mut place = 0..;
-                own.retain(|_| place.next().is_some_and(|place| best.contains(&place)));
-            }
+            keep_promising(&mut probes, &starts, self.settings.arms);
         }
-        let (whole, least) = self.settings.beginning;
         let beginnings = self.beginnings(whole, least);
         let test = ScoreTest::new(model, (rates, RATES.len()), (initial, plan), &beginnings, &expected)?;
         Ok(test.ask(&probes, &go_on))
@@ -589,6 +608,16 @@ impl Logs<'_> {
         }
         found.sort_by(|one, other| other.score().total_cmp(&one.score()));
         Ok(())
+    }
+}
+
+/// Keeps so many probes of each candidate, those that its starts promise most from.
+fn keep_promising(probes: &mut [(Candidate, Vec<Probe>)], starts: &[Start], most: usize) {
+    for (candidate, own) in probes {
+        let best = starts.iter().filter(|start| start.candidate == *candidate).take(most);
+        let best: Vec<usize> = best.map(|start| start.probe).collect();
+        let mut place = 0..;
+        own.retain(|_| place.next().is_some_and(|place| best.contains(&place)));
     }
 }
 

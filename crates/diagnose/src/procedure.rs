@@ -193,8 +193,8 @@ fn step(
     let least = (screening.len().max(1) as f64 / settings.chance).ln();
     // White errors are noise but for what shows in them to first order, in all runs as in what was looked at.
     if base.is_white(settings) {
-        let of_all = work.of_all();
-        starts.retain(|start| of_all * start.promise > least);
+        starts = work.shown(base, starts, least).map_err(FitError::from)?;
+        outside.asked_to_stop()?;
     }
     let raced: BTreeSet<&Candidate> = starts.iter().take(settings.arms).map(|start| &start.candidate).collect();
     (outside.tell)(&Event::Comparing(raced.len()));

@@ -57,10 +57,15 @@ pub fn looked_at<'a>(runs: impl IntoIterator<Item = &'a Run>, enough: usize) -> 
 ///
 /// They are `h^3 q'''` of samples `h` apart, which is what a command that does not change in time could not follow, beside the noise,
 /// `sqrt(20)` times that of a sample however far apart they are.
+///
+/// A command that shakes the joint between the samples that are kept, as a loop that feeds the noise of its sensor back does, moves it no
+/// less for that: friction that is steep in the speed sees another one. So of the command, too, nearly all must be kept.
 #[must_use]
 pub fn may_keep_one_of(run: &Run, most: usize) -> usize {
     /// Third differences of what is kept may be so many times those of all samples.
     const TIMES_NOISE: f64 = 2.0;
+    /// What may be left out of the command, as a share of its deviation from its mean.
+    const LEFT_OUT: f64 = 0.05;
     let mean_square = |q: &[f64], keep: usize| {
         let at = |k: usize| q[k * keep];
         let n = q.len().div_ceil(keep);
@@ -71,7 +76,50 @@ pub fn may_keep_one_of(run: &Run, most: usize) -> usize {
         let mut free = run.free.iter().map(|joint| run.log.q[*joint].as_slice());
         free.all(|q| mean_square(q, keep) <= TIMES_NOISE.powi(2) * mean_square(q, 1))
     };
-    (2..=most).take_while(|keep| is_noise(*keep)).last().unwrap_or(1)
+    let is_straight = run.settings.intersample == Intersample::FirstOrder;
+    let is_whole = |keep: usize| {
+        let kept = one_of(run.log.len(), keep);
+        let mut free = run.free.iter().map(|joint| run.log.tau[*joint].as_slice());
+        free.all(|tau| left_out(&run.log.t, tau, is_straight, &kept) <= LEFT_OUT)
+    };
+    (2..=most).take_while(|keep| is_noise(*keep) && is_whole(*keep)).last().unwrap_or(1)
+}
+
+/// Rows that are kept, one of every few.
+fn one_of(rows: usize, keep: usize) -> Vec<usize> {
+    (0..rows).step_by(keep).collect()
+}
+
+/// What the straight command of [`straightened`] leaves out of a command, as a share of what the command deviates from its mean by.
+fn left_out(t: &[f64], tau: &[f64], is_straight: bool, kept: &[usize]) -> f64 {
+    let line = straightened(t, tau, is_straight, kept);
+    let mean = tau.iter().sum::<f64>() / tau.len().max(1) as f64;
+    let (mut left, mut all, mut least) = (0.0, 0.0, f64::MIN_POSITIVE);
+    for (k, pair) in kept.windows(2).enumerate() {
+        let (begin, span) = (t[pair[0]], t[pair[1]] - t[pair[0]]);
+        for (row, at, weight) in within(pair) {
+            let (value, time) = (command_at(tau, is_straight, row, at), t[row] + at * (t[row + 1] - t[row]));
+            let straight = line[k] + (time - begin) / span * (line[k + 1] - line[k]);
+            let weight = weight * (t[row + 1] - t[row]);
+            left += weight * (value - straight).powi(2);
+            all += weight * (value - mean).powi(2);
+            // Of a command that never changes nothing but rounding is left out.
+            least += weight * f64::EPSILON * mean.powi(2);
+        }
+    }
+    (left / f64::max(all, least)).sqrt()
+}
+
+/// Where Simpson's rule, which is exact for a product of two lines, looks at the command between two rows that are kept: a row, the share of
+/// the way to the next, and a weight.
+fn within(pair: &[usize]) -> impl Iterator<Item = (usize, f64, f64)> {
+    const AT: [(f64, f64); 3] = [(0.0, 1.0 / 6.0), (0.5, 4.0 / 6.0), (1.0, 1.0 / 6.0)];
+    (pair[0]..pair[1]).flat_map(|row| AT.map(|(at, weight)| (row, at, weight)))
+}
+
+/// The command at a share of the way from a row to the next.
+fn command_at(tau: &[f64], is_straight: bool, row: usize, at: f64) -> f64 {
+    if is_straight { tau[row] + at * (tau[row + 1] - tau[row]) } else { tau[row] }
 }
 
 /// One of every `keep` samples of a run; between them the command runs straight, as near to what it was as it can be by least squares:
@@ -82,7 +130,7 @@ pub fn thinned(run: &Run, keep: usize) -> Run {
         return run.clone();
     }
     let log = &run.log;
-    let kept: Vec<usize> = (0..log.len()).step_by(keep).collect();
+    let kept = one_of(log.len(), keep);
     let is_straight = run.settings.intersample == Intersample::FirstOrder;
     let tau = log.tau.iter().map(|tau| straightened(&log.t, tau, is_straight, &kept)).collect();
     let mut settings = run.settings.clone();
@@ -101,16 +149,11 @@ fn straightened(t: &[f64], tau: &[f64], is_straight: bool, kept: &[usize]) -> Ve
         diagonal[k] += span / 3.0;
         diagonal[k + 1] += span / 3.0;
         beside[k] = span / 6.0;
-        for row in pair[0]..pair[1] {
-            let end = if is_straight { tau[row + 1] } else { tau[row] };
-            // Simpson's rule is exact for a product of two lines.
-            for (at, weight) in [(0.0, 1.0), (0.5, 4.0), (1.0, 1.0)] {
-                let time = t[row] + at * (t[row + 1] - t[row]);
-                let part = weight / 6.0 * (t[row + 1] - t[row]) * (tau[row] + at * (end - tau[row]));
-                let share = (time - begin) / span;
-                moments[k] += part * (1.0 - share);
-                moments[k + 1] += part * share;
-            }
+        for (row, at, weight) in within(pair) {
+            let part = weight * (t[row + 1] - t[row]) * command_at(tau, is_straight, row, at);
+            let share = (t[row] + at * (t[row + 1] - t[row]) - begin) / span;
+            moments[k] += part * (1.0 - share);
+            moments[k + 1] += part * share;
         }
     }
     if n < 2 {
@@ -142,7 +185,22 @@ fn rows_of(log: &Log, kept: &[usize]) -> Log {
 
 #[cfg(test)]
 mod tests {
-    use super::straightened;
+    use super::{left_out, straightened};
+
+    /// Of held steps of a ramp the mean square of a saw-tooth is left out, of noise most, and of what does not change nothing.
+    #[test]
+    fn what_is_left_out_of_a_command_is_a_share_of_it() {
+        let t: Vec<f64> = (0..601).map(|k| 0.01 * f64::from(k)).collect();
+        let kept = super::one_of(601, 4);
+        let ramp: Vec<f64> = t.clone();
+        // The saw-tooth is a step over sqrt(12), the ramp its length over that.
+        let share = left_out(&t, &ramp, false, &kept);
+        assert!((share - 1.0 / 600.0).abs() < 1e-4, "{share}");
+        assert!(left_out(&t, &ramp, true, &kept) < 1e-12);
+        assert!(left_out(&t, &vec![2.0; 601], false, &kept) < 1e-6);
+        let noise: Vec<f64> = (0..601).map(|k| (f64::from(k * k % 89) * 7.3).sin()).collect();
+        assert!(left_out(&t, &noise, false, &kept) > 0.7);
+    }
 
     /// Where a unit mass at rest is at the rows that are wanted, under a command.
     fn pushed(t: &[f64], tau: &[f64], is_straight: bool) -> Vec<f64> {

@@ -95,7 +95,7 @@ impl<'a> Adaptation<'a> {
         self.begin.copy_from_slice(&stepper.x);
         self.tolerance.see(&self.begin);
         let first = self.least.get(sample);
-        let most_explicit = if self.is_differentiated { Scheme::MOST_REPEATED } else { u16::MAX };
+        let most_explicit = if self.is_differentiated { Scheme::MOST_REPEATED } else { u32::MAX };
         let mut place = first.and_then(|first| Scheme::LADDER.iter().position(|own| own == first)).unwrap_or(0);
         let (mut least_explicit, mut least_implicit) = (if first.is_some() { 0.0 } else { self.suggested }, 0.0);
         loop {

@@ -1,6 +1,8 @@
 //! The steady-state observer of the prediction-error method.
 
-use super::{Input, Options, Recorder, Scheme, SimulationError, Stepper, adapt::Adaptation, adapt::Tolerance};
+use super::{
+    Grid, Input, Options, Recorder, Scheme, SimulationError, Stepper, Steps, adapt::Adaptation, adapt::Tolerance,
+};
 use crate::system::System;
 
 /// Corrects a simulation at each sample by the error of its prediction (innovation), and so makes one-step predictions of it.
@@ -104,6 +106,38 @@ pub fn plan(
     q0: &[f64],
     tolerance: &[f64],
 ) -> Result<Planned, SimulationError> {
+    planned(system, input, predictor, q0, tolerance, |_| None)
+}
+
+/// As [`plan`], but gaps between samples take as many explicit steps as in [`Steps::Within`]: of what is lost in a gap, nothing tells a
+/// simulation that no sample corrects.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_across_gaps(
+    system: &System,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    tolerance: &[f64],
+) -> Result<Planned, SimulationError> {
+    let grid = Grid::new(input.time, 1);
+    let of_gap = |sample: usize| {
+        let samples = grid.gap(input.time[sample], input.time[sample + 1])?;
+        Some(Scheme::explicit(samples * Steps::OF_GAP))
+    };
+    planned(system, input, predictor, q0, tolerance, of_gap)
+}
+
+/// Plans each interval but those after samples of which it is `stated` how they are integrated.
+fn planned(
+    system: &System,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    tolerance: &[f64],
+    stated: impl Fn(usize) -> Option<Scheme>,
+) -> Result<Planned, SimulationError> {
     super::check(system, input, q0)?;
     system.announce(super::EVALUATIONS * input.time.len());
     let options = Options::default();
@@ -114,7 +148,13 @@ pub fn plan(
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, &options)?;
     predictor.correct(system, input.time, 0, recorder.last(), &mut stepper.x);
     for sample in 0..input.time.len().saturating_sub(1) {
-        schemes.push(adaptation.cross(&mut stepper, system, input, sample));
+        schemes.push(match stated(sample) {
+            Some(scheme) => {
+                stepper.across(system, input, sample, scheme);
+                scheme
+            }
+            None => adaptation.cross(&mut stepper, system, input, sample),
+        });
         recorder.take(system, input.time[sample + 1], &stepper.x, &options)?;
         predictor.correct(system, input.time, sample + 1, recorder.last(), &mut stepper.x);
     }

@@ -385,6 +385,8 @@ pub fn resume(
         let done = begun.as_ref().map_or(0, |state| state.iterations);
         let state = begun.unwrap_or_else(|| sqp::State::start(&anchor, &region));
         if is_near(&state.x) {
+            // The cuts that it met hold on.
+            region.half_spaces = state.half_spaces;
             (stage, iterations, x) = (searches::FIRST_FREE, iterations + done, state.x);
             continue;
         }

@@ -8,7 +8,7 @@ use dynid_dynamics::simulate::{Grid, Planned, Scheme, Steps};
 
 /// What an interval may err by on the way, in units of the noise: corrected at each sample, and free.
 const OBSERVED: f64 = 0.3;
-const ROUGHLY: f64 = 0.1;
+const ROUGHLY: f64 = 0.05;
 /// What integration may move a position by in the end, in units of the noise.
 const FINALLY: f64 = 0.01;
 /// Share of that which an interval may err by at first: errors add up.

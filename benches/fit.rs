@@ -1,4 +1,4 @@
-//! How long a position fit takes: one joint, 13 unknowns, a 60 s log at 100 Hz, Runge-Kutta at 1/6 ms, started as far
+//! How long a position fit takes: one joint, 13 unknowns, a 60 s log at 100 Hz, started as far
 //! off as the thesis's guesses are from its results; and of the same joint with friction that needs no state, 6 unknowns.
 
 mod shared;

@@ -40,8 +40,9 @@ pub struct FitSettings {
     pub from_s: Option<f64>,
     /// Weight of the position error in the first half of every log; `None` for what the experiment says (thesis Eq. 4.2).
     pub first_half: Option<f64>,
-    /// Integration steps per sample of the position error.
-    pub substeps: usize,
+    /// Integration steps per sample of the position error; `None` for as few as move no position by more than about a hundredth of its
+    /// log's noise.
+    pub substeps: Option<usize>,
     /// Iterations at most.
     pub iterations: usize,
     /// Where the search is kept after each of its iterations, so that one that is stopped can go on; `None` for nowhere.
@@ -51,7 +52,7 @@ pub struct FitSettings {
 
 impl Default for FitSettings {
     fn default() -> Self {
-        let Options { steps, iterations, .. } = Options::default();
+        let Options { iterations, .. } = Options::default();
         Self {
             error: None,
             free: None,
@@ -62,7 +63,7 @@ impl Default for FitSettings {
             seed: 0,
             from_s: None,
             first_half: None,
-            substeps: steps.per_sample(),
+            substeps: None,
             iterations,
             checkpoint: None,
         }
@@ -245,7 +246,7 @@ fn task(runs: &[&Run], settings: &FitSettings) -> Result<FitTask, FitSettingsErr
         only: settings.only.clone(),
         starts: Starts { count: settings.starts.max(1), seed: settings.seed, ..Starts::default() },
         options: Options {
-            steps: Steps::PerSample(settings.substeps.max(1)),
+            steps: settings.substeps.map(|steps| Steps::PerSample(steps.max(1))),
             iterations: settings.iterations.max(1),
             ..Options::default()
         },

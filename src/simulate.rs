@@ -57,14 +57,13 @@ pub fn simulate(
 ) -> Result<Vec<Simulated>, Error> {
     check_device(model, experiment)?;
     let steps = settings.substeps.map_or(Steps::EXACT, |steps| Steps::PerSample(steps.max(1)));
-    let options = Options { steps, ..Options::default() };
-    each(&experiment.runs, progress, |run| played(model, run, &options))
+    each(&experiment.runs, progress, |run| played(model, run, steps))
 }
 
-fn played(model: &Model, run: &Run, options: &Options) -> Result<Simulated, Error> {
+fn played(model: &Model, run: &Run, steps: Steps) -> Result<Simulated, Error> {
     let fit_run = FitRun::of_run(model, run)?;
-    let integration = dynamics::Options { steps: options.steps, ..dynamics::Options::default() };
-    let finer = dynamics::Options { steps: integration.steps.finer(), ..integration };
+    let integration = dynamics::Options { steps, ..dynamics::Options::default() };
+    let finer = dynamics::Options { steps: steps.finer(), ..integration };
     let of_run = |error| Error::Simulation { run: run.file.clone(), error };
     let n_free = run.free.len();
     let apart = |rough: &[f64], fine: Option<Trajectory>| {
@@ -95,7 +94,8 @@ fn played(model: &Model, run: &Run, options: &Options) -> Result<Simulated, Erro
         return Ok(Simulated { rmse: None, integration, position: trajectory.q, command: fit_run.command });
     }
     let RunError { simulated: position, rmse, initial, .. } =
-        position::judge(&fit_run, options).map_err(dynid_identify::FitError::from)?;
+        position::judge(&fit_run, &Options { steps: Some(steps), ..Options::default() })
+            .map_err(dynid_identify::FitError::from)?;
     let integration = apart(&position, simulated(&initial, &finer).ok());
     Ok(Simulated { position, integration, command: fit_run.command, rmse: Some(rmse) })
 }

@@ -109,7 +109,7 @@ impl Case {
         let kernel = system.kernel();
         let columns = Columns::new(system, |_| true, Lumps::Wanted);
         let mut rows: Vec<Vec<f64>> = Vec::new();
-        sensitivity::simulate(system, &columns, &self.input(), None, &self.q0, &OPTIONS, |_, _, sample| {
+        sensitivity::simulate(system, &columns, &self.input(), &self.q0, &OPTIONS, |_, _, sample| {
             rows.extend(sample.chunks(columns.width()).map(<[f64]>::to_vec));
         })
         .expect("it stays bounded");

@@ -117,7 +117,7 @@ impl Case {
         let observe = |_: usize, _: &[f64], sample: &[f64]| {
             rows.extend(sample.chunks(columns.width()).map(<[f64]>::to_vec));
         };
-        sensitivity::simulate(system, &columns, &self.input(), None, &Self::START, &OPTIONS, observe)
+        sensitivity::simulate(system, &columns, &self.input(), &Self::START, &OPTIONS, observe)
             .expect("it stays bounded");
         let column = |column: usize| -> Vec<f64> { rows.iter().map(|row| row[column]).collect() };
         let n_links = kernel.parameters.len();

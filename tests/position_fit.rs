@@ -101,7 +101,7 @@ fn fitted(model: &Model, runs: Vec<FitRun>, start: impl Fn(&str, f64) -> f64, su
         }
     }
     problem.runs = runs;
-    position::fit(&problem, &Options { steps: Steps::PerSample(substeps), ..Options::default() }, &mut |_| {
+    position::fit(&problem, &Options { steps: Some(Steps::PerSample(substeps)), ..Options::default() }, &mut |_| {
         SearchControl::Continue
     })
     .expect("the fit comes to an end")

@@ -20,7 +20,7 @@ fn experiment(folder: &Path) -> Experiment {
 }
 
 fn position() -> FitTask {
-    FitTask::plain(ErrorSignal::Position, Options { steps: Steps::PerSample(20), ..Options::default() })
+    FitTask::plain(ErrorSignal::Position, Options { steps: Some(Steps::PerSample(20)), ..Options::default() })
 }
 
 /// Fits, stops after so many iterations, writes and reads the checkpoint, goes on, and so on to the end. Returns the
@@ -91,7 +91,7 @@ fn a_checkpoint_of_another_fit_is_refused() {
 
     checkpoint::write(&path, &identity, &State::default()).unwrap();
     assert!(checkpoint::read(&path, &identity).is_ok());
-    let finer = FitTask { options: Options { steps: Steps::PerSample(30), ..how.options }, ..how.clone() };
+    let finer = FitTask { options: Options { steps: Some(Steps::PerSample(30)), ..how.options }, ..how.clone() };
     let other = message(&Identity::new(&model, &experiment, &runs, &finer));
     assert!(other.contains("belongs to another fit: the request was") && other.contains("--substeps 30 "), "{other}");
     let other = message(&Identity::new(&model, &experiment, &runs[..2], &how));

@@ -103,8 +103,7 @@ fn adapted_steps(what: &str, system: &System, input: &Input<'_>, start: &[f64]) 
     let observe = |_: usize, q: &[f64], by: &[f64]| {
         black_box((q, by));
     };
-    let with_stated =
-        fastest(2, || Ok(sensitivity::simulate(system, &columns, input, None, start, &stated, observe)?))?;
+    let with_stated = fastest(2, || Ok(sensitivity::simulate(system, &columns, input, start, &stated, observe)?))?;
     let with_adapted =
         fastest(3, || Ok(sensitivity::predict(system, &columns, input, &predictor, start, &stated, observe)?))?;
     let gradient = row(

@@ -209,7 +209,6 @@ fn gradient(n: usize) -> Result<f64> {
             &system,
             &columns,
             &input,
-            None,
             &shared::START,
             &Options::per_sample(shared::SUBSTEPS),
             observe,

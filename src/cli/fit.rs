@@ -66,9 +66,10 @@ pub struct Arguments {
     /// Only runs in which exactly these joints are free, e.g. `--free 4` or `--free 4,5`.
     #[arg(long, value_delimiter = ',', value_name = "JOINTS")]
     free: Option<Vec<usize>>,
-    /// Integration steps per sample of the position error.
-    #[arg(long, value_name = "N", default_value_t = Options::default().steps.per_sample())]
-    substeps: usize,
+    /// Integration steps per sample of the position error; without it, as few as move no position by more than about a
+    /// hundredth of its log's noise. The thesis takes 60.
+    #[arg(long, value_name = "N")]
+    substeps: Option<usize>,
     /// Iterations at most.
     #[arg(long, value_name = "N", default_value_t = Options::default().iterations)]
     iterations: usize,

@@ -12,7 +12,7 @@ mod predictor;
 mod scheme;
 
 pub use late::Commands;
-pub use predictor::{Gains, Planned, Predictor, correct_by, plan};
+pub use predictor::{Gains, Planned, Predictor, correct_by, plan, plan_across_gaps};
 pub use scheme::Scheme;
 
 use crate::{system::Scratch, system::System};
@@ -81,60 +81,6 @@ impl<'a> Input<'a> {
             intersample: self.intersample,
         }
     }
-}
-
-/// Pulls a simulation to a measurement, like a critically damped observer:
-/// `ddq += rate^2 (q_measured - q) + 2 rate (dq_measured - dq)`.
-///
-/// A fit from a poor start first follows its log with such an observer, which it then loosens: what a wrong model does within
-/// one `1/rate` stays visible, but errors no longer pile up, and the cost has one minimum.
-#[derive(Debug, Clone, Copy)]
-pub struct Observer<'a> {
-    /// How fast errors decay [1/s].
-    pub rate: f64,
-    /// Measured positions of the free joints, one row a sample.
-    pub position: &'a [f64],
-}
-
-impl Observer<'_> {
-    /// Measured position and speed of a joint between two samples.
-    pub fn target(&self, slot: usize, n_free: usize, sample: usize, share: f64, span_s: f64) -> (f64, f64) {
-        let now = self.position[sample * n_free + slot];
-        let next = self.position[(sample + 1) * n_free + slot];
-        (now + share * (next - now), (next - now) / span_s)
-    }
-}
-
-/// Simulates with an observer, from `q0` as [`simulate`].
-pub fn simulate_with_observer(
-    system: &System,
-    input: &Input<'_>,
-    observer: &Observer<'_>,
-    q0: &[f64],
-    options: &Options,
-) -> Result<Trajectory, SimulationError> {
-    check(system, input, q0)?;
-    let n = system.n_free();
-    let n_joints = system.n_joints();
-    let mut recorder = Recorder::new(system, input.time.len());
-    let mut stepper = Stepper::new(system, &system.rest(q0));
-    recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, options)?;
-    let grid = Grid::of(input.time, options.steps);
-    for (sample, rows) in input.command.windows(2 * n_joints).step_by(n_joints).enumerate() {
-        let (now, next) = rows.split_at(n_joints);
-        let (start, end) = (input.time[sample], input.time[sample + 1]);
-        let pull = |t: f64, x: &[f64], dx: &mut [f64]| {
-            for slot in 0..n {
-                let (q, dq) = observer.target(slot, n, sample, (t - start) / (end - start), end - start);
-                dx[n + slot] += observer.rate * (observer.rate * (q - x[slot]) + 2.0 * (dq - x[n + slot]));
-            }
-        };
-        let next = if input.intersample == Intersample::ZeroOrder { now } else { next };
-        let late = input.commands(n_joints);
-        stepper.pulled(system, (start, end), grid.steps(start, end), (now, next), &late, pull);
-        recorder.take(system, end, &stepper.x, options)?;
-    }
-    Ok(recorder.finish(stepper.x))
 }
 
 /// How to integrate.
@@ -384,12 +330,10 @@ impl<'a> Course<'a> {
             Self::Grid(grid) => stepper.explicit(system, input, sample, grid.steps(start, end)),
             Self::Planned(predictor) => stepper.across(system, input, sample, predictor.scheme(sample)),
             Self::Adapted { adaptation, grid } => {
-                let samples = grid.steps(start, end);
-                // A clock that is uneven makes no gaps.
-                if samples > 2 {
-                    return adaptation.cross_gap(stepper, system, (input, sample), samples);
-                }
-                adaptation.cross(stepper, system, input, sample);
+                match grid.gap(start, end) {
+                    Some(samples) => adaptation.cross_gap(stepper, system, (input, sample), samples),
+                    None => adaptation.cross(stepper, system, input, sample),
+                };
             }
         }
     }
@@ -411,6 +355,17 @@ impl Grid {
     /// Steps that are not adapted, where they could be.
     pub fn of(time: &[f64], steps: Steps) -> Self {
         Self::new(time, steps.per_sample())
+    }
+
+    /// As a plan of all intervals.
+    pub fn schemes(&self, time: &[f64]) -> Vec<Scheme> {
+        time.windows(2).map(|pair| Scheme::explicit(self.steps(pair[0], pair[1]))).collect()
+    }
+
+    /// How many sample times an interval spans that is a gap between samples; a clock that is uneven makes none.
+    fn gap(&self, start: f64, end: f64) -> Option<usize> {
+        let samples = self.steps(start, end);
+        (samples > 2).then_some(samples)
     }
 
     /// At least one; rounding of the log's times does not add a step.
@@ -505,7 +460,7 @@ impl Stepper {
         let late = input.commands(system.n_joints());
         match input.intersample {
             Intersample::ZeroOrder => self.held(system, start, end, steps, now, &late),
-            Intersample::FirstOrder => self.pulled(system, (start, end), steps, (now, next), &late, |_, _, _| ()),
+            Intersample::FirstOrder => self.running(system, (start, end), steps, (now, next), &late),
         }
     }
 
@@ -539,7 +494,7 @@ impl Stepper {
     /// From `start` to `end` (s) in `steps` steps under constant commands; `late` is where late joints find theirs.
     pub fn held(&mut self, system: &System, start: f64, end: f64, steps: usize, command: &[f64], late: &Commands<'_>) {
         if !system.delays().is_empty() {
-            self.pulled(system, (start, end), steps, (command, command), late, |_, _, _| ());
+            self.running(system, (start, end), steps, (command, command), late);
         } else if system.steady_drive() {
             system.drive(&mut self.scratch, start, &self.x, command, &mut self.rate);
             self.explicitly((start, end), steps, true, |scratch, _, _, t, x, dx| system.motion(scratch, t, x, dx));
@@ -550,23 +505,20 @@ impl Stepper {
         }
     }
 
-    /// From `start` to `end` (s) in `steps` steps under commands that run from `now` to `next`, or arrive as `late` says,
-    /// with `pull` added to the rates.
-    fn pulled(
+    /// From `start` to `end` (s) in `steps` steps under commands that run from `now` to `next`, or arrive as `late` says.
+    fn running(
         &mut self,
         system: &System,
         (start, end): (f64, f64),
         steps: usize,
         (now, next): (&[f64], &[f64]),
         late: &Commands<'_>,
-        pull: impl Fn(f64, &[f64], &mut [f64]),
     ) {
         let is_continuous = system.delays().is_empty();
         self.explicitly((start, end), steps, is_continuous, |scratch, command, step, t, x, dx| {
             interpolate((t - start) / (end - start), now, next, command);
             late.arrive(system, t, step_bounds(start, end, steps, step), command, None);
             system.derivative(scratch, t, x, command, dx);
-            pull(t, x, dx);
         });
     }
 

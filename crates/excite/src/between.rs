@@ -341,7 +341,7 @@ impl<'a> Trial<'a> {
                 }
             }
         };
-        sensitivity::simulate(&self.b, &self.columns, &input, None, &self.start, &options, observe).ok()?;
+        sensitivity::simulate(&self.b, &self.columns, &input, &self.start, &options, observe).ok()?;
         let basis = Basis::new(by);
         let half = |values: &[f64]| 0.5 * values.iter().map(|value| value * value).sum::<f64>();
         let expected = ExpectedRatio {

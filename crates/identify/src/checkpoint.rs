@@ -12,12 +12,13 @@ use dynid_model::{Effect, sha256_hex};
 use serde::{Deserialize, Serialize};
 
 use crate::{identify::FitTask, identify::State, position::Options, sequence::Weighting};
+use dynid_dynamics::simulate::Steps;
 use dynid_files::{FileError, Overwrite, write_new};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 9;
+const FORMAT: u32 = 10;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]
@@ -105,8 +106,12 @@ impl Identity {
 fn request(how: &FitTask) -> String {
     let FitTask { error, method, weighting, only, starts, options, tell_start } = how;
     let Options { steps, iterations, tolerance, start } = *options;
-    let substeps = steps.per_sample();
-    let mut text = format!("--error {error} --substeps {substeps} --iterations {iterations}");
+    let steps = match steps {
+        Some(Steps::PerSample(steps)) => format!(" --substeps {steps}"),
+        Some(Steps::Within(share)) => format!(" (steps within {share:e})"),
+        None => String::new(),
+    };
+    let mut text = format!("--error {error}{steps} --iterations {iterations}");
     if let Some(method) = method {
         text.push_str(&format!(" --method {method}"));
     }

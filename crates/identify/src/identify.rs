@@ -61,8 +61,6 @@ pub struct FitResult {
     pub status: FitStatus,
     /// Linearisations.
     pub iterations: usize,
-    /// Whether the simulations at the end need all the integration steps they may take, or more; false of a torque fit.
-    pub needs_every_step: bool,
     /// Half the sum of squared errors in units of their standard deviation, at the start; of predictions, by how much the
     /// logarithm of the likelihood falls short of what noise alone would leave. `None` where it was
     /// not asked for.

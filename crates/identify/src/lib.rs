@@ -19,6 +19,7 @@ mod error;
 mod error_budget;
 mod follows_log;
 pub mod identify;
+mod plan;
 pub mod position;
 pub mod prediction;
 pub mod sensitivity;

@@ -6,14 +6,15 @@
 //! rest. A parameter's range also enters as a weak prior
 //! (its [`Unknown::spread`] as standard deviation) that decides only where the data say nothing.
 //!
-//! A poor start is met by an observer ([`simulate::Observer`]): first the simulation is pulled to the log, so that errors do not
-//! pile up, then the observer is loosened and let go as soon as the simulation stays near the log by itself. All searches but
-//! the last take as few integration steps as their accuracy allows (`searches`).
+//! A poor start is met by an observer ([`simulate::Predictor`]): first the simulation is corrected at each sample, so that errors do not
+//! pile up, then the observer is loosened and let go as soon as the simulation stays near the log by itself. Each search integrates by
+//! a plan of its own: how each interval between two samples is crossed (`plan`), in cost and derivatives alike.
 
 mod assemble;
 mod evaluate;
 mod motion;
 pub(crate) mod physical_links;
+mod plan;
 mod result;
 pub(crate) mod run_unknowns;
 mod searches;
@@ -38,7 +39,7 @@ use dynid_dynamics::{
 use dynid_optimise::{
     region::Entry, region::HalfSpace, region::Region, sqp, sqp::Ended, sqp::Iteration, sqp::Limits, sqp::SearchControl,
 };
-use evaluate::{At, Evaluator};
+use evaluate::Evaluator;
 use searches::{SEARCHES, Search};
 
 /// One log with the equations that are to explain it.
@@ -151,8 +152,8 @@ pub struct PositionProblem {
 /// How to fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Integration steps of the last search.
-    pub steps: Steps,
+    /// Integration steps that decide, in the last search; `None` for as few as move no position by more than a small part of the noise.
+    pub steps: Option<Steps>,
     /// Linearisations at most, over all horizons.
     pub iterations: usize,
     /// Converged when the foreseen decrease is below this fraction of the cost.
@@ -173,7 +174,7 @@ pub enum Start {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { steps: Steps::PerSample(60), iterations: 200, tolerance: 1e-6, start: Start::Poor }
+        Self { steps: None, iterations: 200, tolerance: 1e-6, start: Start::Poor }
     }
 }
 
@@ -327,7 +328,7 @@ pub enum PositionFitError {
 pub struct State {
     /// Which search it is in, from 0.
     pub stage: usize,
-    /// Where that search began.
+    /// Where that search began; its integration steps follow from it.
     pub anchor: Vec<f64>,
     /// Linearisations before that search.
     pub iterations: usize,
@@ -373,33 +374,25 @@ pub fn resume(
             (stage, 0, evaluator.start(&problem), None)
         }
     };
-    let mut ended = Ended::Converged;
     loop {
         let anchor = x;
-        let few = |search: Search| evaluator.coarse_steps(&anchor, options.steps, search.observer());
-        let may_be_near = search.is_none() && stage < searches::FIRST_FREE;
-        let steps_if_near = may_be_near
-            .then(|| few(SEARCHES[searches::FIRST_FREE]))
-            .filter(|coarse| searches::is_near(&evaluator, &anchor, *coarse));
-        if steps_if_near.is_some() {
-            stage = searches::FIRST_FREE;
-        }
         let kind = SEARCHES[stage.min(searches::LAST)];
-        let coarse = steps_if_near.unwrap_or_else(|| few(kind));
-        let at = kind.at(&evaluator, &anchor, coarse, options.steps);
-        if kind == Search::Fine {
-            let Some(quadratic) = sqp::Objective::quadratic(&at, &anchor) else {
-                return Err(at.why_not(&anchor));
-            };
-            let fit = result::conclude(&problem, &evaluator, &at, &region, &anchor, &quadratic, ended, iterations);
-            return Ok(PositionFit {
-                moved,
-                needs_every_step: coarse == options.steps && coarse.per_sample() > evaluate::FEWEST_STEPS,
-                ..fit
-            });
+        let at = kind.at(&evaluator, &anchor, options.steps);
+        // What stays near the logs by itself needs no observer any more.
+        let let_go = (kind.observer() > 0.0).then(|| at.without_observer());
+        let is_near = |x: &[f64]| let_go.as_ref().is_some_and(|free| free.is_near(x));
+        let begun = search.take();
+        let done = begun.as_ref().map_or(0, |state| state.iterations);
+        let state = begun.unwrap_or_else(|| sqp::State::start(&anchor, &region));
+        if is_near(&state.x) {
+            // The cuts that it met hold on.
+            region.half_spaces = state.half_spaces;
+            (stage, iterations, x) = (searches::FIRST_FREE, iterations + done, state.x);
+            continue;
         }
         let limits = kind.limits(options, iterations);
         let samples = at.samples() as f64;
+        let mut has_come_near = false;
         let mut reported = |iteration: &Iteration, search: &sqp::State| {
             let progress = Progress {
                 iteration: iterations + iteration.number,
@@ -407,74 +400,54 @@ pub fn resume(
                 step: iteration.step,
                 observer: kind.observer(),
             };
-            watch(&progress, &State { stage, iterations, anchor: anchor.clone(), search: search.clone() })
+            let control =
+                watch(&progress, &State { stage, iterations, anchor: anchor.clone(), search: search.clone() });
+            has_come_near = control == SearchControl::Continue && is_near(&search.x);
+            if has_come_near { SearchControl::GoodEnough } else { control }
         };
-        let state = search.take().unwrap_or_else(|| sqp::State::start(&anchor, &region));
         let outcome = sqp::resume(&at, &mut region, state, None, &limits, &mut reported);
         iterations += outcome.iterations;
         x = outcome.x;
         if outcome.ended == Ended::Interrupted {
             return Err(PositionFitError::Interrupted { iterations });
         }
-        ended = outcome.ended;
-        // What stiffened on the way may need shorter steps to be simulated at all.
-        let is_cut_short = ended == Ended::Stuck && x != anchor && iterations < options.iterations;
-        if is_cut_short && evaluator.coarse_steps(&x, options.steps, kind.observer()).per_sample() > coarse.per_sample()
+        let is_last = stage >= searches::LAST || iterations >= options.iterations;
+        if kind == Search::Final
+            && (is_last || x == anchor || options.steps.is_some() || evaluator.holds(at.resolution(), &anchor, &x))
         {
-            continue;
+            let Some(quadratic) = outcome.quadratic else { return Err(at.why_not(&x)) };
+            let fit = result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, outcome.ended, iterations);
+            return Ok(PositionFit { moved, ..fit });
         }
-        stage = if kind == Search::Corrected && x == anchor { searches::LAST } else { stage + 1 };
+        // What stiffened on the way gets shorter steps: the next search plans anew.
+        stage = if has_come_near { searches::FIRST_FREE } else { stage + 1 };
     }
-}
-
-/// Where a search came to while its simulations were pulled to the logs.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WithObserver {
-    /// Cost per sample.
-    pub cost: f64,
-    /// Its last steps did not keep what they promised, or hardly so: the simulations may be too rough to search in.
-    pub is_stuck: bool,
-    /// Integration steps per sample that it took.
-    pub substeps: usize,
-}
-
-/// What a search of so many `linearisations` at most comes to while its simulations are pulled to the logs as firmly as
-/// a fit's are at first; `None` where it cannot be simulated, and where it takes no more than `above` integration steps
-/// per sample.
-///
-/// A fit passes over this where the start is near its logs; this is for comparing starts.
-pub fn with_first_observer(
-    problem: &PositionProblem,
-    options: &Options,
-    above: usize,
-    linearisations: usize,
-    stop: &dyn Fn() -> bool,
-) -> Option<WithObserver> {
-    let mut problem = problem.clone();
-    keep_what_occurs(&mut problem);
-    check(&problem).ok()?;
-    make_physical(&mut problem);
-    let evaluator = Evaluator::new(&problem).ok()?;
-    let mut region = region(&problem, &evaluator);
-    let x = evaluator.start(&problem);
-    let search = SEARCHES[0];
-    let steps = evaluator.coarse_steps(&x, options.steps, search.observer());
-    let substeps = steps.per_sample();
-    if substeps <= above {
-        return None;
-    }
-    let at = search.at(&evaluator, &x, steps, options.steps);
-    let limits = Limits { iterations: linearisations, ..search.limits(options, 0) };
-    let mut watch = |_: &Iteration| if stop() { SearchControl::Stop } else { SearchControl::Continue };
-    let outcome = sqp::minimise(&at, &mut region, &x, &limits, &mut watch);
-    let cost = outcome.quadratic?.cost / at.samples() as f64;
-    cost.is_finite().then_some(WithObserver { cost, is_stuck: outcome.ended == Ended::Stuck, substeps })
 }
 
 /// Initial positions of a run that was not fitted, estimated from its log with all parameters held.
 ///
 /// The log's first sample shows the start only through its noise.
 pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, PositionFitError> {
+    started(run, options).map(|(initial, _)| initial)
+}
+
+/// A run against its log: estimates the initial positions, simulates, and tells the error of each free joint.
+pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitError> {
+    let (initial, planned) = started(run, options)?;
+    let simulated = match options.steps {
+        Some(steps) => {
+            let how = simulate::Options { steps, ..simulate::Options::default() };
+            let trajectory = simulate::simulate(&run.system, &run.input(), &initial, &how)
+                .map_err(|error| PositionFitError::Simulation { run: run.name.clone(), error })?;
+            trajectory.q
+        }
+        None => planned,
+    };
+    Ok(RunError::new(run, initial, &simulated))
+}
+
+/// The best initial positions of a run, and its simulation from there by the plan that found them.
+fn started(run: &FitRun, options: &Options) -> Result<(Vec<f64>, Vec<f64>), PositionFitError> {
     let problem = PositionProblem {
         runs: vec![run.clone()],
         unknowns: Vec::new(),
@@ -484,39 +457,19 @@ pub fn initial_positions(run: &FitRun, options: &Options) -> Result<Vec<f64>, Po
     };
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
-    let mut minimised = |at: &At<'_, '_>, x: &[f64]| {
-        let limits = Limits { iterations: 20, tolerance: 1e-4 };
-        let outcome = sqp::minimise(at, &mut region, x, &limits, &mut |_| SearchControl::Continue);
-        if outcome.quadratic.is_some() { Ok(outcome.x) } else { Err(at.why_not(x)) }
+    let limits = Limits { iterations: 20, tolerance: 1e-4 };
+    let mut minimised = |search: Search, x: &[f64]| {
+        let at = search.at(&evaluator, x, options.steps);
+        let outcome = sqp::minimise(&at, &mut region, x, &limits, &mut |_| SearchControl::Continue);
+        (at, outcome)
     };
-    let fine = options.steps;
-    let few = |x: &[f64]| evaluator.coarse_steps(x, fine, Search::Coarse.observer());
-    let start = evaluator.start(&problem);
-    let coarse = few(&start);
-    let every_step = Search::Coarse.at(&evaluator, &start, fine, fine);
-    // Where fewer steps do, with those first; where that comes to nothing, with every step.
-    let near = (coarse != fine)
-        .then(|| minimised(&Search::Coarse.at(&evaluator, &start, coarse, fine), &start))
-        .and_then(Result::ok);
-    let Some(near) = near else {
-        return minimised(&every_step, &start);
-    };
-    let coarse = few(&near);
-    let corrected = Search::Corrected.at(&evaluator, &near, coarse, fine);
-    // Few steps that do in a run's first seconds, and simulate the rest, may make something else of the rest.
-    let is_rough = coarse != fine && corrected.is_rough(&near);
-    let (at, from) = if is_rough { (every_step, start) } else { (corrected, near.clone()) };
-    minimised(&at, &from).or_else(|_| minimised(&Search::Coarse.at(&evaluator, &near, fine, fine), &near))
-}
-
-/// A run against its log: estimates the initial positions, simulates, and tells the error of each free joint.
-pub fn judge(run: &FitRun, options: &Options) -> Result<RunError, PositionFitError> {
-    let initial = initial_positions(run, options)?;
-    let input = run.input();
-    let how = simulate::Options { steps: options.steps, ..simulate::Options::default() };
-    let trajectory = simulate::simulate(&run.system, &input, &initial, &how)
-        .map_err(|error| PositionFitError::Simulation { run: run.name.clone(), error })?;
-    Ok(RunError::new(run, initial, &trajectory.q))
+    let (_, near) = minimised(Search::Rough, &evaluator.start(&problem));
+    let (at, found) = minimised(Search::Final, &near.x);
+    let simulated = found.quadratic.and_then(|_| at.simulated(&found.x)?.pop());
+    match simulated {
+        Some(simulated) => Ok((found.x, simulated)),
+        None => Err(at.why_not(&found.x)),
+    }
 }
 
 /// Drops unknowns that occur in no run; those that earlier fits tie to others stay.

@@ -17,7 +17,6 @@
 mod evaluate;
 mod expansion;
 mod held_out;
-mod plan;
 mod response;
 mod result;
 
@@ -33,11 +32,11 @@ use dynid_optimise::sqp::{self, Ended, Limits, Objective, SearchControl};
 use dynid_optimise::{quadratic::Quadratic, region::Region};
 use dynid_user_model::Model;
 
+pub use crate::plan::Plan;
 use evaluate::Evaluator;
 pub use evaluate::ROUGHLY;
 pub use expansion::{Change, NearRun, Promise, Reduced, Tangent};
 pub use held_out::{HeldOut, held_out};
-pub use plan::Plan;
 pub use response::Signals;
 pub use result::{JointInnovations, PredictionFit};
 

@@ -19,11 +19,10 @@
 use dynid_generated::{LANES, Lanes, Scalar};
 
 use dynid_dynamics::{
-    simulate::Commands, simulate::Gains, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Observer,
-    simulate::Options, simulate::Predictor, simulate::Scheme, simulate::SimulationError, simulate::check,
-    simulate::check_state, simulate::implicit, simulate::implicit::Implicit, simulate::interpolate,
-    simulate::step_bounds, system::Linear, system::NONE, system::Scratch, system::Switch, system::System,
-    system::substitute,
+    simulate::Commands, simulate::Gains, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Options,
+    simulate::Predictor, simulate::Scheme, simulate::SimulationError, simulate::check, simulate::check_state,
+    simulate::implicit, simulate::implicit::Implicit, simulate::interpolate, simulate::step_bounds, system::Linear,
+    system::NONE, system::Scratch, system::Switch, system::System, system::substitute,
 };
 use nalgebra::DMatrix;
 
@@ -143,19 +142,18 @@ pub enum Lumps {
     Known,
 }
 
-/// Simulates from `q0` (positions of the free joints, at rest; or positions, then speeds), with an observer if one is given, and
+/// Simulates from `q0` (positions of the free joints, at rest; or positions, then speeds), and
 /// hands every sample to `observe`: its index, the logged positions of the free joints
 /// and their derivatives, n_free x width.
 pub fn simulate(
     system: &System,
     columns: &Columns,
     input: &Input<'_>,
-    observer: Option<&Observer<'_>>,
     q0: &[f64],
     options: &Options,
     observe: impl FnMut(usize, &[f64], &[f64]),
 ) -> Result<(), SimulationError> {
-    along(system, columns, input, (observer, None), q0, options, observe)
+    along(system, columns, input, None, q0, options, observe)
 }
 
 /// One-step predictions and their derivatives, those by the predictor's rates included: as [`simulate`].
@@ -168,14 +166,14 @@ pub fn predict(
     options: &Options,
     observe: impl FnMut(usize, &[f64], &[f64]),
 ) -> Result<(), SimulationError> {
-    along(system, columns, input, (None, Some(predictor)), q0, options, observe)
+    along(system, columns, input, Some(predictor), q0, options, observe)
 }
 
 fn along(
     system: &System,
     columns: &Columns,
     input: &Input<'_>,
-    (observer, predictor): (Option<&Observer<'_>>, Option<&Predictor<'_>>),
+    predictor: Option<&Predictor<'_>>,
     q0: &[f64],
     options: &Options,
     mut observe: impl FnMut(usize, &[f64], &[f64]),
@@ -198,7 +196,7 @@ fn along(
         let scheme = predictor.map(|predictor| predictor.scheme(sample));
         let steps = scheme.map_or_else(|| grid.steps(input.time[sample], input.time[sample + 1]), Scheme::steps);
         let is_implicit = matches!(scheme, Some(Scheme::Implicit(_)));
-        motion.across(system, columns, input, Span::new(input, sample, steps, observer), is_implicit);
+        motion.across(system, columns, input, Span::new(input, sample, steps), is_implicit);
         show(&mut motion, sample + 1, input.time[sample + 1])?;
     }
     Ok(())
@@ -245,7 +243,7 @@ pub fn transitions(
             (0..columns.n_initial).for_each(|state| motion.s[state * columns.width + state] = 1.0);
             let scheme = predictor.scheme(sample);
             let is_implicit = matches!(scheme, Scheme::Implicit(_));
-            motion.across(system, columns, input, Span::new(input, sample, scheme.steps(), None), is_implicit);
+            motion.across(system, columns, input, Span::new(input, sample, scheme.steps()), is_implicit);
         }
     }
     Ok(())
@@ -263,11 +261,10 @@ struct Span<'a> {
     now: &'a [f64],
     next: &'a [f64],
     late: Commands<'a>,
-    observer: Option<&'a Observer<'a>>,
 }
 
 impl<'a> Span<'a> {
-    fn new(input: &Input<'a>, sample: usize, steps: usize, observer: Option<&'a Observer<'a>>) -> Self {
+    fn new(input: &Input<'a>, sample: usize, steps: usize) -> Self {
         let n_joints = input.command.len() / input.time.len();
         let (now, next) = input.around(sample, n_joints);
         Self {
@@ -279,7 +276,6 @@ impl<'a> Span<'a> {
             now,
             next,
             late: input.commands(n_joints),
-            observer,
         }
     }
 
@@ -299,14 +295,6 @@ impl<'a> Span<'a> {
             let bounds = step_bounds(self.start, self.end, self.steps, index);
             self.late.arrive(system, t, bounds, command, slopes);
         }
-    }
-
-    /// What the observer adds to the acceleration of a free joint.
-    fn pull(&self, t: f64, n_free: usize, slot: usize, x: &[f64]) -> f64 {
-        let Some(observer) = self.observer else { return 0.0 };
-        let span_s = self.end - self.start;
-        let (q, dq) = observer.target(slot, n_free, self.sample, (t - self.start) / span_s, span_s);
-        observer.rate * (observer.rate * (q - x[slot]) + 2.0 * (dq - x[n_free + slot]))
     }
 }
 
@@ -474,11 +462,6 @@ impl Variation {
                     system.drive(&mut self.scratch, t, x, &self.command, rate);
                 }
                 system.motion(&mut self.scratch, t, x, rate);
-                if span.observer.is_some() {
-                    for slot in 0..n {
-                        rate[n + slot] += span.pull(t, n, slot, x);
-                    }
-                }
                 let ahead = reach * step;
                 let sum = &mut self.x_sum;
                 if number == 0 {
@@ -711,14 +694,6 @@ impl Variation {
                     *lanes = Lanes::new([commands[0][joint], commands[1][joint]]);
                 }
             }
-            if span.observer.is_some() {
-                // The equations hold without the pull.
-                let x = &self.stage_x[first * n_states..];
-                for slot in 0..n {
-                    let pull = |k: usize| span.pull(self.stage_t[first + k], n, slot, &x[k * n_states..]);
-                    self.ddq_lanes[slot] = self.ddq_lanes[slot] - Lanes::new([pull(0), pull(1)]);
-                }
-            }
             let t = pair(&self.stage_t, 1, 0);
             self.linear.at(system, t, &self.x_lanes, &self.ddq_lanes, &self.command_lanes, &mut self.rate_lanes);
             if self.places.count == 0 {
@@ -766,7 +741,7 @@ impl Variation {
         let (n, n_states, width) = (system.n_free(), self.x.len(), columns.width);
         let step = span.step();
         let [sixth, third, half] = [step / 6.0, step / 3.0, step / 2.0];
-        let mut rows = Rows::<B>::new(n, n_states, width, span.observer.map_or(0.0, |observer| observer.rate));
+        let mut rows = Rows::<B>::new(n, n_states, width);
         let slopes_of = |stage: usize| {
             let first = stage / LANES * self.places.count;
             &self.slopes[first..first + self.places.count]
@@ -851,7 +826,6 @@ fn occurring(system: &System) -> Vec<(usize, usize)> {
 /// A block of rows on their way back through the steps: what each depends on at the stage that was reached.
 struct Rows<const B: usize> {
     n: usize,
-    observer_rate: f64,
     /// By the states at the end of the current step.
     w: Vec<[Lanes; B]>,
     /// By the states at its beginning, as far as known.
@@ -867,11 +841,10 @@ struct Rows<const B: usize> {
 }
 
 impl<const B: usize> Rows<B> {
-    fn new(n: usize, n_states: usize, width: usize, observer_rate: f64) -> Self {
+    fn new(n: usize, n_states: usize, width: usize) -> Self {
         let room = |length: usize| vec![[Lanes::constant(0.0); B]; length];
         Self {
             n,
-            observer_rate,
             w: room(n_states),
             w_next: room(n_states),
             by_slope: room(n_states),
@@ -935,14 +908,6 @@ impl<const B: usize> Rows<B> {
         }
         for &(row, state, place) in &places.rate_by_state {
             add_scaled(&mut self.by_state[state], slope(place), &self.by_slope[row]);
-        }
-        if self.observer_rate > 0.0 {
-            let rate = Lanes::constant(self.observer_rate);
-            let (by_position, by_speed) = self.by_state.split_at_mut(n);
-            for ((by_position, by_speed), slope) in by_position.iter_mut().zip(by_speed).zip(&self.by_slope[n..2 * n]) {
-                subtract_scaled(by_position, rate * rate, slope);
-                subtract_scaled(by_speed, rate + rate, slope);
-            }
         }
 
         for &(slot, column, place) in &places.torque_by_parameter {
@@ -1034,7 +999,7 @@ mod tests {
             let columns = Columns::new(&system, |_| true, Lumps::Wanted);
             let mut s = Vec::new();
             let mut q = Vec::new();
-            simulate(&system, &columns, &input, None, &[0.3, -0.5], &Options::per_sample(60), |_, position, rows| {
+            simulate(&system, &columns, &input, &[0.3, -0.5], &Options::per_sample(60), |_, position, rows| {
                 q.extend_from_slice(position);
                 s.extend(rows.chunks(columns.width()).map(<[f64]>::to_vec));
             })
@@ -1189,19 +1154,11 @@ mod tests {
             let mut exact = Vec::new();
             let mut crossings = 0;
             let mut below = q0[0] < REST;
-            along(
-                &system,
-                &columns,
-                &input,
-                (None, predictor.as_ref()),
-                &q0,
-                &Options::default(),
-                |_, position, rows| {
-                    crossings += usize::from((position[0] < REST) != below);
-                    below = position[0] < REST;
-                    exact.extend(rows.chunks(columns.width()).map(|row| row[columns.effect(rest).unwrap()]));
-                },
-            )
+            along(&system, &columns, &input, predictor.as_ref(), &q0, &Options::default(), |_, position, rows| {
+                crossings += usize::from((position[0] < REST) != below);
+                below = position[0] < REST;
+                exact.extend(rows.chunks(columns.width()).map(|row| row[columns.effect(rest).unwrap()]));
+            })
             .unwrap();
             assert!(crossings >= 3, "{crossings} crossings");
             let scale = exact.iter().fold(0.0_f64, |scale, value| scale.max(value.abs()));

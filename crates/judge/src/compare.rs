@@ -378,7 +378,7 @@ fn simulated(model: &Model, run: &Run, lost: &mut bool) -> Result<Result<Vec<Vec
         *lost = true;
         return Ok(Ok(from_first));
     }
-    let options = position::Options { steps: options.steps, ..position::Options::default() };
+    let options = position::Options { steps: Some(options.steps), ..position::Options::default() };
     Ok(match position::judge(&fit_run, &options) {
         Ok(RunError { simulated, .. }) => Ok(by_joint(&simulated)),
         Err(error) => Err(error.to_string()),

@@ -105,7 +105,7 @@ impl<'a> Adaptation<'a> {
         self.begin.copy_from_slice(&stepper.x);
         self.tolerance.see(&self.begin);
         let first = self.least.get(sample);
-        let most_explicit = if self.is_differentiated { Scheme::MOST_REPEATED } else { u16::MAX };
+        let most_explicit = if self.is_differentiated { Scheme::MOST_REPEATED } else { u32::MAX };
         let mut place = first.and_then(|first| Scheme::LADDER.iter().position(|own| own == first)).unwrap_or(0);
         let (mut least_explicit, mut least_implicit) = (if first.is_some() { 0.0 } else { self.suggested }, 0.0);
         let mut nearest: Option<(f64, Scheme)> = None;
@@ -165,14 +165,14 @@ impl<'a> Adaptation<'a> {
         }
     }
 
-    /// From a sample to a gap's end in explicit steps, at least one for each of its so many sample times.
+    /// From a sample to a gap's end in explicit steps, at least one for each of its so many sample times; returns how.
     pub(super) fn cross_gap(
         &mut self,
         stepper: &mut Stepper,
         system: &System,
         (input, sample): (&Input<'_>, usize),
         samples: usize,
-    ) {
+    ) -> Scheme {
         /// Steps in a sample time, at most.
         const MOST: usize = 1_000;
         let span = input.time[sample + 1] - input.time[sample];
@@ -183,7 +183,7 @@ impl<'a> Adaptation<'a> {
             let error = stepper.estimated(system, input, sample, steps);
             let error = self.in_tolerances(span, |state| OF_THIRD_ORDER * error[state]);
             if error <= 1.0 || steps >= samples * MOST {
-                return;
+                return Scheme::explicit(steps);
             }
             let wanted = (RESERVE * error).powf(EXPLICIT_ORDER.recip()).min(MOST_MORE) * steps as f64;
             steps = (wanted.ceil() as usize).max(steps + 1).min(samples * MOST);

@@ -1,6 +1,6 @@
 //! The steady-state observer of the prediction-error method.
 
-use super::{Input, Options, Recorder, Scheme, SimulationError, Stepper, adapt::Adaptation, adapt::Tolerance};
+use super::{Grid, Input, Options, Recorder, Scheme, SimulationError, Stepper, adapt::Adaptation, adapt::Tolerance};
 use crate::system::System;
 
 /// Corrects a simulation at each sample by the error of its prediction (innovation), and so makes one-step predictions of it.
@@ -104,6 +104,34 @@ pub fn plan(
     q0: &[f64],
     tolerance: &[f64],
 ) -> Result<Planned, SimulationError> {
+    planned(system, input, predictor, q0, tolerance, |_| None)
+}
+
+/// As [`plan`], but gaps between samples take explicit steps, at least one for each of their sample times: of what is lost in a gap, nothing
+/// tells a simulation that no sample corrects.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_across_gaps(
+    system: &System,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    tolerance: &[f64],
+) -> Result<Planned, SimulationError> {
+    let grid = Grid::new(input.time, 1);
+    planned(system, input, predictor, q0, tolerance, |sample| grid.gap(input.time[sample], input.time[sample + 1]))
+}
+
+/// Plans each interval; `gap` says of how many sample times it is where it is a gap.
+fn planned(
+    system: &System,
+    input: &Input<'_>,
+    predictor: &Predictor<'_>,
+    q0: &[f64],
+    tolerance: &[f64],
+    gap: impl Fn(usize) -> Option<usize>,
+) -> Result<Planned, SimulationError> {
     super::check(system, input, q0)?;
     system.announce(super::EVALUATIONS * input.time.len());
     let options = Options::default();
@@ -114,7 +142,10 @@ pub fn plan(
     recorder.take(system, input.time.first().copied().unwrap_or(0.0), &stepper.x, &options)?;
     predictor.correct(system, input.time, 0, recorder.last(), &mut stepper.x);
     for sample in 0..input.time.len().saturating_sub(1) {
-        schemes.push(adaptation.cross(&mut stepper, system, input, sample));
+        schemes.push(match gap(sample) {
+            Some(samples) => adaptation.cross_gap(&mut stepper, system, (input, sample), samples),
+            None => adaptation.cross(&mut stepper, system, input, sample),
+        });
         recorder.take(system, input.time[sample + 1], &stepper.x, &options)?;
         predictor.correct(system, input.time, sample + 1, recorder.last(), &mut stepper.x);
     }

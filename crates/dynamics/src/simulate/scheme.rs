@@ -4,9 +4,9 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheme {
     /// So many of the classical Runge-Kutta scheme of fourth order.
-    Explicit(u16),
+    Explicit(u32),
     /// So many of the scheme of [`Implicit`](super::implicit::Implicit).
-    Implicit(u16),
+    Implicit(u32),
 }
 
 impl Scheme {
@@ -42,16 +42,21 @@ impl Scheme {
     ];
     /// Explicit steps of an interval that is crossed again and again, at most. Where friction reverses, no scheme keeps its order, and
     /// only many explicit steps find their way: those are for what is crossed once.
-    pub const MOST_REPEATED: u16 = 48;
+    pub const MOST_REPEATED: u32 = 48;
     /// What is taken where nothing else will do: whatever it errs by, what decays does not grow.
     pub const FINEST: Self = Self::Implicit(16);
     /// Explicit steps of an interval where implicit ones find no end.
     pub const UNSOLVED: usize = 64;
 
+    /// So many explicit steps.
+    pub fn explicit(steps: usize) -> Self {
+        Self::Explicit(u32::try_from(steps).unwrap_or(u32::MAX))
+    }
+
     /// Number of steps.
     pub fn steps(self) -> usize {
         match self {
-            Self::Explicit(steps) | Self::Implicit(steps) => usize::from(steps),
+            Self::Explicit(steps) | Self::Implicit(steps) => steps as usize,
         }
     }
 

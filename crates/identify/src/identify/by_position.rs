@@ -200,7 +200,7 @@ fn result(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitResu
     let model = fit.applied_to(before);
     let names: Vec<&str> = fit.parameters.iter().map(|own| own.name.as_str()).collect();
     let correlations = correlations(&names, &fit.covariance);
-    let PositionFit { status, parameters, undetermined, iterations, needs_every_step, runs, .. } = fit;
+    let PositionFit { status, parameters, undetermined, iterations, runs, .. } = fit;
     let parameters = parameters
         .into_iter()
         .map(|estimate| FittedParameter {
@@ -217,7 +217,6 @@ fn result(before: &Model, fit: PositionFit, cost_before: Option<f64>) -> FitResu
         error: ErrorSignal::Position,
         status,
         iterations,
-        needs_every_step,
         cost_before,
         cost_after: cost(&runs),
         parameters,
@@ -300,7 +299,7 @@ mod tests {
         model
             .set("link.7.Izz", dynid_model::Parameter { value: izz, lower: 0.0, upper: 1e-3, fixed: false })
             .expect("it");
-        let options = Options { steps: Steps::PerSample(10), ..Options::default() };
+        let options = Options { steps: Some(Steps::PerSample(10)), ..Options::default() };
         identify(&model, &experiment, &runs, ErrorSignal::Position, &options, &mut |_| ()).expect("a fit")
     }
 

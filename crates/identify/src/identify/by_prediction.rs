@@ -120,7 +120,6 @@ fn result(
         error: ErrorSignal::Prediction,
         status,
         iterations: fit.iterations,
-        needs_every_step: false,
         cost_before,
         cost_after: fit.joints.iter().map(shortfall).sum(),
         parameters,

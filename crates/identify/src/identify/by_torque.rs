@@ -36,7 +36,6 @@ pub(super) fn by_torque(
         error: ErrorSignal::Torque,
         status,
         iterations,
-        needs_every_step: false,
         cost_before: Some(cost_before),
         cost_after,
         parameters,

@@ -5,28 +5,25 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links, run_unknowns::RunUnknowns};
-use crate::sensitivity;
+use crate::{plan::Plan, sensitivity};
 use dynid_dynamics::{
-    simulate, simulate::Input, simulate::Observer, simulate::Options, simulate::SimulationError, simulate::Steps,
+    simulate, simulate::Options, simulate::Planned, simulate::Predictor, simulate::Scheme, simulate::SimulationError,
 };
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
 /// A run, ready to be evaluated at any unknowns.
-struct Ready<'a> {
-    run: &'a FitRun,
+pub(super) struct Ready<'a> {
+    pub(super) run: &'a FitRun,
     unknowns: RunUnknowns,
     /// Factor on each free joint's error: weight over noise.
-    weights: Vec<f64>,
+    pub(super) weights: Vec<f64>,
     /// Where each free joint started and the weight of that, if the log's transient is cut; else none.
     starts: Vec<(f64, f64)>,
 }
 
-/// Fewer integration steps per sample are not tried.
-pub(super) const FEWEST_STEPS: usize = 4;
-
 /// All runs at any unknowns: parameters first, then every run's initial positions (and speeds if it moves).
 pub(super) struct Evaluator<'a> {
-    ready: Vec<Ready<'a>>,
+    pub(super) ready: Vec<Ready<'a>>,
     n_parameters: usize,
     n: usize,
     bodies: Vec<Body>,
@@ -36,13 +33,11 @@ pub(super) struct Evaluator<'a> {
     prior_information: DMatrix<f64>,
 }
 
-/// How much of the runs, and how finely.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// How the runs are simulated.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Resolution {
-    pub(super) horizon_s: f64,
-    pub(super) steps: Steps,
-    /// Steps of the sensitivities: fewer do, for an error of theirs only bends the path to the minimum a little.
-    pub(super) jacobian_steps: Steps,
+    /// How each interval is integrated: cost and derivatives are of the same discrete function.
+    pub(super) plan: Plan,
     /// Rate of the observer to the log [1/s]; 0 without one.
     pub(super) observer: f64,
 }
@@ -51,8 +46,6 @@ pub(super) struct Resolution {
 pub(super) struct At<'e, 'a> {
     evaluator: &'e Evaluator<'a>,
     resolution: Resolution,
-    /// Added to the simulated positions of each run; none where it is empty.
-    corrections: Vec<Vec<f64>>,
 }
 
 impl<'a> Evaluator<'a> {
@@ -99,79 +92,14 @@ impl<'a> Evaluator<'a> {
     }
 
     pub(super) fn at(&self, resolution: Resolution) -> At<'_, 'a> {
-        At { evaluator: self, resolution, corrections: Vec::new() }
+        At { evaluator: self, resolution }
     }
 
-    /// At a resolution, and on top what other `steps` make of the positions at `anchor` (defect
-    /// correction: there the error of few steps is gone, and near there it hardly changes).
-    pub(super) fn corrected(&self, resolution: Resolution, steps: Steps, anchor: &[f64]) -> At<'_, 'a> {
-        let plain = self.at(resolution);
-        if steps == resolution.steps {
-            return plain;
-        }
-        let fine = self.at(Resolution { steps, ..resolution });
-        let (Some(rough), Some(fine)) = (plain.simulated(anchor), fine.simulated(anchor)) else { return plain };
-        let difference =
-            |(rough, fine): (Vec<f64>, Vec<f64>)| fine.iter().zip(&rough).map(|(fine, rough)| fine - rough).collect();
-        At { corrections: rough.into_iter().zip(fine).map(difference).collect(), ..plain }
-    }
-
-    /// The fewest steps per sample that change no position by more than a small part of the noise, or of the error where
-    /// that is somewhat larger: what is far from the log need not be far from it exactly. With an observer of rate `observer`
-    /// [1/s] an error of one step is pulled back, so that fewer may do.
-    ///
-    /// The first seconds of the runs tell. Where so few steps cannot simulate the runs to their end and `fine` ones can, the whole
-    /// runs do.
-    pub(super) fn coarse_steps(&self, x: &[f64], fine: Steps, observer: f64) -> Steps {
-        const FIRST_S: f64 = 5.0;
-        const ALL_S: f64 = f64::INFINITY;
-        let simulated = |horizon_s: f64, steps: Steps| {
-            self.at(Resolution { horizon_s, steps, jacobian_steps: steps, observer }).simulated(x)
-        };
-        let fewest = |horizon_s: f64, reference: &[Vec<f64>], above: usize| {
-            let allowed = self.allowed(reference);
-            [FEWEST_STEPS, 6, 10, 15, 20, 30]
-                .into_iter()
-                .filter(|steps| (above + 1..fine.per_sample()).contains(steps))
-                .map(Steps::PerSample)
-                .find(|steps| {
-                    simulated(horizon_s, *steps).is_some_and(|coarse| self.are_close(reference, &coarse, allowed))
-                })
-                .unwrap_or(fine)
-        };
-        let Some(reference) = simulated(FIRST_S, fine) else { return fine };
-        let few = fewest(FIRST_S, &reference, 0);
-        if few == fine || simulated(ALL_S, few).is_some() {
-            return few;
-        }
-        simulated(ALL_S, fine).map_or(few, |reference| fewest(ALL_S, &reference, few.per_sample()))
-    }
-
-    /// What integration with fewer steps may change a simulated position by, in units of the noise.
-    fn allowed(&self, reference: &[Vec<f64>]) -> f64 {
-        /// Share of the noise that the integration may add: a numerical choice.
-        const SHARE: f64 = 0.1;
-        /// No error counts for more than this in units of the noise: the search would stumble over rougher simulations.
-        const LARGE: f64 = 4.0;
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (ready, reference) in self.ready.iter().zip(reference) {
-            let n_free = ready.run.system.n_free();
-            for (index, (reference, measured)) in reference.iter().zip(&ready.run.position).enumerate() {
-                sum += ((reference - measured) * ready.weights[index % n_free]).powi(2);
-                count += 1.0;
-            }
-        }
-        SHARE * (sum / f64::max(count, 1.0)).sqrt().clamp(1.0, LARGE)
-    }
-
-    /// Whether no simulated position of any run changes by more than `allowed`, in units of the noise.
-    fn are_close(&self, reference: &[Vec<f64>], coarse: &[Vec<f64>], allowed: f64) -> bool {
-        self.ready.iter().zip(reference).zip(coarse).all(|((ready, reference), coarse)| {
-            let n_free = ready.run.system.n_free();
-            reference.iter().zip(coarse).enumerate().all(|(index, (reference, coarse))| {
-                (reference - coarse).abs() * ready.weights[index % n_free] <= allowed
-            })
-        })
+    /// Simulated positions of every run.
+    pub(super) fn simulated(&self, x: &[f64], resolution: &Resolution) -> Option<Vec<Vec<f64>>> {
+        let Resolution { plan, observer } = resolution;
+        let of_run = |(run, ready): (usize, &Ready<'_>)| ready.simulate(x, *observer, plan.of_run(run)).ok();
+        self.ready.par_iter().enumerate().map(of_run).collect()
     }
 
     fn prior_cost(&self, x: &[f64]) -> f64 {
@@ -221,26 +149,24 @@ impl<'a> Ready<'a> {
         Self { run, unknowns, weights, starts }
     }
 
-    fn input(&self, resolution: Resolution) -> Input<'a> {
-        let all = self.run.input();
-        let end = self.run.time.first().copied().unwrap_or(0.0) + resolution.horizon_s;
-        all.first(self.run.time.partition_point(|t| *t <= end))
+    /// Simulated positions, one row a sample.
+    pub(super) fn simulate(&self, x: &[f64], observer: f64, schemes: &[Scheme]) -> Result<Vec<f64>, SimulationError> {
+        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(observer));
+        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
+        simulate::predict(&system, &self.run.input(), &predictor, self.unknowns.initial(x), &Options::default())
+            .map(|trajectory| trajectory.q)
     }
 
-    fn simulate(&self, x: &[f64], resolution: Resolution) -> Result<Vec<f64>, SimulationError> {
-        let options = Options { steps: resolution.steps, ..Options::default() };
-        let (system, input) = (self.unknowns.system(self.run, x), self.input(resolution));
-        let trajectory = match self.observer(resolution) {
-            Some(observer) => {
-                simulate::simulate_with_observer(&system, &input, &observer, self.unknowns.initial(x), &options)
-            }
-            None => simulate::simulate(&system, &input, self.unknowns.initial(x), &options),
-        };
-        trajectory.map(|trajectory| trajectory.q)
+    /// How each interval is integrated that may err by this much, free joint by free joint, and the positions that come of it.
+    pub(super) fn plan(&self, x: &[f64], observer: f64, tolerance: &[f64]) -> Result<Planned, SimulationError> {
+        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(observer));
+        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes: &[] };
+        simulate::plan_across_gaps(&system, &self.run.input(), &predictor, self.unknowns.initial(x), tolerance)
     }
 
-    fn observer(&self, resolution: Resolution) -> Option<Observer<'a>> {
-        (resolution.observer > 0.0).then_some(Observer { rate: resolution.observer, position: &self.run.position })
+    /// All free joints are pulled to the log alike; at a rate of 0 the simulation runs free.
+    fn rates(&self, observer: f64) -> Vec<f64> {
+        vec![observer; self.run.system.n_free()]
     }
 
     /// Factor on the error of a free joint at a sample (thesis Eq. 4.2: by time; Eq. 4.3: by joint).
@@ -249,9 +175,8 @@ impl<'a> Ready<'a> {
         self.weights[slot] * by_time
     }
 
-    fn cost(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Result<f64, SimulationError> {
-        let mut simulated = self.simulate(x, resolution)?;
-        simulated.iter_mut().zip(correction).for_each(|(q, correction)| *q += correction);
+    fn cost(&self, x: &[f64], observer: f64, schemes: &[Scheme]) -> Result<f64, SimulationError> {
+        let simulated = self.simulate(x, observer, schemes)?;
         let n_free = self.run.system.n_free();
         let skip = self.run.first_sample() * n_free;
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
@@ -262,28 +187,17 @@ impl<'a> Ready<'a> {
     }
 
     /// Cost, gradient and Hessian by this run's own unknowns.
-    fn quadratic(&self, x: &[f64], resolution: Resolution, correction: &[f64]) -> Option<Quadratic> {
-        let system = self.unknowns.system(self.run, x);
-        let n_free = system.n_free();
+    fn quadratic(&self, x: &[f64], observer: f64, schemes: &[Scheme]) -> Option<Quadratic> {
+        let n_free = self.run.system.n_free();
         let count = self.unknowns.columns().count();
         let width = self.unknowns.columns().width();
-        let first = self.run.first_sample();
-        let options = Options { steps: resolution.jacobian_steps, ..Options::default() };
-        let finer =
-            if resolution.jacobian_steps == resolution.steps { None } else { Some(self.simulate(x, resolution).ok()?) };
         let mut cost = 0.0;
         let mut gradient = vec![0.0; width];
         let mut hessian = vec![0.0; width * width];
         let observe = |sample: usize, position: &[f64], rows: &[f64]| {
-            if sample < first {
-                return;
-            }
-            let position = finer.as_ref().map_or(position, |finer| &finer[sample * n_free..(sample + 1) * n_free]);
             for (slot, row) in rows.chunks_exact(width).enumerate() {
                 let weight = self.weight(sample, slot);
-                let index = sample * n_free + slot;
-                let corrected = position[slot] + correction.get(index).copied().unwrap_or(0.0);
-                let error = (self.run.position[index] - corrected) * weight;
+                let error = (self.run.position[sample * n_free + slot] - position[slot]) * weight;
                 cost += 0.5 * error * error;
                 for (gradient, by) in gradient.iter_mut().zip(row) {
                     *gradient -= error * weight * by;
@@ -296,12 +210,8 @@ impl<'a> Ready<'a> {
                 }
             }
         };
-        let input = self.input(resolution);
-        let observer = self.observer(resolution);
+        let by_unknown = self.along(x, observer, schemes, observe)?;
         let initial = self.unknowns.initial(x);
-        sensitivity::simulate(&system, self.unknowns.columns(), &input, observer.as_ref(), initial, &options, observe)
-            .ok()?;
-        let by_unknown = self.unknowns.chain(&system);
         let gradient = DVector::from_fn(count, |k, _| gradient[k]);
         let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
         let mut gradient = by_unknown.transpose() * gradient;
@@ -317,79 +227,76 @@ impl<'a> Ready<'a> {
 
     /// `sum(j' j)` over the samples that count for each free joint, `j` being the derivative of its simulated position by this run's
     /// unknowns.
-    fn motion(&self, x: &[f64], steps: Steps) -> Option<Vec<DMatrix<f64>>> {
-        let system = self.unknowns.system(self.run, x);
+    fn motion(&self, x: &[f64], schemes: &[Scheme]) -> Option<Vec<DMatrix<f64>>> {
         let (count, width) = (self.unknowns.columns().count(), self.unknowns.columns().width());
-        let mut sums = vec![DMatrix::<f64>::zeros(count, count); system.n_free()];
-        let first = self.run.first_sample();
-        let observe = |sample: usize, _: &[f64], rows: &[f64]| {
-            if sample < first {
-                return;
-            }
+        let mut sums = vec![DMatrix::<f64>::zeros(count, count); self.run.system.n_free()];
+        let observe = |_: usize, _: &[f64], rows: &[f64]| {
             for (sum, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
                 let row = DVector::from_column_slice(&row[..count]);
                 sum.ger(1.0, &row, &row, 1.0);
             }
         };
-        let all = self.run.input();
-        let options = Options { steps, ..Options::default() };
-        sensitivity::simulate(
-            &system,
-            self.unknowns.columns(),
-            &all,
-            None,
-            self.unknowns.initial(x),
-            &options,
-            observe,
-        )
-        .ok()?;
-        let by_unknown = self.unknowns.chain(&system);
+        let by_unknown = self.along(x, 0.0, schemes, observe)?;
         Some(sums.into_iter().map(|sum| by_unknown.transpose() * sum * &by_unknown).collect())
+    }
+
+    /// Hands each sample that counts to `observe`: its index, the positions and their derivatives by the columns; returns what makes
+    /// derivatives by this run's unknowns of those.
+    fn along(
+        &self,
+        x: &[f64],
+        observer: f64,
+        schemes: &[Scheme],
+        mut observe: impl FnMut(usize, &[f64], &[f64]),
+    ) -> Option<DMatrix<f64>> {
+        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(observer));
+        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
+        let first = self.run.first_sample();
+        let counted = |sample: usize, position: &[f64], rows: &[f64]| {
+            if sample >= first {
+                observe(sample, position, rows);
+            }
+        };
+        let (columns, initial) = (self.unknowns.columns(), self.unknowns.initial(x));
+        let options = Options::default();
+        sensitivity::predict(&system, columns, &self.run.input(), &predictor, initial, &options, counted).ok()?;
+        Some(self.unknowns.chain(&system))
     }
 }
 
 impl At<'_, '_> {
-    pub(super) fn resolution(&self) -> Resolution {
-        self.resolution
+    pub(super) fn resolution(&self) -> &Resolution {
+        &self.resolution
+    }
+
+    /// How each interval of a run is integrated.
+    fn schemes(&self, run: usize) -> &[Scheme] {
+        self.resolution.plan.of_run(run)
+    }
+
+    /// With the same steps, but free.
+    pub(super) fn without_observer(&self) -> Self {
+        let plan = self.resolution.plan.clone();
+        self.evaluator.at(Resolution { plan, observer: 0.0 })
+    }
+
+    /// Whether the simulations stay near the logs.
+    pub(super) fn is_near(&self, x: &[f64]) -> bool {
+        /// Root mean square of the error over the noise.
+        const NEAR: f64 = 10.0;
+        self.data_cost(x).is_some_and(|cost| 2.0 * cost <= NEAR * NEAR * self.samples() as f64)
     }
 
     /// Number of errors in the cost.
     pub(super) fn samples(&self) -> usize {
         let ready = &self.evaluator.ready;
-        let used = |ready: &Ready<'_>| ready.input(self.resolution).time.len().saturating_sub(ready.run.first_sample());
+        let used = |ready: &Ready<'_>| ready.run.time.len().saturating_sub(ready.run.first_sample());
         ready.iter().map(|ready| used(ready) * ready.run.system.n_free()).sum()
     }
 
     /// Simulated positions of every run.
     pub(super) fn simulated(&self, x: &[f64]) -> Option<Vec<Vec<f64>>> {
-        self.evaluator.ready.par_iter().map(|ready| ready.simulate(x, self.resolution).ok()).collect()
-    }
-
-    fn correction(&self, run: usize) -> &[f64] {
-        self.corrections.get(run).map_or(&[], Vec::as_slice)
-    }
-
-    /// Of what is corrected at `anchor`: whether few steps make something else of the runs than the stated step does, by more than
-    /// noise and by a large part of the error; or nothing at all.
-    pub(super) fn is_rough(&self, anchor: &[f64]) -> bool {
-        /// In units of the noise.
-        const MUCH: f64 = 4.0;
-        /// Of the error.
-        const SHARE: f64 = 0.3;
-        let Some(rough) = self.simulated(anchor).filter(|_| !self.corrections.is_empty()) else { return true };
-        let (mut changes, mut errors, mut count) = (0.0, 0.0, 0.0);
-        for ((ready, rough), corrections) in self.evaluator.ready.iter().zip(&rough).zip(&self.corrections) {
-            let n_free = ready.run.system.n_free();
-            let measured = &ready.run.position;
-            let samples = rough.iter().zip(corrections).zip(measured).enumerate();
-            for (index, ((rough, correction), measured)) in samples.skip(ready.run.first_sample() * n_free) {
-                let weight = ready.weight(index / n_free, index % n_free);
-                changes += (weight * correction).powi(2);
-                errors += (weight * (rough + correction - measured)).powi(2);
-                count += 1.0;
-            }
-        }
-        changes > MUCH * MUCH * count && changes > SHARE * SHARE * errors
+        self.evaluator.simulated(x, &self.resolution)
     }
 
     /// Cost of the data alone, without any prior.
@@ -397,7 +304,7 @@ impl At<'_, '_> {
         let ready = &self.evaluator.ready;
         let costs: Option<Vec<f64>> = (0..ready.len())
             .into_par_iter()
-            .map(|run| ready[run].cost(x, self.resolution, self.correction(run)).ok())
+            .map(|run| ready[run].cost(x, self.resolution.observer, self.schemes(run)).ok())
             .collect();
         costs.map(|costs| costs.iter().sum::<f64>())
     }
@@ -407,7 +314,7 @@ impl At<'_, '_> {
         let evaluator = self.evaluator;
         let parts: Option<Vec<Quadratic>> = (0..evaluator.ready.len())
             .into_par_iter()
-            .map(|run| evaluator.ready[run].quadratic(x, self.resolution, self.correction(run)))
+            .map(|run| evaluator.ready[run].quadratic(x, self.resolution.observer, self.schemes(run)))
             .collect();
         let mut total = Quadratic {
             cost: 0.0,
@@ -430,12 +337,12 @@ impl At<'_, '_> {
 
     /// What each run tells of the parameters, and how its simulated positions move with them.
     pub(super) fn motions(&self, x: &[f64]) -> Option<Vec<RunMotion>> {
-        let steps = self.resolution.jacobian_steps;
         self.evaluator
             .ready
             .par_iter()
-            .map(|ready| {
-                let by_slot = ready.motion(x, steps)?;
+            .enumerate()
+            .map(|(run, ready)| {
+                let by_slot = ready.motion(x, self.schemes(run))?;
                 let starts: Vec<f64> = ready.starts.iter().map(|(_, weight)| *weight).collect();
                 let samples = ready.run.time.len() - ready.run.first_sample();
                 let n = self.evaluator.n_parameters;
@@ -447,7 +354,7 @@ impl At<'_, '_> {
     /// Why the runs cannot be simulated at `x`.
     pub(super) fn why_not(&self, x: &[f64]) -> PositionFitError {
         let failure = self.evaluator.ready.iter().find_map(|ready| {
-            let error = ready.cost(x, self.resolution, &[]).err()?;
+            let error = ready.plan(x, self.resolution.observer, &ready.tolerance(1.0)).err()?;
             Some(PositionFitError::Simulation { run: ready.run.name.clone(), error })
         });
         let first = || self.evaluator.ready.first().map(|ready| ready.run.name.clone());

@@ -35,8 +35,6 @@ pub struct PositionFit {
     pub cost: f64,
     /// Linearisations used.
     pub iterations: usize,
-    /// Whether the simulations at the end need all the integration steps they may take, or more: fewer change positions.
-    pub needs_every_step: bool,
     /// The residual's variance over that of the noise; 1 when nothing but noise is left.
     pub variance_ratio: f64,
     /// By how much successive residuals repeat each other: 1 for white ones. Standard errors are widened by its root.
@@ -211,7 +209,6 @@ pub(super) fn conclude(
         runs,
         cost: quadratic.cost,
         iterations,
-        needs_every_step: false,
         variance_ratio,
         correlation,
     }
@@ -241,7 +238,7 @@ fn information(
     }
     let Some(gradient) = Evaluator::new(&squared)
         .ok()
-        .and_then(|evaluator| evaluator.at(at.resolution()).data(x))
+        .and_then(|evaluator| evaluator.at(at.resolution().clone()).data(x))
         .map(|data| data.hessian)
     else {
         return plain;

@@ -1,7 +1,7 @@
 use super::*;
-use crate::FitStatus;
+use crate::{FitStatus, plan::Plan};
 use dynid_dynamics::{
-    system::PlacedEffect, system::fixtures::FRICTION_BIAS, system::fixtures::GAIN, system::fixtures::LUGRE,
+    simulate::Scheme, system::PlacedEffect, system::fixtures::GAIN, system::fixtures::LUGRE,
     system::fixtures::PENDULUM, system::fixtures::SPRING, system::fixtures::placed,
 };
 use dynid_random::Random;
@@ -333,24 +333,14 @@ fn simulated(run: &FitRun, substeps: usize) -> Result<Vec<f64>, SimulationError>
 }
 
 #[test]
-fn a_run_that_is_stiff_only_later_takes_as_many_steps_as_it_needs_then() {
+fn a_run_that_is_stiff_only_later_takes_more_steps_only_then() {
     let run = stiff_only_later();
-    let steps = |run: &FitRun| {
-        let alone = alone(run);
-        let evaluator = Evaluator::new(&alone).unwrap();
-        evaluator.coarse_steps(&evaluator.start(&alone), Steps::PerSample(60), 0.0).per_sample()
-    };
-    let mut beginning = run.clone();
-    beginning.time.truncate(501);
-    beginning.command.truncate(501);
-    beginning.position.truncate(501);
-    let few = steps(&beginning);
-    assert!(few < 60 && simulated(&run, few).is_err(), "{few} steps do");
-    let enough = steps(&run);
-    assert!(enough > few && enough < 60, "{enough} steps are enough");
-    let changes = simulated(&run, enough).unwrap().into_iter().zip(simulated(&run, 60).unwrap());
-    let largest = changes.map(|(enough, every)| (enough - every).abs()).fold(0.0, f64::max);
-    assert!(largest < 0.5 * 2e-4, "{largest} rad with {enough} steps");
+    let alone = alone(&run);
+    let evaluator = Evaluator::new(&alone).unwrap();
+    let plan = evaluator.rough_plan(&evaluator.start(&alone), 0.0);
+    let mean = |schemes: &[Scheme]| Plan::new(vec![schemes.to_vec()]).mean_steps();
+    let (resting, moving) = plan.of_run(0).split_at(801);
+    assert!(mean(&resting[100..]) < 3.0 && mean(moving) > 2.0 * mean(&resting[100..]), "{plan:?}");
     let judged = judge(&run, &Options::default()).unwrap();
     assert!(judged.rmse[0] < 1.05 * 2e-4, "{} rad", judged.rmse[0]);
 }
@@ -379,57 +369,38 @@ fn a_run_that_is_stiff_only_later_can_be_fitted_to() {
     }
 }
 
+/// What decides in the end is exact beside the noise, and where every interval is stated, that is what is done.
 #[test]
-fn few_steps_are_rough_where_they_end_elsewhere_or_nowhere() {
-    let alone = alone(&runs(7, 12.0)[1]);
-    let evaluator = Evaluator::new(&alone).unwrap();
-    let start = evaluator.start(&alone);
-    let is_rough = |few: usize| {
-        Search::Corrected.at(&evaluator, &start, Steps::PerSample(few), Steps::PerSample(60)).is_rough(&start)
-    };
-    assert!(is_rough(1) && !is_rough(30));
-    assert!(
-        Search::Coarse.at(&evaluator, &start, Steps::PerSample(30), Steps::PerSample(60)).is_rough(&start),
-        "nothing was corrected"
-    );
+fn the_last_plan_moves_no_position_by_more_than_a_hundredth_of_the_noise() {
+    for run in [runs(7, 12.0).swap_remove(1), stiff_only_later()] {
+        let alone = alone(&run);
+        let evaluator = Evaluator::new(&alone).unwrap();
+        let start = evaluator.start(&alone);
+        let simulated = |stated: Option<Steps>| {
+            Search::Final.at(&evaluator, &start, stated).simulated(&start).unwrap().swap_remove(0)
+        };
+        let planned = simulated(None);
+        let options = simulate::Options::per_sample(240);
+        let fine = simulate::simulate(&run.system, &run.input(), &start, &options).unwrap().q;
+        let moved = planned.iter().zip(&fine).map(|(planned, fine)| (planned - fine).abs()).fold(0.0, f64::max);
+        assert!(moved < 0.01 * 2e-4, "{moved} rad");
+        assert_eq!(simulated(Some(Steps::PerSample(240))), fine);
+    }
 }
 
+/// A fit ends where one does whose every interval takes many steps, and says what that says.
 #[test]
-fn a_search_on_the_first_observer_tells_where_long_steps_stop_it() {
-    let mut effects = effects(TRUTH[3], &SPRING_TRUTH, &LUGRE_TRUTH);
-    // Friction that jumps where the joint rests.
-    effects.push(placed(&FRICTION_BIAS, 0, None, &[3.0]));
-    let mut runs = runs(8, 12.0);
-    let mut noise = Random::new(9);
-    for run in &mut runs {
-        run.system = System::new(&PENDULUM, 1, TRUTH[..3].to_vec(), Vec::new(), &effects).unwrap();
-        run.position = simulated(run, 600).unwrap().into_iter().map(|q| q + 2e-5 * noise.normal()).collect();
+fn a_planned_fit_ends_where_many_steps_do() {
+    let problem = problem(3, 8.0, 0.05);
+    let fitted = |steps: Option<Steps>| {
+        fit(&problem, &Options { steps, ..Options::default() }, &mut |_| SearchControl::Continue).unwrap()
+    };
+    let (planned, many) = (fitted(None), fitted(Some(Steps::PerSample(120))));
+    assert!((planned.cost / many.cost - 1.0).abs() < 1e-4, "{} is not {}", planned.cost, many.cost);
+    for (planned, many) in planned.parameters.iter().zip(&many.parameters) {
+        let reach = 0.05 * many.std_error.expect("is determined");
+        assert!((planned.value - many.value).abs() < reach, "{planned:?} is not {many:?}");
     }
-    let system = &runs[0].system;
-    let values = system.effect_names().iter().cloned().zip(system.effect_parameters().iter().copied());
-    let (wanted, known): (Vec<_>, Vec<_>) = values.partition(|(name, _)| !name.contains("Kp") && !name.contains("v_s"));
-    let links = system.kernel().parameters.iter().map(|name| (*name).to_owned());
-    let known = known.into_iter().chain(links.zip(TRUTH[..3].iter().copied())).collect();
-    let unknown = |(name, value): (String, f64)| {
-        let start = if name.contains("bias") { 1.3 * value } else { 1.02 * value };
-        Unknown { name, value: start, expected: start, lower: -20.0, upper: 20.0 }
-    };
-    let unknowns = wanted.into_iter().map(unknown).collect();
-    let problem = PositionProblem { runs, unknowns, known, inequalities: Vec::new(), prior: None };
-    let search = |substeps: usize, above: usize| {
-        with_first_observer(
-            &problem,
-            &Options { steps: Steps::PerSample(substeps), ..Options::default() },
-            above,
-            16,
-            &|| false,
-        )
-    };
-    let long = search(4, 0).unwrap();
-    assert!(long.is_stuck && long.substeps == 4, "{long:?}");
-    assert_eq!(search(4, long.substeps), None, "the same search again");
-    let short = search(60, long.substeps).unwrap();
-    assert!(!short.is_stuck && short.substeps > 4, "{short:?}");
 }
 
 #[test]

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{PredictionProblem, plan::Plan, response::Predicted};
+use super::{PredictionProblem, response::Predicted};
+use crate::plan::Plan;
 use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
 use crate::sensitivity;
 use dynid_dynamics::simulate::{self, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError, Steps};

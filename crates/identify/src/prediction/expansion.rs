@@ -4,7 +4,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use dynid_dynamics::system::System;
 
-use super::{PredictionProblem, evaluate::Evaluator, plan::Plan, response::Predicted, response::Signals};
+use super::{PredictionProblem, evaluate::Evaluator, response::Predicted, response::Signals};
+use crate::plan::Plan;
 
 /// Predictions near the point where a problem starts, to first order: what its unknowns may make up for of any other predictions.
 pub struct Tangent {

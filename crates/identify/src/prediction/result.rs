@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::{PredictionProblem, State, evaluate::Evaluator, plan::Plan};
+use super::{PredictionProblem, State, evaluate::Evaluator};
 use crate::FitStatus;
+use crate::plan::Plan;
 use crate::position::{Direction, Estimate, PositionFitError, Unknown, undetermined};
 use dynid_optimise::sqp::Objective;
 use dynid_signal::statistics::autocorrelation;

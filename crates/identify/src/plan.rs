@@ -8,12 +8,12 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 pub struct Plan(Vec<Vec<Scheme>>);
 
 impl Plan {
-    pub(super) fn new(schemes: Vec<Vec<Scheme>>) -> Self {
+    pub(crate) fn new(schemes: Vec<Vec<Scheme>>) -> Self {
         Self(schemes)
     }
 
     /// Of one run; what is not planned takes one step.
-    pub(super) fn of_run(&self, run: usize) -> &[Scheme] {
+    pub(crate) fn of_run(&self, run: usize) -> &[Scheme] {
         self.0.get(run).map_or(&[], Vec::as_slice)
     }
 
@@ -31,8 +31,26 @@ impl Plan {
 
     /// With every step halved.
     #[must_use]
-    pub(super) fn halved(&self) -> Self {
+    pub(crate) fn halved(&self) -> Self {
         Self(self.0.iter().map(|run| run.iter().map(|scheme| scheme.finer()).collect()).collect())
+    }
+
+    /// Where each interval takes the finest scheme of so many on either side: what is steep there may move.
+    #[must_use]
+    pub(crate) fn spread(&self, reach: usize) -> Self {
+        // What is on no ladder is stated, and stays.
+        let place = |scheme: &Scheme| Scheme::LADDER.iter().position(|own| own == scheme);
+        let of_run = |run: &Vec<Scheme>| {
+            let places: Vec<Option<usize>> = run.iter().map(place).collect();
+            let finest = |around: &[Option<usize>]| around.iter().flatten().max().map(|place| Scheme::LADDER[*place]);
+            let around = |interval: usize| &places[interval.saturating_sub(reach)..run.len().min(interval + reach + 1)];
+            let own = |(interval, scheme): (usize, &Scheme)| match places[interval] {
+                Some(_) => finest(around(interval)).unwrap_or(*scheme),
+                None => *scheme,
+            };
+            run.iter().enumerate().map(own).collect()
+        };
+        Self(self.0.iter().map(of_run).collect())
     }
 
     /// What an interval costs in the mean, in explicit steps.
@@ -49,20 +67,20 @@ impl Plan {
 
     /// Of the beginnings of its runs; the whole plan where they are no such.
     #[must_use]
-    pub(super) fn beginning(&self, intervals: &[usize]) -> Self {
+    pub(crate) fn beginning(&self, intervals: &[usize]) -> Self {
         let cut = self.0.iter().zip(intervals).map(|(run, intervals)| run.get(..*intervals).map(<[Scheme]>::to_vec));
         cut.collect::<Option<Vec<_>>>().filter(|cut| cut.len() == intervals.len()).map_or_else(|| self.clone(), Self)
     }
 
     /// Of longer runs that begin with its runs: what comes later is taken to be like what is known.
     #[must_use]
-    pub(super) fn continued(&self, intervals: &[usize]) -> Self {
+    pub(crate) fn continued(&self, intervals: &[usize]) -> Self {
         let longer = |(run, intervals): (&Vec<Scheme>, &usize)| run.iter().copied().cycle().take(*intervals).collect();
         Self(self.0.iter().zip(intervals).map(longer).collect())
     }
 
     /// Whether it is of runs with so many intervals each.
-    pub(super) fn fits(&self, intervals: impl Iterator<Item = usize>) -> bool {
+    pub(crate) fn fits(&self, intervals: impl Iterator<Item = usize>) -> bool {
         self.0.iter().map(Vec::len).eq(intervals)
     }
 }

@@ -13,8 +13,8 @@
 //! 7. Effects that this does not tell apart, for how it differs along the logs, are named together; the plainest comes first.
 //! 8. The best is the missing effect if its innovations are white, or if it makes up for nearly all of what the logs' own
 //!    noise leaves to explain and of what a formula promises; else it is the nearest.
-//! 9. Where it pays and is not all it is added, and all goes on from 3, to white errors only what promises more than chance; what is
-//!    found so counts where it explains all in the end.
+//! 9. Where it pays and is not all it is added, and all goes on from 3, to white errors only what promises more than chance in all runs; what
+//!    is found so counts where it explains all in the end.
 //! 10. A formula (`discover`) is looked for where no effect explains what is left.
 //!
 //! `finished` holds searches by key: an interrupted diagnosis goes on from them to the same answer. [`with_first_estimates`] uses the

@@ -207,6 +207,35 @@ impl Logs<'_> {
         self.fitted(None, model, &self.followed(&problem, key, None)?, true)
     }
 
+    /// Whether a search in these logs, from the values of a fit to others of the same samples, may gain so much log likelihood of the runs
+    /// fitted to and held out: it goes on in rounds as an arm does.
+    pub fn may_gain(&self, least: f64, over: &Fitted) -> Result<bool, PositionFitError> {
+        let mut problem = self.problem(&over.model)?;
+        problem.rates.clone_from(&over.fit.rates);
+        problem.initial.clone_from(&over.fit.initial);
+        let Some(best) = over.state.cost else { return Ok(true) };
+        // A sample that is held out gains as one that is fitted to.
+        let (fitted, held_out) = (samples(&self.fit) as f64, samples(&self.held_out) as f64);
+        let enough = best - least * fitted / (fitted + held_out).max(1.0);
+        let mut search = Search::new(&problem, None)?;
+        let mut before = f64::INFINITY;
+        loop {
+            let steps = self.settings.linearisations.0 as f64 / search.state().plan.mean_steps();
+            let iterations = (steps.ceil() as usize).clamp(1, self.settings.search.iterations);
+            let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
+            search.advance(&self.settings.search, iterations, &mut |_| go_on());
+            let cost = search.state().cost.unwrap_or(f64::INFINITY);
+            if cost <= enough || (self.stop)() {
+                return Ok(true);
+            }
+            let may_come = cost - enough <= self.settings.rounds * (before - cost);
+            if search.state().is_done || !may_come {
+                return Ok(false);
+            }
+            before = cost;
+        }
+    }
+
     /// Follows a fit to its end with fine integration steps.
     fn finish(
         &self,

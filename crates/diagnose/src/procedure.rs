@@ -74,11 +74,15 @@ pub fn diagnose(
         let lines: Vec<Run> = judged.iter().map(runs::with_line).collect();
         let (fit, held_out) = runs::by_role(&looked_at(&lines, settings.search.samples));
         let straight = Logs { fit, held_out, ..work.clone() };
-        let refitted = straight.base(&base.model, "base, straight").map_err(FitError::from)?;
-        outside.asked_to_stop()?;
         let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
         let least = -0.5 * samples * (1.0 - settings.straight).ln();
-        if refitted.score() - base.score() > least {
+        let may_pay = straight.may_gain(least, &base).map_err(FitError::from)?;
+        outside.asked_to_stop()?;
+        let refitted = may_pay.then(|| straight.base(&base.model, "base, straight")).transpose();
+        let refitted = refitted.map_err(FitError::from)?;
+        outside.asked_to_stop()?;
+        let pays = |base: &Fitted| refitted.as_ref().filter(|refitted| refitted.score() - base.score() > least);
+        if let Some(refitted) = pays(&base) {
             // The search may have come further, and not the command.
             let again = work.base(&refitted.model, "base, standing again").map_err(FitError::from)?;
             outside.asked_to_stop()?;
@@ -86,7 +90,7 @@ pub fn diagnose(
                 base = again;
             }
         }
-        if refitted.score() - base.score() > least {
+        if let Some(refitted) = pays(&base).cloned() {
             judged = judged.iter().map(runs::with_line).collect();
             let judged: Vec<&Run> = judged.iter().collect();
             let left = |fitted: &Fitted| Judge { shown, runs: &judged }.as_it_is(&fitted.model).ok()?.rmse_validate;

@@ -60,8 +60,7 @@ pub fn race(
                 return;
             }
             let Ok(mut search) = Search::new(&arm.problem, arm.state.take()) else { return };
-            let iterations =
-                (steps / search.state().plan.mean_steps().ceil() as usize).clamp(1, settings.search.iterations);
+            let iterations = settings.of_round(steps, &search);
             search.advance(&settings.search, iterations, &mut |_| {
                 if stop() { SearchControl::Stop } else { SearchControl::Continue }
             });

@@ -220,8 +220,7 @@ impl Logs<'_> {
         let mut search = Search::new(&problem, None)?;
         let mut before = f64::INFINITY;
         loop {
-            let steps = self.settings.linearisations.0 as f64 / search.state().plan.mean_steps();
-            let iterations = (steps.ceil() as usize).clamp(1, self.settings.search.iterations);
+            let iterations = self.settings.of_round(self.settings.linearisations.0, &search);
             let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
             search.advance(&self.settings.search, iterations, &mut |_| go_on());
             let cost = search.state().cost.unwrap_or(f64::INFINITY);

@@ -45,6 +45,13 @@ pub(super) struct Settings {
     pub(super) shown: usize,
 }
 
+impl Settings {
+    /// Linearisations of a round of a search, of so many if each took one integration step a sample.
+    pub(super) fn of_round(&self, steps: usize, search: &prediction::Search<'_>) -> usize {
+        (steps / search.state().plan.mean_steps().ceil() as usize).clamp(1, self.search.iterations)
+    }
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self {

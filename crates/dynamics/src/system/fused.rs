@@ -1,8 +1,8 @@
 //! The joint effects of a system as one function, without a call and a look at each by itself.
 //!
 //! Effects are small: what leads to a law costs more than the law. Whoever can make functions while the program runs
-//! ([`System::fusing`]) makes one of all of them, with the same bits but for the sign of a zero (of numbers: what is infinite or none may differ); without it,
-//! each effect is evaluated by its own kernel.
+//! ([`System::fusing`]) makes one of all of them, with the same bits but for the sign of a zero (of numbers: what is infinite or none may
+//! differ); without it, each effect is evaluated by its own kernel.
 
 use std::fmt;
 use std::sync::{

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links, run_unknowns::RunUnknowns};
-use crate::{plan::Plan, sensitivity};
+use crate::plan::Plan;
 use dynid_dynamics::{
     simulate, simulate::Options, simulate::Planned, simulate::Predictor, simulate::Scheme, simulate::SimulationError,
 };
@@ -210,7 +210,7 @@ impl<'a> Ready<'a> {
                 }
             }
         };
-        let by_unknown = self.along(x, observer, schemes, observe)?;
+        let by_unknown = self.unknowns.along(self.run, x, (&self.rates(observer), schemes), observe)?;
         let initial = self.unknowns.initial(x);
         let gradient = DVector::from_fn(count, |k, _| gradient[k]);
         let hessian = DMatrix::from_fn(count, count, |row, column| hessian[row * width + column]);
@@ -236,31 +236,8 @@ impl<'a> Ready<'a> {
                 sum.ger(1.0, &row, &row, 1.0);
             }
         };
-        let by_unknown = self.along(x, 0.0, schemes, observe)?;
+        let by_unknown = self.unknowns.along(self.run, x, (&self.rates(0.0), schemes), observe)?;
         Some(sums.into_iter().map(|sum| by_unknown.transpose() * sum * &by_unknown).collect())
-    }
-
-    /// Hands each sample that counts to `observe`: its index, the positions and their derivatives by the columns; returns what makes
-    /// derivatives by this run's unknowns of those.
-    fn along(
-        &self,
-        x: &[f64],
-        observer: f64,
-        schemes: &[Scheme],
-        mut observe: impl FnMut(usize, &[f64], &[f64]),
-    ) -> Option<DMatrix<f64>> {
-        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(observer));
-        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
-        let first = self.run.first_sample();
-        let counted = |sample: usize, position: &[f64], rows: &[f64]| {
-            if sample >= first {
-                observe(sample, position, rows);
-            }
-        };
-        let (columns, initial) = (self.unknowns.columns(), self.unknowns.initial(x));
-        let options = Options::default();
-        sensitivity::predict(&system, columns, &self.run.input(), &predictor, initial, &options, counted).ok()?;
-        Some(self.unknowns.chain(&system))
     }
 }
 

@@ -3,8 +3,8 @@
 use nalgebra::DMatrix;
 
 use super::{FitRun, Unknown};
-use crate::sensitivity::{Columns, Lumps};
-use dynid_dynamics::system::System;
+use crate::sensitivity::{self, Columns, Lumps};
+use dynid_dynamics::{simulate::Options, simulate::Predictor, simulate::Scheme, system::System};
 
 /// Where an unknown enters a run.
 #[derive(Debug, Clone, Copy)]
@@ -114,6 +114,29 @@ impl RunUnknowns {
             chain[(column, self.roles.len() + slot)] = 1.0;
         }
         chain
+    }
+
+    /// Predicts the run with these rates [1/s] and hands each sample that counts to `observe`: its index, the predictions and their
+    /// derivatives by the columns; returns what makes derivatives by this run's unknowns of those.
+    pub(crate) fn along(
+        &self,
+        run: &FitRun,
+        x: &[f64],
+        (rates, schemes): (&[f64], &[Scheme]),
+        mut observe: impl FnMut(usize, &[f64], &[f64]),
+    ) -> Option<DMatrix<f64>> {
+        let system = self.system(run, x);
+        let predictor = Predictor { position: &run.position, rates, schemes };
+        let first = run.first_sample();
+        let counted = |sample: usize, position: &[f64], rows: &[f64]| {
+            if sample >= first {
+                observe(sample, position, rows);
+            }
+        };
+        let options = Options::default();
+        sensitivity::predict(&system, &self.columns, &run.input(), &predictor, self.initial(x), &options, counted)
+            .ok()?;
+        Some(self.chain(&system))
     }
 
     /// Index among all unknowns of each of this run's own.

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use super::{PredictionProblem, response::Predicted};
 use crate::plan::Plan;
 use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
-use crate::sensitivity;
 use dynid_dynamics::simulate::{self, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError, Steps};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
 
@@ -457,23 +456,9 @@ impl Ready<'_> {
     }
 
     /// Hands each sample that counts to `observe`: its index, the predictions and their derivatives by the columns.
-    fn along(
-        &self,
-        x: &[f64],
-        schemes: &[Scheme],
-        mut observe: impl FnMut(usize, &[f64], &[f64]),
-    ) -> Option<DMatrix<f64>> {
-        let (system, rates) = (self.unknowns.system(self.run, x), self.rates(x));
-        let predictor = Predictor { position: &self.run.position, rates: &rates, schemes };
-        let first = self.run.first_sample();
-        let counted = |sample: usize, position: &[f64], rows: &[f64]| {
-            if sample >= first {
-                observe(sample, position, rows);
-            }
-        };
-        let (columns, initial) = (self.unknowns.columns(), self.unknowns.initial(x));
-        sensitivity::predict(&system, columns, &self.run.input(), &predictor, initial, &PLANNED, counted).ok()?;
-        let (mut chain, n) = (self.unknowns.chain(&system), self.joints.len());
+    fn along(&self, x: &[f64], schemes: &[Scheme], observe: impl FnMut(usize, &[f64], &[f64])) -> Option<DMatrix<f64>> {
+        let (columns, n) = (self.unknowns.columns(), self.joints.len());
+        let mut chain = self.unknowns.along(self.run, x, (&self.rates(x), schemes), observe)?;
         for (slot, (column, pole)) in columns.rates().zip(self.unknowns.rates(x)).enumerate() {
             let place = chain.ncols() - n + slot;
             chain[(column, place)] = -1.0 / (pole * self.sample_s[slot]);

@@ -457,7 +457,7 @@ fn started(run: &FitRun, options: &Options) -> Result<(Vec<f64>, Vec<f64>), Posi
     };
     let evaluator = Evaluator::new(&problem)?;
     let mut region = region(&problem, &evaluator);
-    let limits = Limits { iterations: 20, tolerance: 1e-4 };
+    let limits = Limits::of_squares(20, 1e-4);
     let mut minimised = |search: Search, x: &[f64]| {
         let at = search.at(&evaluator, x, options.steps);
         let outcome = sqp::minimise(&at, &mut region, x, &limits, &mut |_| SearchControl::Continue);

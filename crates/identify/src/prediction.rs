@@ -151,7 +151,7 @@ fn link_spread(model: &Model, name: &str) -> Option<f64> {
 pub struct Settings {
     /// Linearisations at most.
     pub iterations: usize,
-    /// The search ends where a step promises less than this increase of the log likelihood.
+    /// The search ends where a step promises less than this share of what the log likelihood gains by noise alone: half the number of unknowns.
     pub tolerance: f64,
     /// What the integration may cost of the log likelihood in the end.
     pub integration: f64,
@@ -161,7 +161,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations: 60, tolerance: 0.05, integration: 0.5, samples: 60_000 }
+        Self { iterations: 60, tolerance: 0.01, integration: 0.5, samples: 60_000 }
     }
 }
 
@@ -275,7 +275,8 @@ impl<'a> Search<'a> {
             let mut region = problem.region(evaluator);
             let line = (state.search.iterations + 1).next_multiple_of(BETWEEN_LINES);
             let left = (end - state.iterations).min(line);
-            let limits = Limits { iterations: left, tolerance: settings.tolerance };
+            let decrease = settings.tolerance * 0.5 * evaluator.n() as f64;
+            let limits = Limits { iterations: left, share: 0.0, decrease };
             let (mut search, mut cost) = (state.search.clone(), state.cost);
             let mut watched = |iteration: &sqp::Iteration, now: &sqp::State| {
                 search = now.clone();
@@ -336,12 +337,11 @@ impl<'a> Search<'a> {
         let at = evaluator.at(&state.plan);
         for share in [0.5, 0.25, 0.1, 0.03] {
             let x = evaluator.with_poles_nearer(&state.search.x, share);
-            let cost = at.cost(&x);
-            if let Some(cost) = cost.filter(|cost| state.cost.is_some_and(|before| *cost < before)) {
-                state.search.x = x;
-                state.cost = Some(cost);
-                state.known = None;
-            }
+            let cost = at.cost(&x).filter(|cost| state.cost.is_some_and(|before| *cost < before));
+            let Some(cost) = cost else { break };
+            state.search.x = x;
+            state.cost = Some(cost);
+            state.known = None;
         }
     }
 

@@ -43,15 +43,22 @@ pub trait Objective {
 pub struct Limits {
     /// Linearisations at most.
     pub iterations: usize,
-    /// Converged when the foreseen decrease is below this fraction of the cost, or of 1 where the cost is less.
-    pub tolerance: f64,
+    /// Converged when the foreseen decrease is below this share of the cost ...
+    pub share: f64,
+    /// ... or below this.
+    pub decrease: f64,
 }
 
 impl Limits {
-    /// A decrease not worth taking at `cost`. Costs count squared standard deviations: below one of them a cost is
-    /// noise or, where the model is perfect, rounding, and its fractions mean nothing.
+    /// Of a cost that counts squared standard deviations: below one of them it is noise or, where the model is perfect, rounding, and
+    /// its shares mean nothing.
+    pub fn of_squares(iterations: usize, share: f64) -> Self {
+        Self { iterations, share, decrease: share }
+    }
+
+    /// A decrease not worth taking at `cost`.
     fn negligible(&self, cost: f64) -> f64 {
-        self.tolerance * cost.max(1.0)
+        (self.share * cost).max(self.decrease)
     }
 }
 
@@ -116,7 +123,7 @@ impl State {
         Self {
             x: x.to_vec(),
             damping: FIRST_DAMPING,
-            growth: 2.0,
+            growth: FIRST_GROWTH,
             idle: 0,
             iterations: 1,
             half_spaces: region.half_spaces.clone(),
@@ -137,6 +144,8 @@ pub enum SearchControl {
 
 /// Damping at the start: nearly a full Gauss-Newton step.
 const FIRST_DAMPING: f64 = 1e-3;
+/// What the damping grows by after the first step that keeps no promise.
+const FIRST_GROWTH: f64 = 2.0;
 /// Up to this damping a step is as good as a Gauss-Newton step.
 const UNDAMPED: f64 = 0.1;
 /// Beyond this damping the step is too short to matter.
@@ -203,31 +212,31 @@ pub fn resume(
         if damping <= UNDAMPED && foreseen <= limits.negligible(quadratic.cost) {
             break Ended::Converged;
         }
-        let trial = moved(region, &x, &step);
-        let decrease = objective.cost(&trial).map_or(f64::NEG_INFINITY, |cost| quadratic.cost - cost);
-        let share = decrease / foreseen;
-        // A subproblem solved to its tolerance only may promise nothing; two negative numbers have a positive share.
-        let kept = foreseen > 0.0 && share >= ACCEPTED_SHARE;
-        if !kept {
-            damping *= growth;
-            growth *= 2.0;
-            continue;
-        }
         if iterations >= limits.iterations {
             break Ended::IterationLimit;
         }
-        let Some(next) = objective.quadratic(&trial) else {
+        let trial = moved(region, &x, &step);
+        // A subproblem solved to its tolerance only may promise nothing; two negative numbers have a positive share.
+        let is_kept = |cost: f64| foreseen > 0.0 && (quadratic.cost - cost) / foreseen >= ACCEPTED_SHARE;
+        // After a step that kept its promise the next mostly does, and its derivatives are wanted; else its cost tells first.
+        let next = match growth > FIRST_GROWTH && !objective.cost(&trial).is_some_and(is_kept) {
+            true => None,
+            false => objective.quadratic(&trial).filter(|next| is_kept(next.cost)),
+        };
+        let Some(next) = next else {
             damping *= growth;
             growth *= 2.0;
             continue;
         };
+        let decrease = quadratic.cost - next.cost;
+        let share = decrease / foreseen;
         let length = (0..x.len()).map(|k| step[k] * step[k] * quadratic.hessian[(k, k)]).sum::<f64>().sqrt();
         x = trial;
         quadratic = next;
         iterations += 1;
         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).clamp(0.1, 1.0);
         damping = damping.max(1e-12);
-        growth = 2.0;
+        growth = FIRST_GROWTH;
         idle = if decrease <= IDLE * limits.negligible(quadratic.cost) { idle + 1 } else { 0 };
         let reported = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
         let half_spaces = region.half_spaces.clone();
@@ -447,7 +456,7 @@ mod tests {
         }
     }
 
-    const LIMITS: Limits = Limits { iterations: 200, tolerance: 1e-14 };
+    const LIMITS: Limits = Limits::of_squares(200, 1e-14);
 
     fn region() -> Region {
         Region { lower: vec![f64::NEG_INFINITY; 2], upper: vec![f64::INFINITY; 2], half_spaces: Vec::new() }
@@ -538,7 +547,7 @@ mod tests {
     #[test]
     fn a_perfect_model_converges() {
         let mut region = Region { lower: vec![f64::NEG_INFINITY], upper: vec![f64::INFINITY], half_spaces: Vec::new() };
-        let limits = Limits { iterations: 50, tolerance: 1e-6 };
+        let limits = Limits::of_squares(50, 1e-6);
         let end = minimise(&Rounding, &mut region, &[1.0], &limits, &mut |_| SearchControl::Continue);
         assert_eq!(end.ended, Ended::Converged);
     }

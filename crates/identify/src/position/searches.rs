@@ -56,15 +56,15 @@ impl Search {
 
     /// When this search ends, after so many `iterations` of those before.
     pub(super) fn limits(self, options: &Options, iterations: usize) -> Limits {
-        /// With an observer the minimum is another one anyway.
-        const OBSERVED: Limits = Limits { iterations: 20, tolerance: 1e-2 };
+        /// With an observer the minimum is another one anyway: so many iterations, to this share of the cost.
+        const OBSERVED: (usize, f64) = (20, 1e-2);
         /// The final search goes on from there.
         const ROUGHLY: f64 = 100.0;
         let left = options.iterations.saturating_sub(iterations).max(1);
         match self {
-            Self::Observed(_) => Limits { iterations: OBSERVED.iterations.min(left), ..OBSERVED },
-            Self::Rough => Limits { iterations: left, tolerance: ROUGHLY * options.tolerance },
-            Self::Final => Limits { iterations: left, tolerance: options.tolerance },
+            Self::Observed(_) => Limits::of_squares(OBSERVED.0.min(left), OBSERVED.1),
+            Self::Rough => Limits::of_squares(left, ROUGHLY * options.tolerance),
+            Self::Final => Limits::of_squares(left, options.tolerance),
         }
     }
 }

@@ -264,12 +264,12 @@ impl<'a> Evaluator<'a> {
             n_unchanged = if next == plan { n_unchanged + 1 } else { 0 };
             plan = next;
             let lost = self.predicted(x, &plan.halved()).map_or(f64::MAX, |fine| self.lost(&rough, &fine));
-            // Where motions part whatever the steps, shorter ones bring nothing.
-            let is_of_no_use = lost > best.0 || n_unchanged > 1;
-            if lost < best.0 {
+            // Where motions part whatever the steps, shorter ones bring little: what is lost goes by the square of what an interval errs by.
+            let is_of_use = lost < WORTH_STEPS * best.0;
+            if is_of_use {
                 best = (lost, plan.clone());
             }
-            if lost <= loss || is_of_no_use {
+            if lost <= loss || !is_of_use || n_unchanged > 1 {
                 break;
             }
             // Errors add up as long as a predictor remembers.
@@ -421,6 +421,8 @@ const POLES: [f64; 5] = [0.99, 0.95, 0.8, 0.4, LEAST_POLE];
 const ROUNDING: f64 = 1e-6;
 /// Before it is known how large errors are, steps may err by this share of a joint's range.
 const UNPLANNED: f64 = 1e-4;
+/// Shorter steps have to leave no more than this share of what others lose.
+const WORTH_STEPS: f64 = 0.5;
 /// To these shares it is cut what an interval may err by.
 const LEAST_SHARE: f64 = 0.1;
 const MOST_SHARE: f64 = 0.25;

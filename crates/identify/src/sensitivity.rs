@@ -17,6 +17,7 @@
 //! inverses of the stages' matrices.
 
 use dynid_generated::{LANES, Lanes, Scalar};
+use pulp::bytemuck::{cast_slice, cast_slice_mut};
 
 use dynid_dynamics::{
     simulate::Commands, simulate::Gains, simulate::Grid, simulate::Input, simulate::Intersample, simulate::Options,
@@ -723,50 +724,13 @@ impl Variation {
 
     /// Takes the sensitivities over the steps of the chunk.
     fn sensitivities(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
-        let n_states = self.x.len();
-        // The vectors per block that leave the fewest rows empty; of those the most.
-        let padded = |vectors: usize| n_states.next_multiple_of(vectors * LANES);
-        match [4, 3, 2].into_iter().min_by_key(|vectors| padded(*vectors)) {
-            Some(4) => self.sweep::<4>(system, columns, span),
-            Some(3) => self.sweep::<3>(system, columns, span),
-            _ => self.sweep::<2>(system, columns, span),
-        }
+        pulp::Arch::new().dispatch(Sweep {
+            variation: self,
+            n: system.n_free(),
+            width: columns.width,
+            step: span.step(),
+        });
         std::mem::swap(&mut self.s, &mut self.s_next);
-    }
-
-    /// `S_next = W S + G`, `B` vectors of rows at a time. With `k_i = A_i X_i + B_i` the slopes of the scheme, and
-    /// `X_2 = S + h/2 k_1`, `X_3 = S + h/2 k_2`, `X_4 = S + h k_3`, a row w of the result needs `w k_i` with the weights
-    /// below, from the last slope to the first.
-    fn sweep<const B: usize>(&mut self, system: &System, columns: &Columns, span: &Span<'_>) {
-        let (n, n_states, width) = (system.n_free(), self.x.len(), columns.width);
-        let step = span.step();
-        let [sixth, third, half] = [step / 6.0, step / 3.0, step / 2.0];
-        let mut rows = Rows::<B>::new(n, n_states, width);
-        let slopes_of = |stage: usize| {
-            let first = stage / LANES * self.places.count;
-            &self.slopes[first..first + self.places.count]
-        };
-        for first_row in (0..n_states).step_by(B * LANES) {
-            rows.begin(first_row);
-            for index in (0..self.steps).rev() {
-                let (late, early) = (slopes_of(index * STAGES + 2), slopes_of(index * STAGES));
-                rows.stage::<1>(late, &self.places, [sixth, 0.0]);
-                rows.stage::<0>(late, &self.places, [third, step]);
-                rows.stage::<1>(early, &self.places, [third, half]);
-                rows.stage::<0>(early, &self.places, [sixth, half]);
-                rows.end_step();
-            }
-            for (row, next) in self.s_next.chunks_exact_mut(width).enumerate().skip(first_row).take(B * LANES) {
-                let (vector, lane) = ((row - first_row) / LANES, (row - first_row) % LANES);
-                for (next, by_column) in next.iter_mut().zip(&rows.by_column) {
-                    *next = by_column[vector].to_array()[lane];
-                }
-                for (w, source) in rows.w.iter().zip(self.s.chunks_exact(width)) {
-                    let factor = w[vector].to_array()[lane];
-                    next.iter_mut().zip(source).for_each(|(next, source)| *next += factor * source);
-                }
-            }
-        }
     }
 }
 
@@ -823,27 +787,96 @@ fn occurring(system: &System) -> Vec<(usize, usize)> {
     all.filter(|(lump, slot)| seen[slot * n_lumps + lump]).collect()
 }
 
-/// A block of rows on their way back through the steps: what each depends on at the stage that was reached.
-struct Rows<const B: usize> {
+/// `S_next = W S + G`, by the widest vectors of rows that the processor has: a row is the same bits in any. With `k_i = A_i X_i + B_i`
+/// the slopes of the scheme, and `X_2 = S + h/2 k_1`, `X_3 = S + h/2 k_2`, `X_4 = S + h k_3`, a row w of the result needs `w k_i` with
+/// the weights below, from the last slope to the first.
+struct Sweep<'a> {
+    variation: &'a mut Variation,
+    /// Number of free joints.
     n: usize,
-    /// By the states at the end of the current step.
-    w: Vec<[Lanes; B]>,
-    /// By the states at its beginning, as far as known.
-    w_next: Vec<[Lanes; B]>,
-    /// By the slope of the stage.
-    by_slope: Vec<[Lanes; B]>,
-    /// By the states at the stage.
-    by_state: Vec<[Lanes; B]>,
-    /// By the torques at the stage.
-    by_torque: Vec<[Lanes; B]>,
-    /// By the unknowns.
-    by_column: Vec<[Lanes; B]>,
+    /// Columns of the sensitivities.
+    width: usize,
+    /// Length of a step (s).
+    step: f64,
 }
 
-impl<const B: usize> Rows<B> {
-    fn new(n: usize, n_states: usize, width: usize) -> Self {
-        let room = |length: usize| vec![[Lanes::constant(0.0); B]; length];
+impl pulp::WithSimd for Sweep<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        // One pass where it can be: what a pass needs besides its rows is the same for all.
+        match self.variation.x.len().div_ceil(S::F64_LANES) {
+            1 => self.rows::<S, 1>(simd),
+            2 => self.rows::<S, 2>(simd),
+            3 => self.rows::<S, 3>(simd),
+            _ => self.rows::<S, 4>(simd),
+        }
+    }
+}
+
+impl Sweep<'_> {
+    /// `B` vectors of rows at a time.
+    #[inline(always)]
+    fn rows<S: pulp::Simd, const B: usize>(self, simd: S) {
+        let Self { variation, n, width, step } = self;
+        let (n_states, per_pass) = (variation.x.len(), B * S::F64_LANES);
+        let [sixth, third, half] = [step / 6.0, step / 3.0, step / 2.0];
+        let mut rows = Rows::<S, B>::new(simd, n, n_states, width);
+        let places = &variation.places;
+        let slopes_of = |stage: usize| {
+            let first = stage / LANES * places.count;
+            &variation.slopes[first..first + places.count]
+        };
+        for first_row in (0..n_states).step_by(per_pass) {
+            rows.begin(first_row);
+            for index in (0..variation.steps).rev() {
+                let (late, early) = (slopes_of(index * STAGES + 2), slopes_of(index * STAGES));
+                rows.stage::<1>(late, places, [sixth, 0.0]);
+                rows.stage::<0>(late, places, [third, step]);
+                rows.stage::<1>(early, places, [third, half]);
+                rows.stage::<0>(early, places, [sixth, half]);
+                rows.end_step();
+            }
+            let (by_column, w): (&[f64], &[f64]) =
+                (cast_slice(rows.by_column.as_flattened()), cast_slice(rows.w.as_flattened()));
+            for (row, next) in variation.s_next.chunks_exact_mut(width).enumerate().skip(first_row).take(per_pass) {
+                for (next, by_column) in next.iter_mut().zip(by_column.chunks_exact(per_pass)) {
+                    *next = by_column[row - first_row];
+                }
+                for (w, source) in w.chunks_exact(per_pass).zip(variation.s.chunks_exact(width)) {
+                    let factor = w[row - first_row];
+                    next.iter_mut().zip(source).for_each(|(next, source)| *next += factor * source);
+                }
+            }
+        }
+    }
+}
+
+/// A block of rows on their way back through the steps: what each depends on at the stage that was reached.
+struct Rows<S: pulp::Simd, const B: usize> {
+    simd: S,
+    n: usize,
+    /// By the states at the end of the current step.
+    w: Vec<[S::f64s; B]>,
+    /// By the states at its beginning, as far as known.
+    w_next: Vec<[S::f64s; B]>,
+    /// By the slope of the stage.
+    by_slope: Vec<[S::f64s; B]>,
+    /// By the states at the stage.
+    by_state: Vec<[S::f64s; B]>,
+    /// By the torques at the stage.
+    by_torque: Vec<[S::f64s; B]>,
+    /// By the unknowns.
+    by_column: Vec<[S::f64s; B]>,
+}
+
+impl<S: pulp::Simd, const B: usize> Rows<S, B> {
+    #[inline(always)]
+    fn new(simd: S, n: usize, n_states: usize, width: usize) -> Self {
+        let room = |length: usize| vec![[simd.splat_f64s(0.0); B]; length];
         Self {
+            simd,
             n,
             w: room(n_states),
             w_next: room(n_states),
@@ -855,28 +888,45 @@ impl<const B: usize> Rows<B> {
     }
 
     /// Rows of the unit matrix from `first_row` on.
+    #[inline(always)]
     fn begin(&mut self, first_row: usize) {
-        for (state, w) in self.w.iter_mut().enumerate() {
-            let entry = |row: usize| f64::from(u8::from(first_row + row == state));
-            *w = std::array::from_fn(|vector| Lanes::new([entry(LANES * vector), entry(LANES * vector + 1)]));
-        }
+        let zero = [self.simd.splat_f64s(0.0); B];
+        self.w.fill(zero);
+        self.by_column.fill(zero);
+        let per_pass = B * S::F64_LANES;
+        let unit = cast_slice_mut::<_, f64>(self.w.as_flattened_mut())
+            .chunks_exact_mut(per_pass)
+            .skip(first_row)
+            .take(per_pass);
+        unit.enumerate().for_each(|(row, w)| w[row] = 1.0);
         self.w_next.copy_from_slice(&self.w);
-        self.by_column.fill([Lanes::constant(0.0); B]);
     }
 
     /// Through one stage, whose slopes are in lane `LANE`. Its own slope counts `weights[0]` in the rows and
     /// `weights[1]` in the states of the stage after it.
-    #[inline]
+    #[inline(always)]
     fn stage<const LANE: usize>(&mut self, slopes: &[Lanes], places: &Places, weights: [f64; 2]) {
-        let (n, n_states) = (self.n, self.w.len());
-        let (own, later) = (Lanes::constant(weights[0]), Lanes::constant(weights[1]));
+        let (simd, n, n_states) = (self.simd, self.n, self.w.len());
+        let [own, later] = weights.map(|weight| simd.splat_f64s(weight));
         for ((by_slope, w), by_state) in self.by_slope.iter_mut().zip(&self.w).zip(&self.by_state) {
             for k in 0..B {
-                by_slope[k] =
-                    if LANE == 1 && weights[1] == 0.0 { own * w[k] } else { own * w[k] + later * by_state[k] };
+                by_slope[k] = simd.mul_f64s(own, w[k]);
+                if LANE == 0 || weights[1] != 0.0 {
+                    by_slope[k] = simd.add_f64s(by_slope[k], simd.mul_f64s(later, by_state[k]));
+                }
             }
         }
-        let slope = |place: usize| Lanes::constant(slopes[place].to_array()[LANE]);
+        let slope = |place: usize| simd.splat_f64s(slopes[place].to_array()[LANE]);
+        let add_scaled = |target: &mut [S::f64s; B], factor: S::f64s, source: &[S::f64s; B]| {
+            for k in 0..B {
+                target[k] = simd.add_f64s(target[k], simd.mul_f64s(factor, source[k]));
+            }
+        };
+        let subtract_scaled = |target: &mut [S::f64s; B], factor: S::f64s, source: &[S::f64s; B]| {
+            for k in 0..B {
+                target[k] = simd.sub_f64s(target[k], simd.mul_f64s(factor, source[k]));
+            }
+        };
 
         self.by_torque.copy_from_slice(&self.by_slope[n..2 * n]);
         for row in 1..n {
@@ -888,21 +938,22 @@ impl<const B: usize> Rows<B> {
         for row in (0..n).rev() {
             let (above, below) = self.by_torque.split_at_mut(row + 1);
             let reciprocal = slope(row * n + row);
-            above[row].iter_mut().for_each(|value| *value = *value * reciprocal);
+            above[row].iter_mut().for_each(|value| *value = simd.mul_f64s(*value, reciprocal));
             for (k, solved) in below.iter().enumerate() {
                 subtract_scaled(&mut above[row], slope((row + 1 + k) * n + row), solved);
             }
         }
 
-        self.by_state[..n].fill([Lanes::constant(0.0); B]);
+        let zero = [simd.splat_f64s(0.0); B];
+        self.by_state[..n].fill(zero);
         self.by_state[n..2 * n].copy_from_slice(&self.by_slope[..n]);
-        self.by_state[2 * n..].fill([Lanes::constant(0.0); B]);
+        self.by_state[2 * n..].fill(zero);
         for (row, torque) in self.by_torque.iter().enumerate() {
             let factors = &slopes[n * n + row * n_states..n * n + (row + 1) * n_states];
             for (by_state, factor) in self.by_state.iter_mut().zip(factors) {
                 let factor = factor.to_array()[LANE];
                 if factor != 0.0 {
-                    add_scaled(by_state, Lanes::constant(factor), torque);
+                    add_scaled(by_state, simd.splat_f64s(factor), torque);
                 }
             }
         }
@@ -916,32 +967,24 @@ impl<const B: usize> Rows<B> {
         for &(row, column, place) in &places.rate_by_parameter {
             add_scaled(&mut self.by_column[column], slope(place), &self.by_slope[row]);
         }
-        for &(column, slot, place) in &places.regressor {
-            subtract_scaled(&mut self.by_column[column], slope(place), &self.by_torque[slot]);
+        for of_column in places.regressor.chunk_by(|one, other| one.0 == other.0) {
+            let column = of_column[0].0;
+            let mut by_column = self.by_column[column];
+            for &(_, slot, place) in of_column {
+                subtract_scaled(&mut by_column, slope(place), &self.by_torque[slot]);
+            }
+            self.by_column[column] = by_column;
         }
         for (w_next, by_state) in self.w_next.iter_mut().zip(&self.by_state) {
             for k in 0..B {
-                w_next[k] = w_next[k] + by_state[k];
+                w_next[k] = simd.add_f64s(w_next[k], by_state[k]);
             }
         }
     }
 
+    #[inline(always)]
     fn end_step(&mut self) {
         self.w.copy_from_slice(&self.w_next);
-    }
-}
-
-#[inline(always)]
-fn add_scaled<const B: usize>(target: &mut [Lanes; B], factor: Lanes, source: &[Lanes; B]) {
-    for k in 0..B {
-        target[k] = target[k] + factor * source[k];
-    }
-}
-
-#[inline(always)]
-fn subtract_scaled<const B: usize>(target: &mut [Lanes; B], factor: Lanes, source: &[Lanes; B]) {
-    for k in 0..B {
-        target[k] = target[k] - factor * source[k];
     }
 }
 

@@ -52,7 +52,7 @@ pub struct Limits {
 impl Limits {
     /// Of a cost that counts squared standard deviations: below one of them it is noise or, where the model is perfect, rounding, and
     /// its shares mean nothing.
-    pub fn of_squares(iterations: usize, share: f64) -> Self {
+    pub const fn of_squares(iterations: usize, share: f64) -> Self {
         Self { iterations, share, decrease: share }
     }
 

@@ -28,6 +28,10 @@
 //! current ones it derives them by itself (`dynid-equations`), to the same bytes as the computer algebra system.
 #![no_std]
 
+// Only to ask which registers the processor has.
+#[cfg(all(target_arch = "x86_64", not(target_os = "none")))]
+extern crate std;
+
 mod dual;
 mod effect;
 mod end_point;
@@ -44,7 +48,7 @@ pub use dual::Dual;
 pub use effect::{EffectFunctions, EffectKernel, EffectTable, N_SIGNALS, Signal};
 pub use end_point::{EndPoint, EndPointFunctions, EndPointTable};
 pub use kernel::{Kernel, KernelFunctions, KernelTable, Operations};
-pub use lanes::{LANES, Lanes};
+pub use lanes::{Eight, LANES, Lanes, Width};
 pub use scalar::Scalar;
 
 include!(concat!(env!("OUT_DIR"), "/library.rs"));

@@ -22,6 +22,10 @@ use crate::kernel::Function;
 /// rustc's time and memory grow faster than linearly in a function's length, so no function is longer.
 pub const MOST_STATEMENTS: usize = 1_000;
 
+/// What is emitted for registers of any width. It becomes part of the function that is compiled for a processor's own, for what
+/// it would call is not.
+const OF_EIGHT: &str = "forward_dynamics";
+
 /// Source text that is not valid Rust: a bug of ours, said with the place.
 #[derive(Debug, thiserror::Error)]
 #[error("the emitted code of {what} does not parse: {error}")]

@@ -7,7 +7,8 @@ use std::sync::{
 
 use dynid_compile::{Routine, Word};
 use dynid_generated::{
-    Dual, EffectFunctions, EffectKernel, EndPoint, EndPointFunctions, Kernel, KernelFunctions, Lanes, Operations,
+    Dual, EffectFunctions, EffectKernel, Eight, EndPoint, EndPointFunctions, Kernel, KernelFunctions, LANES, Lanes,
+    Operations, Scalar, Width,
 };
 use dynid_lower::{effect::EffectKernels, kernel::Configuration, kernel::Function};
 use dynid_model::{Device, Effect};
@@ -220,6 +221,29 @@ impl KernelFunctions for Equations {
         by_dq: &mut [f64],
     ) {
         self.inverse_dynamics_gradient.call([prepared, q, dq, ddq], [tau, by_q, by_dq]);
+    }
+
+    /// In two lanes, whatever the processor has: what makes the code knows no wider ones.
+    fn forward_dynamics_of_eight(
+        &self,
+        _: Width,
+        prepared: &[f64],
+        q: &[Eight],
+        dq: &[Eight],
+        tau: &[Eight],
+        ddq: &mut [Eight],
+    ) {
+        let prepared: Vec<Lanes> = prepared.iter().map(|value| Lanes::constant(*value)).collect();
+        let mut results = vec![Lanes::constant(0.0); ddq.len()];
+        for part in 0..8 / LANES {
+            let of = |rows: &[Eight]| -> Vec<Lanes> {
+                rows.iter().map(|row| Lanes::new(row.as_chunks().0[part])).collect()
+            };
+            self.forward_dynamics.call_lanes([&prepared, &of(q), &of(dq), &of(tau)], [&mut results]);
+            for (row, result) in ddq.iter_mut().zip(&results) {
+                row.as_chunks_mut().0[part] = result.to_array();
+            }
+        }
     }
 
     fn inertia_lanes(&self, prepared: &[Lanes], q: &[Lanes], d: &mut [Lanes]) {

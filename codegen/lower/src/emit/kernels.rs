@@ -36,7 +36,7 @@ pub fn configuration_module(configuration: &Configuration, appearing: &[String])
         #![doc = #head]
         #![doc = ""]
         #![doc = #about]
-        use crate::{Kernel, KernelTable, Lanes, Operations, Scalar, checked, gradient::jacobian_of};
+        use crate::{Kernel, KernelTable, Lanes, Operations, Scalar, checked, gradient::jacobian_of, lanes::in_eight};
         #kernel
         #(#functions)*
     };
@@ -95,8 +95,10 @@ fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStre
             let entry = format_ident!("{}_lanes", function.name);
             quote!(#entry: checked!(#name::<Lanes>(#(#slices),*)))
         });
+    let of_eight = identifier(super::OF_EIGHT);
     let [partials, n_parameters, n_locked, n_prepared] =
         [PARTIALS, configuration.parameters.len(), configuration.locked.len(), configuration.prepared.len()].map(size);
+    let n_free = size(configuration.free.len());
     quote! {
         /// The table entry: this configuration's kernels.
         pub static KERNEL: Kernel = Kernel {
@@ -116,6 +118,7 @@ fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStre
                     )
                 },
                 #(#entries,)*
+                forward_dynamics_of_eight: in_eight!(#of_eight, #n_prepared, #n_free),
                 #(#in_lanes),*
             },
         };

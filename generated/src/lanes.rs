@@ -12,8 +12,8 @@ use wide::{
 
 use crate::Scalar;
 
-pub use eight::{Eight, Width};
-pub(crate) use eight::{ForwardDynamics, forward_dynamics_of_eight, in_eight};
+pub(crate) use eight::of_eight;
+pub use eight::{Eight, Lanewise, Width};
 use vector::scalar_of_vector;
 pub(crate) use vector::Vector;
 

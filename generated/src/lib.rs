@@ -48,7 +48,7 @@ pub use dual::Dual;
 pub use effect::{EffectFunctions, EffectKernel, EffectTable, N_SIGNALS, Signal};
 pub use end_point::{EndPoint, EndPointFunctions, EndPointTable};
 pub use kernel::{Kernel, KernelFunctions, KernelTable, Operations};
-pub use lanes::{Eight, LANES, Lanes, Width};
+pub use lanes::{Eight, LANES, Lanes, Lanewise, Width};
 pub use scalar::Scalar;
 
 include!(concat!(env!("OUT_DIR"), "/library.rs"));

@@ -224,25 +224,18 @@ impl KernelFunctions for Equations {
     }
 
     /// In two lanes, whatever the processor has: what makes the code knows no wider ones.
-    fn forward_dynamics_of_eight(
-        &self,
-        _: Width,
-        prepared: &[f64],
-        q: &[Eight],
-        dq: &[Eight],
-        tau: &[Eight],
-        ddq: &mut [Eight],
-    ) {
-        let prepared: Vec<Lanes> = prepared.iter().map(|value| Lanes::constant(*value)).collect();
-        let mut results = vec![Lanes::constant(0.0); ddq.len()];
+    fn forward_dynamics_of_eight(&self, _: Width, prepared: &[f64], states: &[Eight], ddq: &mut [Eight]) {
+        let n = ddq.len();
+        let mut room = vec![Lanes::constant(0.0); prepared.len() + 4 * n];
+        let (own, rest) = room.split_at_mut(prepared.len());
+        let (given, results) = rest.split_at_mut(3 * n);
+        own.iter_mut().zip(prepared).for_each(|(own, value)| *own = Lanes::constant(*value));
         for part in 0..8 / LANES {
-            let of = |rows: &[Eight]| -> Vec<Lanes> {
-                rows.iter().map(|row| Lanes::new(row.as_chunks().0[part])).collect()
-            };
-            self.forward_dynamics.call_lanes([&prepared, &of(q), &of(dq), &of(tau)], [&mut results]);
-            for (row, result) in ddq.iter_mut().zip(&results) {
-                row.as_chunks_mut().0[part] = result.to_array();
-            }
+            given.iter_mut().zip(states).for_each(|(given, row)| *given = Lanes::new(row.as_chunks().0[part]));
+            let (q, rest) = given.split_at(n);
+            let (dq, tau) = rest.split_at(n);
+            self.forward_dynamics.call_lanes([own, q, dq, tau], [results]);
+            ddq.iter_mut().zip(&*results).for_each(|(row, lanes)| row.as_chunks_mut().0[part] = lanes.to_array());
         }
     }
 

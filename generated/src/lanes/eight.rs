@@ -1,4 +1,4 @@
-//! Forward dynamics of eight states at once, in registers as wide as the processor's.
+//! A function of eight states at once, in registers as wide as the processor's.
 
 use super::{LANES, Lanes, vector::Vector};
 use crate::Scalar;
@@ -6,7 +6,14 @@ use crate::Scalar;
 /// A quantity of eight states.
 pub type Eight = [f64; 8];
 
-/// How many states are worked on at once. There is only what the processor has, and the bits do not depend on it.
+/// A function of `I` numbers with `O` results, for any scalar. What is not `#[inline(always)]` in it, down to its last
+/// operation, is not compiled for wide registers.
+pub trait Lanewise<const I: usize, const O: usize> {
+    /// The results.
+    fn of<S: Scalar>(&self, given: &[S; I]) -> [S; O];
+}
+
+/// How many numbers are worked on at once. There are only widths that the processor has, and the bits do not depend on them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Width(Register);
 
@@ -34,7 +41,7 @@ impl Width {
             std::is_x86_feature_detected!("avx512f").then_some(Register::Avx512),
         ];
         #[cfg(not(all(target_arch = "x86_64", not(target_os = "none"))))]
-        let wide = [];
+        let wide: [Option<Register>; 0] = [];
         core::iter::once(Register::Two).chain(wide.into_iter().flatten()).map(Width)
     }
 
@@ -48,76 +55,60 @@ impl Width {
             Register::Avx512 => 8,
         }
     }
-}
 
-/// The forward dynamics of a configuration, as a function of any scalar.
-pub(crate) trait ForwardDynamics<const P: usize, const N: usize> {
-    fn of<S: Scalar>(prepared: &[S; P], states: [&[S; N]; 3], ddq: &mut [S; N]);
-}
-
-/// Of eight states: positions, speeds and torques to accelerations.
-pub(crate) fn forward_dynamics_of_eight<K: ForwardDynamics<P, N>, const P: usize, const N: usize>(
-    Width(register): Width,
-    prepared: &[f64; P],
-    states: [&[Eight; N]; 3],
-    ddq: &mut [Eight; N],
-) {
-    match register {
-        Register::Two => in_parts::<K, Lanes, LANES, P, N>(prepared, states, ddq),
-        #[cfg(target_arch = "x86_64")]
-        Register::Avx2 => super::x86::in_avx2::<K, P, N>(prepared, states, ddq),
-        #[cfg(target_arch = "x86_64")]
-        Register::Avx512 => super::x86::in_avx512::<K, P, N>(prepared, states, ddq),
+    /// A function of eight states, each with the bits that it would have alone.
+    #[inline]
+    pub fn of_eight<const I: usize, const O: usize>(
+        self,
+        function: &impl Lanewise<I, O>,
+        given: &[Eight; I],
+        results: &mut [Eight; O],
+    ) {
+        match self.0 {
+            Register::Two => in_parts::<Lanes, LANES, I, O>(function, given, results),
+            #[cfg(target_arch = "x86_64")]
+            Register::Avx2 => super::x86::in_avx2(function, given, results),
+            #[cfg(target_arch = "x86_64")]
+            Register::Avx512 => super::x86::in_avx512(function, given, results),
+        }
     }
 }
 
-/// The same, `LANES` states after the other.
+/// The same, so many states after the other.
 #[inline(always)]
-pub(super) fn in_parts<K, V, const LANES: usize, const P: usize, const N: usize>(
-    prepared: &[f64; P],
-    states: [&[Eight; N]; 3],
-    ddq: &mut [Eight; N],
+pub(super) fn in_parts<V, const LANES: usize, const I: usize, const O: usize>(
+    function: &impl Lanewise<I, O>,
+    given: &[Eight; I],
+    results: &mut [Eight; O],
 ) where
-    K: ForwardDynamics<P, N>,
     V: Vector + From<[f64; LANES]> + Into<[f64; LANES]>,
 {
-    let prepared = prepared.map(V::constant);
     for part in 0..8 / LANES {
-        let [q, dq, tau] = states.map(|rows| rows.map(|row| V::from(row.as_chunks().0[part])));
-        let mut results = [V::constant(0.0); N];
-        K::of(&prepared, [&q, &dq, &tau], &mut results);
-        for (row, result) in ddq.iter_mut().zip(results) {
+        let given = given.each_ref().map(|row| V::from(row.as_chunks().0[part]));
+        for (row, result) in results.iter_mut().zip(function.of(&given)) {
             row.as_chunks_mut().0[part] = result.into();
         }
     }
 }
 
 /// The entry of a table of kernels from the generic function.
-macro_rules! in_eight {
+macro_rules! of_eight {
     ($function:ident, $n_prepared:literal, $n_free:literal) => {{
-        struct Own;
-        impl $crate::lanes::ForwardDynamics<$n_prepared, $n_free> for Own {
+        struct Own<'a>(&'a [f64; $n_prepared]);
+        impl $crate::Lanewise<{ 3 * $n_free }, $n_free> for Own<'_> {
             #[inline(always)]
-            fn of<S: $crate::Scalar>(
-                prepared: &[S; $n_prepared],
-                [q, dq, tau]: [&[S; $n_free]; 3],
-                ddq: &mut [S; $n_free],
-            ) {
-                $function(prepared, q, dq, tau, ddq);
+            fn of<S: $crate::Scalar>(&self, given: &[S; 3 * $n_free]) -> [S; $n_free] {
+                let mut ddq = [S::constant(0.0); $n_free];
+                if let [q, dq, tau] = given.as_chunks().0 {
+                    $function(&self.0.map(S::constant), q, dq, tau, &mut ddq);
+                }
+                ddq
             }
         }
-        |width, prepared, q, dq, tau, ddq| match (
-            prepared.try_into(),
-            q.try_into(),
-            dq.try_into(),
-            tau.try_into(),
-            ddq.try_into(),
-        ) {
-            (Ok(prepared), Ok(q), Ok(dq), Ok(tau), Ok(ddq)) => {
-                $crate::lanes::forward_dynamics_of_eight::<Own, $n_prepared, $n_free>(width, prepared, [q, dq, tau], ddq)
-            }
+        |width, prepared, given, ddq| match (prepared.try_into(), given.try_into(), ddq.try_into()) {
+            (Ok(prepared), Ok(given), Ok(ddq)) => width.of_eight(&Own(prepared), given, ddq),
             _ => $crate::wrong_length(),
         }
     }};
 }
-pub(crate) use in_eight;
+pub(crate) use of_eight;

@@ -7,13 +7,13 @@
 
 use core::arch::x86_64::*;
 
-use super::{Eight, ForwardDynamics, eight::in_parts, vector::Vector, vector::scalar_of_vector};
+use super::{Eight, Lanewise, eight::in_parts, vector::Vector, vector::scalar_of_vector};
 
 /// Calls instructions that the processor has.
 macro_rules! has {
     ($of:expr) => {
-        // SAFETY: only `with_avx2` and `with_avx512` work with the types below, and they run where the processor has these
-        // instructions.
+        // SAFETY: only `in_avx2` and `in_avx512` make numbers of the types below, and `Width` calls them where the processor has
+        // these instructions.
         unsafe { $of }
     };
 }
@@ -133,36 +133,38 @@ vector!(InAvx512: [f64; 8] in __m512d, __m512i {
     all_at_most: |a, b| _mm512_cmp_pd_mask::<_CMP_LE_OQ>(a, b) == 0b1111_1111,
 });
 
-/// As [`super::forward_dynamics_of_eight`]: [`super::Width`] has seen that the processor has AVX2.
-pub(super) fn in_avx2<K: ForwardDynamics<P, N>, const P: usize, const N: usize>(
-    prepared: &[f64; P],
-    states: [&[Eight; N]; 3],
-    ddq: &mut [Eight; N],
+/// Four states after the other. [`super::Width`] has seen that the processor has AVX2.
+#[inline]
+pub(super) fn in_avx2<F: Lanewise<I, O>, const I: usize, const O: usize>(
+    function: &F,
+    given: &[Eight; I],
+    results: &mut [Eight; O],
 ) {
     #[target_feature(enable = "avx2")]
-    fn inner<K: ForwardDynamics<P, N>, const P: usize, const N: usize>(
-        prepared: &[f64; P],
-        states: [&[Eight; N]; 3],
-        ddq: &mut [Eight; N],
+    fn compiled<F: Lanewise<I, O>, const I: usize, const O: usize>(
+        function: &F,
+        given: &[Eight; I],
+        results: &mut [Eight; O],
     ) {
-        in_parts::<K, InAvx2, 4, P, N>(prepared, states, ddq);
+        in_parts::<InAvx2, 4, I, O>(function, given, results);
     }
-    has!(inner::<K, P, N>(prepared, states, ddq));
+    has!(compiled(function, given, results));
 }
 
-/// The same of AVX-512.
-pub(super) fn in_avx512<K: ForwardDynamics<P, N>, const P: usize, const N: usize>(
-    prepared: &[f64; P],
-    states: [&[Eight; N]; 3],
-    ddq: &mut [Eight; N],
+/// All eight states. [`super::Width`] has seen that the processor has AVX-512.
+#[inline]
+pub(super) fn in_avx512<F: Lanewise<I, O>, const I: usize, const O: usize>(
+    function: &F,
+    given: &[Eight; I],
+    results: &mut [Eight; O],
 ) {
     #[target_feature(enable = "avx512f")]
-    fn inner<K: ForwardDynamics<P, N>, const P: usize, const N: usize>(
-        prepared: &[f64; P],
-        states: [&[Eight; N]; 3],
-        ddq: &mut [Eight; N],
+    fn compiled<F: Lanewise<I, O>, const I: usize, const O: usize>(
+        function: &F,
+        given: &[Eight; I],
+        results: &mut [Eight; O],
     ) {
-        in_parts::<K, InAvx512, 8, P, N>(prepared, states, ddq);
+        in_parts::<InAvx512, 8, I, O>(function, given, results);
     }
-    has!(inner::<K, P, N>(prepared, states, ddq));
+    has!(compiled(function, given, results));
 }

@@ -36,7 +36,7 @@ pub fn configuration_module(configuration: &Configuration, appearing: &[String])
         #![doc = #head]
         #![doc = ""]
         #![doc = #about]
-        use crate::{Kernel, KernelTable, Lanes, Operations, Scalar, checked, gradient::jacobian_of, lanes::in_eight};
+        use crate::{Kernel, KernelTable, Lanes, Operations, Scalar, checked, gradient::jacobian_of, lanes::of_eight};
         #kernel
         #(#functions)*
     };
@@ -118,7 +118,7 @@ fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStre
                     )
                 },
                 #(#entries,)*
-                forward_dynamics_of_eight: in_eight!(#of_eight, #n_prepared, #n_free),
+                forward_dynamics_of_eight: of_eight!(#of_eight, #n_prepared, #n_free),
                 #(#in_lanes),*
             },
         };

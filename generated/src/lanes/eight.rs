@@ -84,8 +84,12 @@ pub(super) fn in_parts<V, const LANES: usize, const I: usize, const O: usize>(
     V: Vector + From<[f64; LANES]> + Into<[f64; LANES]>,
 {
     for part in 0..8 / LANES {
-        let given = given.each_ref().map(|row| V::from(row.as_chunks().0[part]));
-        for (row, result) in results.iter_mut().zip(function.of(&given)) {
+        // Not `map`, which calls a function that is compiled for any processor.
+        let mut lanes = [V::constant(0.0); I];
+        for (lanes, row) in lanes.iter_mut().zip(given) {
+            *lanes = V::from(row.as_chunks().0[part]);
+        }
+        for (row, result) in results.iter_mut().zip(function.of(&lanes)) {
             row.as_chunks_mut().0[part] = result.into();
         }
     }
@@ -98,9 +102,10 @@ macro_rules! of_eight {
         impl $crate::Lanewise<{ 3 * $n_free }, $n_free> for Own<'_> {
             #[inline(always)]
             fn of<S: $crate::Scalar>(&self, given: &[S; 3 * $n_free]) -> [S; $n_free] {
-                let mut ddq = [S::constant(0.0); $n_free];
+                let (mut prepared, mut ddq) = ([S::constant(0.0); $n_prepared], [S::constant(0.0); $n_free]);
+                prepared.iter_mut().zip(self.0).for_each(|(prepared, value)| *prepared = S::constant(*value));
                 if let [q, dq, tau] = given.as_chunks().0 {
-                    $function(&self.0.map(S::constant), q, dq, tau, &mut ddq);
+                    $function(&prepared, q, dq, tau, &mut ddq);
                 }
                 ddq
             }

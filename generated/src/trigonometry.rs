@@ -59,6 +59,31 @@ pub(crate) fn of_lanes<V: Vector>(angle: V) -> (V, V) {
     if angle.all_within(LARGEST) { reduced(angle) } else { general(angle) }
 }
 
+/// The same of several angles, with one question to all.
+#[inline(always)]
+pub(crate) fn of_several<V: Vector, const N: usize>(angles: [V; N]) -> ([V; N], [V; N]) {
+    let (mut sines, mut cosines) = (angles, angles);
+    let mut all_within = true;
+    for angle in &angles {
+        all_within &= angle.all_within(LARGEST);
+    }
+    if all_within {
+        for ((angle, sine), cosine) in angles.iter().zip(&mut sines).zip(&mut cosines) {
+            (*sine, *cosine) = reduced(*angle);
+        }
+    } else {
+        all_general(&angles, &mut sines, &mut cosines);
+    }
+    (sines, cosines)
+}
+
+#[cold]
+fn all_general<V: Vector>(angles: &[V], sines: &mut [V], cosines: &mut [V]) {
+    for ((angle, sine), cosine) in angles.iter().zip(sines).zip(cosines) {
+        (*sine, *cosine) = of_lanes(*angle);
+    }
+}
+
 #[inline(always)]
 fn reduced<V: Vector>(angle: V) -> (V, V) {
     let c = V::constant;

@@ -6,8 +6,8 @@ use crate::Scalar;
 /// A quantity of eight states.
 pub type Eight = [f64; 8];
 
-/// A function of `I` numbers with `O` results, for any scalar. What is not `#[inline(always)]` in it, down to its last
-/// operation, is not compiled for wide registers.
+/// A function of `I` numbers with `O` results, for any scalar. What it calls is compiled for wide registers only where it is
+/// `#[inline(always)]`, and closures that it hands to others mostly are not.
 pub trait Lanewise<const I: usize, const O: usize> {
     /// The results.
     fn of<S: Scalar>(&self, given: &[S; I]) -> [S; O];
@@ -84,7 +84,6 @@ pub(super) fn in_parts<V, const LANES: usize, const I: usize, const O: usize>(
     V: Vector + From<[f64; LANES]> + Into<[f64; LANES]>,
 {
     for part in 0..8 / LANES {
-        // Not `map`, which calls a function that is compiled for any processor.
         let mut lanes = [V::constant(0.0); I];
         for (lanes, row) in lanes.iter_mut().zip(given) {
             *lanes = V::from(row.as_chunks().0[part]);
@@ -103,7 +102,9 @@ macro_rules! of_eight {
             #[inline(always)]
             fn of<S: $crate::Scalar>(&self, given: &[S; 3 * $n_free]) -> [S; $n_free] {
                 let (mut prepared, mut ddq) = ([S::constant(0.0); $n_prepared], [S::constant(0.0); $n_free]);
-                prepared.iter_mut().zip(self.0).for_each(|(prepared, value)| *prepared = S::constant(*value));
+                for (prepared, value) in prepared.iter_mut().zip(self.0) {
+                    *prepared = S::constant(*value);
+                }
                 if let [q, dq, tau] = given.as_chunks().0 {
                     $function(&prepared, q, dq, tau, &mut ddq);
                 }

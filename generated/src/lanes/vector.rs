@@ -74,11 +74,7 @@ macro_rules! scalar_of_vector {
             }
             #[inline(always)]
             fn sines_cosines<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
-                let (mut sines, mut cosines) = (angles, angles);
-                for ((angle, sine), cosine) in angles.iter().zip(&mut sines).zip(&mut cosines) {
-                    (*sine, *cosine) = $crate::trigonometry::of_lanes(*angle);
-                }
-                (sines, cosines)
+                $crate::trigonometry::of_several(angles)
             }
             fn tan(self) -> Self {
                 self.each($crate::Scalar::tan)

@@ -78,14 +78,15 @@ impl Encounter<'_> {
         x.push(0.0);
         let rooms = [x.clone(), x.clone(), x.clone()];
         let scratch = system.scratch();
-        let external = vec![0.0; system.n_free()];
-        let mut integrator = Integrator { system, hand, held, scratch, external, x, rooms };
+        let [external, driven] = [(); 2].map(|()| vec![0.0; system.n_free()]);
+        let mut integrator = Integrator { system, hand, held, scratch, external, driven, x, rooms };
         let mut shown = vec![0.0; system.n_free()];
         let mut underway = VecDeque::from(vec![self.first.to_vec(); sampling.delay_samples + 1]);
         let substeps = (sampling.sample_s / sampling.step_s - 1e-9).ceil().max(1.0) as usize;
         let step = sampling.sample_s / substeps as f64;
         let patience = (self.patience_s / sampling.sample_s).ceil() as usize;
         let after = (sampling.after_s / sampling.sample_s).round() as usize;
+        system.announce(4 * substeps * after);
         let (mut touched, mut touched_s) = (None, None);
         for tick in 0.. {
             let t = tick as f64 * sampling.sample_s;
@@ -110,6 +111,7 @@ impl Encounter<'_> {
             if tick >= touched.map_or(patience, |touched| touched + after) {
                 break;
             }
+            integrator.hold(t, &acting[..n_joints]);
             for k in 0..substeps {
                 let now = t + k as f64 * step;
                 if touched_s.is_none() {
@@ -130,25 +132,50 @@ struct Integrator<'a, H> {
     held: &'a mut H,
     scratch: Scratch,
     external: Vec<f64>,
+    /// What the drives deliver, where that depends on the commands alone.
+    driven: Vec<f64>,
     x: Vec<f64>,
     rooms: [Vec<f64>; 3],
 }
 
 impl<H> Integrator<'_, H> {
-    /// One step of the classical Runge-Kutta scheme.
+    /// Takes a command that is held from now on.
+    fn hold(&mut self, t: f64, command: &[f64]) {
+        let Self { system, scratch, driven, x, rooms: [rates, ..], .. } = self;
+        let n_states = system.n_states();
+        if system.steady_drive() {
+            system.drive(scratch, t, &x[..n_states], command, &mut rates[..n_states]);
+            driven.copy_from_slice(&scratch.drive);
+        }
+    }
+
+    /// One step of the classical Runge-Kutta scheme, under the command that was held last.
     fn step<const D: usize>(&mut self, t: f64, step: f64, command: &[f64], touched: Option<f64>)
     where
         H: Held<D>,
     {
-        let Self { system, hand, held, scratch, external, x, rooms: [stage, slope, sum] } = self;
+        let Self { system, hand, held, scratch, external, driven, x, rooms: [stage, slope, sum] } = self;
         let (n_states, n) = (system.n_states(), system.n_free());
+        let is_steady = system.steady_drive();
+        // Two stages are at the same time.
+        let mut last = (t, held.wanted(t, touched));
         let mut rate = |t: f64, x: &[f64], dx: &mut [f64]| {
             let (device, person) = x.split_at(n_states);
             let (d_device, d_person) = dx.split_at_mut(n_states);
             let handle = held.handle(device);
-            let grip = hand.rates(handle, &held.wanted(t, touched), person, d_person);
+            if last.0 != t {
+                last = (t, held.wanted(t, touched));
+            }
+            let grip = hand.rates(handle, &last.1, person, d_person);
             held.torques(device, grip, external);
-            system.derivative_under(scratch, t, device, command, external, d_device);
+            if is_steady {
+                for ((drive, driven), external) in scratch.drive.iter_mut().zip(&*driven).zip(&*external) {
+                    *drive = driven + external;
+                }
+                system.motion(scratch, t, device, d_device);
+            } else {
+                system.derivative_under(scratch, t, device, command, external, d_device);
+            }
             let power = external.iter().zip(&device[n..2 * n]).map(|(torque, speed)| torque * speed);
             d_person[Hand::n_states(D)] = power.sum();
         };

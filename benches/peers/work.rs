@@ -84,8 +84,8 @@ fn in_lanes(system: &System, states: [&[f64]; 3], alone: f64) -> anyhow::Result<
     /// Additions and multiplications of the sine and the cosine of an angle (`generated/src/trigonometry.rs`).
     const OF_AN_ANGLE: usize = 50;
     const CALLS: u32 = 100_000;
-    let (kernel, states) = (system.kernel(), states.concat());
-    let eight: Vec<Eight> = states.iter().map(|value| [*value; 8]).collect();
+    let kernel = system.kernel();
+    let given: Vec<Eight> = [system.prepared(), &states.concat()].concat().iter().map(|value| [*value; 8]).collect();
     let mut results = vec![[0.0; 8]; kernel.free.len()];
     let found = kernel.operations.iter().find(|operations| operations.kernel == "forward_dynamics");
     let counted = found.map_or(0, |of| of.adds + of.muls + of.divs + OF_AN_ANGLE * of.sincos);
@@ -94,8 +94,7 @@ fn in_lanes(system: &System, states: [&[f64]; 3], alone: f64) -> anyhow::Result<
     for width in Width::all() {
         let called = fastest(9, || {
             for _ in 0..CALLS {
-                let functions = kernel.functions;
-                functions.forward_dynamics_of_eight(width, system.prepared(), black_box(&eight), &mut results);
+                kernel.functions.forward_dynamics_of_eight(width, black_box(&given), &mut results);
             }
             Ok(())
         })?;

@@ -86,8 +86,8 @@ functions! {
         regressor(prepared: &[f64], q: &[f64], dq: &[f64], ddq: &[f64], y: &mut [f64]);
         /// tau and its partial derivatives by q and dq, n x n each; the one by ddq is D.
         inverse_dynamics_gradient(prepared: &[f64], q: &[f64], dq: &[f64], ddq: &[f64], tau: &mut [f64], by_q: &mut [f64], by_dq: &mut [f64]);
-        /// As `forward_dynamics`, of eight states: q, then dq, then tau of all joints.
-        forward_dynamics_of_eight(width: Width, prepared: &[f64], states: &[Eight], ddq: &mut [Eight]);
+        /// As `forward_dynamics`, of eight states: prepared values, q, dq and tau stand one behind the other.
+        forward_dynamics_of_eight(width: Width, given: &[Eight], ddq: &mut [Eight]);
         /// As `inertia`, at several states at once.
         inertia_lanes(prepared: &[Lanes], q: &[Lanes], d: &mut [Lanes]);
         /// As `regressor`, at several states at once.

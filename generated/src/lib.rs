@@ -28,10 +28,6 @@
 //! current ones it derives them by itself (`dynid-equations`), to the same bytes as the computer algebra system.
 #![no_std]
 
-// Only to ask which registers the processor has.
-#[cfg(all(target_arch = "x86_64", not(target_os = "none")))]
-extern crate std;
-
 mod dual;
 mod effect;
 mod end_point;

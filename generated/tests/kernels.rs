@@ -275,9 +275,10 @@ fn eight_states_have_the_bits_of_each_alone() {
                 (0..kernel.free.len()).map(|slot| std::array::from_fn(|lane| of(&eight[lane])[slot])).collect()
             };
             let states = [rows(|case| &case.q), rows(|case| &case.dq), rows(|case| &case.ddq)].concat();
+            let given = [prepared.iter().map(|value| [*value; 8]).collect(), states].concat();
             for width in Width::all() {
                 let mut ddq = vec![[0.0; 8]; kernel.free.len()];
-                kernel.functions.forward_dynamics_of_eight(width, prepared, &states, &mut ddq);
+                kernel.functions.forward_dynamics_of_eight(width, &given, &mut ddq);
                 for (lane, case) in eight.iter().enumerate() {
                     let mut alone = vec![0.0; kernel.free.len()];
                     kernel.functions.forward_dynamics(prepared, &case.q, &case.dq, &case.ddq, &mut alone);

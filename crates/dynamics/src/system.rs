@@ -14,6 +14,7 @@ mod block;
 mod body;
 mod delay;
 mod effects;
+mod eight;
 mod feedforward;
 mod fused;
 mod linear;
@@ -23,6 +24,7 @@ mod switch;
 
 pub use along::{StateGroup, StateKey};
 pub use delay::Delay;
+pub use eight::EightSystems;
 pub use effects::{Output, PlacedEffect, SignalSet};
 pub use feedforward::InverseError;
 pub use fused::{Fuse, Fused, Law, Laws, Source};

@@ -1,5 +1,7 @@
 //! Forward dynamics of many states that do not depend on each other: eight at once, on all threads.
 
+use std::sync::LazyLock;
+
 use dynid_generated::{Eight, Kernel, Width};
 use rayon::prelude::*;
 
@@ -15,14 +17,16 @@ pub fn forward_dynamics(kernel: &Kernel, prepared: &[f64], [q, dq, tau]: [&[f64]
     let n = kernel.free.len();
     let is_right = [q, dq, tau].iter().all(|rows| rows.len() == ddq.len()) && ddq.len().is_multiple_of(n);
     assert!(is_right && prepared.len() == kernel.prepared.len(), "one row of the free joints per state, in each array");
-    let width = Width::widest();
+    static WIDTH: LazyLock<Width> = LazyLock::new(Width::widest);
+    let width = *WIDTH;
+    let own: Vec<Eight> = prepared.iter().map(|value| [*value; 8]).collect();
     let states = ddq.par_chunks_mut(8 * n).zip(q.par_chunks(8 * n)).zip(dq.par_chunks(8 * n)).zip(tau.par_chunks(8 * n));
-    let rooms = || (vec![[0.0; 8]; 3 * n], vec![[0.0; 8]; n]);
+    let rooms = || ([own.clone(), vec![[0.0; 8]; 3 * n]].concat(), vec![[0.0; 8]; n]);
     states.with_min_len(WORTH / 8).for_each_init(rooms, |(given, results), (((ddq, q), dq), tau)| {
-        for (lanes, rows) in given.chunks_exact_mut(n).zip([q, dq, tau]) {
+        for (lanes, rows) in given[prepared.len()..].chunks_exact_mut(n).zip([q, dq, tau]) {
             gather(rows, lanes);
         }
-        kernel.functions.forward_dynamics_of_eight(width, prepared, given, results);
+        kernel.functions.forward_dynamics_of_eight(width, given, results);
         for (lane, row) in ddq.chunks_exact_mut(n).enumerate() {
             row.iter_mut().zip(&*results).for_each(|(ddq, result)| *ddq = result[lane]);
         }

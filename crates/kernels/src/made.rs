@@ -100,6 +100,28 @@ impl Lazy {
     fn call_lanes<const A: usize, const R: usize>(&self, arguments: [&[Lanes]; A], results: [&mut [Lanes]; R]) {
         self.in_lanes.get_or_init(|| routine(&self.function)).call(arguments, results);
     }
+
+    /// Of eight, whose arguments and results stand one behind the other: two after the other, whatever the processor has, for what makes
+    /// the code knows no wider registers.
+    fn call_of_eight<const A: usize, const R: usize>(&self, given: &[Eight], results: &mut [Eight]) {
+        let mut room = vec![Lanes::constant(0.0); given.len() + results.len()];
+        let (own, own_results) = room.split_at_mut(given.len());
+        for part in 0..8 / LANES {
+            own.iter_mut().zip(given).for_each(|(own, row)| *own = Lanes::new(row.as_chunks().0[part]));
+            let arguments = self.function.arguments.iter().map(|argument| argument.elements.len());
+            let of = self.function.results.iter().map(|results| results.elements.len());
+            self.call_lanes(parts::<_, A>(own, arguments).map(|part| &*part), parts::<_, R>(own_results, of));
+            results.iter_mut().zip(&*own_results).for_each(|(row, own)| row.as_chunks_mut().0[part] = own.to_array());
+        }
+    }
+}
+
+/// A slice in parts of these lengths.
+fn parts<'a, T, const N: usize>(mut rest: &'a mut [T], mut lengths: impl Iterator<Item = usize>) -> [&'a mut [T]; N] {
+    std::array::from_fn(|_| {
+        let length = lengths.next().unwrap_or(0).min(rest.len());
+        rest.split_off_mut(..length).unwrap_or_default()
+    })
 }
 
 /// The functions of a kernel.
@@ -223,20 +245,8 @@ impl KernelFunctions for Equations {
         self.inverse_dynamics_gradient.call([prepared, q, dq, ddq], [tau, by_q, by_dq]);
     }
 
-    /// In two lanes, whatever the processor has: what makes the code knows no wider ones.
-    fn forward_dynamics_of_eight(&self, _: Width, prepared: &[f64], states: &[Eight], ddq: &mut [Eight]) {
-        let n = ddq.len();
-        let mut room = vec![Lanes::constant(0.0); prepared.len() + 4 * n];
-        let (own, rest) = room.split_at_mut(prepared.len());
-        let (given, results) = rest.split_at_mut(3 * n);
-        own.iter_mut().zip(prepared).for_each(|(own, value)| *own = Lanes::constant(*value));
-        for part in 0..8 / LANES {
-            given.iter_mut().zip(states).for_each(|(given, row)| *given = Lanes::new(row.as_chunks().0[part]));
-            let (q, rest) = given.split_at(n);
-            let (dq, tau) = rest.split_at(n);
-            self.forward_dynamics.call_lanes([own, q, dq, tau], [results]);
-            ddq.iter_mut().zip(&*results).for_each(|(row, lanes)| row.as_chunks_mut().0[part] = lanes.to_array());
-        }
+    fn forward_dynamics_of_eight(&self, _: Width, given: &[Eight], ddq: &mut [Eight]) {
+        self.forward_dynamics.call_of_eight::<4, 1>(given, ddq);
     }
 
     fn inertia_lanes(&self, prepared: &[Lanes], q: &[Lanes], d: &mut [Lanes]) {
@@ -297,6 +307,10 @@ impl EffectFunctions for Law {
         rates: &mut [Lanes],
     ) {
         self.eval.call_lanes([parameters, signals, states], [outputs, rates]);
+    }
+
+    fn eval_of_eight(&self, _: Width, given: &[Eight], results: &mut [Eight]) {
+        self.eval.call_of_eight::<3, 2>(given, results);
     }
 
     fn eval_gradient_lanes(

@@ -18,7 +18,7 @@ pub trait Lanewise<const I: usize, const O: usize> {
 pub struct Width(Register);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Register {
+pub(super) enum Register {
     /// Of any 64-bit machine.
     Two,
     #[cfg(target_arch = "x86_64")]
@@ -28,19 +28,16 @@ enum Register {
 }
 
 impl Width {
-    /// The widest that the processor has; where there is no operating system to ask, the one that is always there.
+    /// The widest that the processor has. Asking it takes longer than what is computed with the answer: keep it.
     pub fn widest() -> Width {
         Self::all().last().unwrap_or(Width(Register::Two))
     }
 
     /// All that the processor has, from the narrowest on.
     pub fn all() -> impl Iterator<Item = Width> {
-        #[cfg(all(target_arch = "x86_64", not(target_os = "none")))]
-        let wide = [
-            std::is_x86_feature_detected!("avx2").then_some(Register::Avx2),
-            std::is_x86_feature_detected!("avx512f").then_some(Register::Avx512),
-        ];
-        #[cfg(not(all(target_arch = "x86_64", not(target_os = "none"))))]
+        #[cfg(target_arch = "x86_64")]
+        let wide = super::x86::found();
+        #[cfg(not(target_arch = "x86_64"))]
         let wide: [Option<Register>; 0] = [];
         core::iter::once(Register::Two).chain(wide.into_iter().flatten()).map(Width)
     }
@@ -94,25 +91,26 @@ pub(super) fn in_parts<V, const LANES: usize, const I: usize, const O: usize>(
     }
 }
 
-/// The entry of a table of kernels from the generic function.
+/// The entry of a table from the generic function, whose arguments and results stand one behind the other.
 macro_rules! of_eight {
-    ($function:ident, $n_prepared:literal, $n_free:literal) => {{
-        struct Own<'a>(&'a [f64; $n_prepared]);
-        impl $crate::Lanewise<{ 3 * $n_free }, $n_free> for Own<'_> {
+    ($function:ident, [$($argument:ident: $n:literal),*], [$($result:ident: $m:literal),*]) => {{
+        struct Own;
+        impl $crate::Lanewise<{ 0 $(+ $n)* }, { 0 $(+ $m)* }> for Own {
             #[inline(always)]
-            fn of<S: $crate::Scalar>(&self, given: &[S; 3 * $n_free]) -> [S; $n_free] {
-                let (mut prepared, mut ddq) = ([S::constant(0.0); $n_prepared], [S::constant(0.0); $n_free]);
-                for (prepared, value) in prepared.iter_mut().zip(self.0) {
-                    *prepared = S::constant(*value);
-                }
-                if let [q, dq, tau] = given.as_chunks().0 {
-                    $function(&prepared, q, dq, tau, &mut ddq);
-                }
-                ddq
+            fn of<S: $crate::Scalar>(&self, given: &[S; 0 $(+ $n)*]) -> [S; 0 $(+ $m)*] {
+                let mut results = [S::constant(0.0); 0 $(+ $m)*];
+                let rest = given.as_slice();
+                $(let Some(($argument, rest)) = rest.split_first_chunk::<$n>() else { return results };)*
+                let rest_of_results = results.as_mut_slice();
+                $(let Some(($result, rest_of_results)) = rest_of_results.split_first_chunk_mut::<$m>() else {
+                    return results;
+                };)*
+                $function($($argument,)* $($result),*);
+                results
             }
         }
-        |width, prepared, given, ddq| match (prepared.try_into(), given.try_into(), ddq.try_into()) {
-            (Ok(prepared), Ok(given), Ok(ddq)) => width.of_eight(&Own(prepared), given, ddq),
+        |width, given, results| match (given.try_into(), results.try_into()) {
+            (Ok(given), Ok(results)) => width.of_eight(&Own, given, results),
             _ => $crate::wrong_length(),
         }
     }};

@@ -82,7 +82,7 @@ macro_rules! scalar_of_vector {
             fn tanh(self) -> Self {
                 self.each($crate::Scalar::tanh)
             }
-            #[inline]
+            #[inline(always)]
             fn exp(self) -> Self {
                 $crate::exponential::of_lanes(self)
             }
@@ -97,9 +97,12 @@ macro_rules! scalar_of_vector {
             fn abs(self) -> Self {
                 self.both(Self::of_bits(!(1 << 63)))
             }
-            #[inline]
+            #[inline(always)]
             fn sign(self) -> Self {
-                self.each($crate::Scalar::sign)
+                let [zero, one] = [0.0, 1.0].map(Self::constant);
+                // Keeps a NaN.
+                let otherwise = Self::if_less(self, zero, -one, self * zero);
+                Self::if_less(zero, self, one, otherwise)
             }
             #[inline(always)]
             fn if_less(a: Self, b: Self, then: Self, otherwise: Self) -> Self {

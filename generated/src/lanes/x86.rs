@@ -7,7 +7,7 @@
 
 use core::arch::x86_64::*;
 
-use super::{Eight, Lanewise, eight::in_parts, vector::Vector, vector::scalar_of_vector};
+use super::{Eight, Lanewise, eight::Register, eight::in_parts, vector::Vector, vector::scalar_of_vector};
 
 /// Calls instructions that the processor has.
 macro_rules! has {
@@ -167,4 +167,31 @@ pub(super) fn in_avx512<F: Lanewise<I, O>, const I: usize, const O: usize>(
         in_parts::<InAvx512, 8, I, O>(function, given, results);
     }
     has!(compiled(function, given, results));
+}
+
+/// Which of the registers the processor has and the system keeps (Intel 64 Architectures Software Developer's Manual, volume 1,
+/// sections 14.3 and 15.2).
+pub(super) fn found() -> [Option<Register>; 2] {
+    #[target_feature(enable = "xsave")]
+    fn kept() -> u64 {
+        has!(_xgetbv(0))
+    }
+    /// Registers that a system may keep.
+    const AVX: u64 = 0b110;
+    const AVX_512: u64 = 0b1110_0110;
+    // SAFETY: every 64-bit processor has this instruction, and `kept` is called where there is what it calls.
+    #[allow(unused_unsafe)]
+    unsafe {
+        let features = __cpuid(1).ecx;
+        let is_set = |bits: u32, bit: u32| bits >> bit & 1 == 1;
+        // The system keeps extended registers, and the processor has AVX.
+        if !(is_set(features, 27) && is_set(features, 28) && __cpuid(0).eax >= 7) {
+            return [None, None];
+        }
+        let (extended, kept) = (__cpuid_count(7, 0).ebx, kept());
+        [
+            (is_set(extended, 5) && kept & AVX == AVX).then_some(Register::Avx2),
+            (is_set(extended, 16) && kept & AVX_512 == AVX_512).then_some(Register::Avx512),
+        ]
+    }
 }

@@ -25,7 +25,7 @@ pub(super) fn function(function: &Function, doc: &[String]) -> TokenStream {
         quote!(#name: &mut [S; #length])
     });
     let signature: Vec<TokenStream> = arguments.chain(results).collect();
-    let inline = (function.name == OF_EIGHT).then(|| quote!(#[inline(always)]));
+    let inline = OF_EIGHT.contains(&function.name).then(|| quote!(#[inline(always)]));
     let parts: Vec<&[Statement]> = statements.chunks(MOST_STATEMENTS).collect();
     if let [] | [_] = parts.as_slice() {
         let tokens = statements.iter().map(|statement| &statement.tokens);

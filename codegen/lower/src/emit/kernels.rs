@@ -3,7 +3,7 @@
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
 
-use super::{EmitError, describe, format, function::function, identifier, list, size, slices};
+use super::{EmitError, OF_EIGHT, describe, format, function::function, identifier, list, of_eight, size, slices};
 use crate::kernel::{Configuration, Function};
 
 /// How many partial derivatives `prepare_gradient` carries along at once. More would run faster, once per parameter
@@ -95,10 +95,9 @@ fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStre
             let entry = format_ident!("{}_lanes", function.name);
             quote!(#entry: checked!(#name::<Lanes>(#(#slices),*)))
         });
-    let of_eight = identifier(super::OF_EIGHT);
+    let of_eight = configuration.functions.iter().filter(|function| OF_EIGHT.contains(&function.name)).map(of_eight);
     let [partials, n_parameters, n_locked, n_prepared] =
         [PARTIALS, configuration.parameters.len(), configuration.locked.len(), configuration.prepared.len()].map(size);
-    let n_free = size(configuration.free.len());
     quote! {
         /// The table entry: this configuration's kernels.
         pub static KERNEL: Kernel = Kernel {
@@ -118,7 +117,7 @@ fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStre
                     )
                 },
                 #(#entries,)*
-                forward_dynamics_of_eight: of_eight!(#of_eight, #n_prepared, #n_free),
+                #(#of_eight,)*
                 #(#in_lanes),*
             },
         };

@@ -120,7 +120,12 @@ fn reduced<V: Vector>(angle: V) -> (V, V) {
     (sine.either(difference).either(sign_of_sine), cosine.either(difference).either(sign_of_cosine))
 }
 
+/// A lane within the limit has the bits that it has among its like.
 #[cold]
 fn general<V: Vector>(angle: V) -> (V, V) {
-    (angle.each(libm::sin), angle.each(libm::cos))
+    let (sine, cosine) = reduced(angle);
+    let of = |function: fn(f64) -> f64, within: V| {
+        V::if_less(V::constant(LARGEST), angle.abs(), angle.each(function), within)
+    };
+    (of(libm::sin, sine), of(libm::cos, cosine))
 }

@@ -198,3 +198,39 @@ impl Lanewise<15, 4> for Grip {
         [torque, of_place, of_speed, of_shakes]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wall::shipped;
+    use dynid_user_model::Model;
+
+    /// Of several walls, hands and approaches, on devices that differ; more than eight, and one left over.
+    #[test]
+    fn together_they_have_the_bits_of_each_alone() {
+        let setting = Setting::shipped().expect("shipped");
+        let model = Model::of_device(setting.device);
+        let plant = |factor: f64| Plant::new(&model, &setting).expect("a plant").delivering(factor);
+        let plants = [plant(1.0), plant(1.2)];
+        let walls = ["pd", "fuzzy", "coupled", "leaky"].map(|name| {
+            shipped(name).expect("shipped").wall(&setting).expect("a wall")
+        });
+        let hands = setting.hand.population(setting.spread, 17, 3);
+        let meetings: Vec<Meeting<'_>> = hands
+            .iter()
+            .enumerate()
+            .map(|(k, hand)| Meeting {
+                plant: &plants[k % 2],
+                wall: &walls[k % walls.len()],
+                hand,
+                approach: &setting.approaches[k % setting.approaches.len()],
+            })
+            .collect();
+        let together = all_played(&setting, &meetings);
+        assert_eq!(together.len(), meetings.len());
+        for (together, Meeting { plant, wall, hand, approach }) in together.into_iter().zip(meetings) {
+            let alone = played(plant, &setting, wall, hand, approach).expect("a contact");
+            assert!(alone.touched.is_some() && together.expect("a contact") == alone);
+        }
+    }
+}

@@ -89,7 +89,8 @@ fn in_lanes(system: &System, states: [&[f64]; 3], alone: f64) -> anyhow::Result<
     let mut results = vec![[0.0; 8]; kernel.free.len()];
     let found = kernel.operations.iter().find(|operations| operations.kernel == "forward_dynamics");
     let counted = found.map_or(0, |of| of.adds + of.muls + of.divs + OF_AN_ANGLE * of.sincos);
-    let row = |lanes: usize, seconds: f64, floor: Option<f64>| json!({ "lanes": lanes, "seconds": seconds, "floor": floor });
+    let row =
+        |lanes: usize, seconds: f64, floor: Option<f64>| json!({ "lanes": lanes, "seconds": seconds, "floor": floor });
     let mut rows = vec![row(1, alone, None)];
     for width in Width::all() {
         let called = fastest(9, || {

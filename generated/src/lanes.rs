@@ -14,8 +14,8 @@ use crate::Scalar;
 
 pub(crate) use eight::of_eight;
 pub use eight::{Eight, Lanewise, Width};
-use vector::scalar_of_vector;
 pub(crate) use vector::Vector;
+use vector::scalar_of_vector;
 
 /// How many numbers [`Lanes`] holds: what one vector register of any 64-bit machine does.
 pub const LANES: usize = 2;

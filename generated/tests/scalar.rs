@@ -173,7 +173,8 @@ fn registers_of_any_width_compute_what_a_number_alone_does() {
             width.of_eight(&Functions, &given, &mut results);
             for lane in 0..8 {
                 for (result, alone) in results.iter().zip(Functions.of(&given.map(|row| row[lane]))) {
-                    let is_same = result[lane].to_bits() == alone.to_bits() || (result[lane].is_nan() && alone.is_nan());
+                    let is_same =
+                        result[lane].to_bits() == alone.to_bits() || (result[lane].is_nan() && alone.is_nan());
                     assert!(is_same, "{width:?}, lane {lane} of {given:?}: {} for {alone}", result[lane]);
                 }
             }

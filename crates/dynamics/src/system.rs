@@ -24,8 +24,8 @@ mod switch;
 
 pub use along::{StateGroup, StateKey};
 pub use delay::Delay;
-pub use eight::EightSystems;
 pub use effects::{Output, PlacedEffect, SignalSet};
+pub use eight::EightSystems;
 pub use feedforward::InverseError;
 pub use fused::{Fuse, Fused, Law, Laws, Source};
 pub use linear::{Linear, fastest_rate};

@@ -20,7 +20,8 @@ pub fn forward_dynamics(kernel: &Kernel, prepared: &[f64], [q, dq, tau]: [&[f64]
     static WIDTH: LazyLock<Width> = LazyLock::new(Width::widest);
     let width = *WIDTH;
     let own: Vec<Eight> = prepared.iter().map(|value| [*value; 8]).collect();
-    let states = ddq.par_chunks_mut(8 * n).zip(q.par_chunks(8 * n)).zip(dq.par_chunks(8 * n)).zip(tau.par_chunks(8 * n));
+    let states =
+        ddq.par_chunks_mut(8 * n).zip(q.par_chunks(8 * n)).zip(dq.par_chunks(8 * n)).zip(tau.par_chunks(8 * n));
     let rooms = || ([own.clone(), vec![[0.0; 8]; 3 * n]].concat(), vec![[0.0; 8]; n]);
     states.with_min_len(WORTH / 8).for_each_init(rooms, |(given, results), (((ddq, q), dq), tau)| {
         for (lanes, rows) in given[prepared.len()..].chunks_exact_mut(n).zip([q, dq, tau]) {

@@ -8,7 +8,7 @@ mod support;
 use std::path::Path;
 
 use dynid_generated::{Kernel, Lanes, N_SIGNALS};
-use dynid_kernels::{KernelError, kernel, forward_dynamics};
+use dynid_kernels::{KernelError, forward_dynamics, kernel};
 use dynid_model::{Device, device_named};
 use dynid_plant::random::Noise;
 use robots::random_robot_of;
@@ -127,7 +127,8 @@ fn a_batch_has_the_bits_of_one_state_after_the_other() {
     for (own, made, compiled_in) in both() {
         for kernel in [made, compiled_in] {
             let cases: Vec<Case> = cases_of(own, kernel, Noise::new(13), 21).collect();
-            let rows = |of: fn(&Case) -> &Vec<f64>| cases.iter().flat_map(of).copied().collect::<Vec<f64>>().repeat(100);
+            let rows =
+                |of: fn(&Case) -> &Vec<f64>| cases.iter().flat_map(of).copied().collect::<Vec<f64>>().repeat(100);
             let (q, dq, tau) = (rows(|case| &case.q), rows(|case| &case.dq), rows(|case| &case.ddq));
             let prepared = &cases[0].prepared;
             let (mut batch, mut alone) = (vec![f64::NAN; q.len()], vec![f64::NAN; q.len()]);

@@ -33,15 +33,20 @@ impl<'a> EightSystems<'a> {
                 && system.effect_names == first.effect_names
                 && system.locked == first.locked
         });
+        if !are_alike {
+            return None;
+        }
         let row = |of: &dyn Fn(&System) -> f64| -> Eight { systems.map(of) };
         let n = first.n_free();
         let mut given: Vec<Eight> = (0..first.prepared.len()).map(|k| row(&|system| system.prepared[k])).collect();
         given.resize(given.len() + 3 * n, [0.0; 8]);
         let room = |of: &dyn Fn(&Element) -> usize| vec![[0.0; 8]; first.elements().map(of).max().unwrap_or(0)];
-        are_alike.then(|| Self {
+        Some(Self {
             systems,
             width: Width::widest(),
-            parameters: (0..first.effect_parameters.len()).map(|k| row(&|system| system.effect_parameters[k])).collect(),
+            parameters: (0..first.effect_parameters.len())
+                .map(|k| row(&|system| system.effect_parameters[k]))
+                .collect(),
             given,
             driven: vec![[0.0; 8]; n],
             drive: vec![[0.0; 8]; n],
@@ -145,7 +150,13 @@ impl<'a> EightSystems<'a> {
     }
 
     /// Leaves an effect's outputs at the beginning of `results`, and the rates of its states in `dx`.
-    fn evaluate(&mut self, element: &Element, (t, x): (Eight, &[Eight]), torques: &[(Signal, Eight)], dx: &mut [Eight]) {
+    fn evaluate(
+        &mut self,
+        element: &Element,
+        (t, x): (Eight, &[Eight]),
+        torques: &[(Signal, Eight)],
+        dx: &mut [Eight],
+    ) {
         let n = self.systems[0].n_free();
         let &Element { kernel, p, np, z, nz, joint, from, qeq, .. } = element;
         let given = &mut self.of_effect[..np + N_SIGNALS + nz];

@@ -50,7 +50,8 @@ fn accelerations_satisfy_the_inverse_dynamics() {
 fn eight_systems_have_the_bits_of_each_alone() {
     let arm = |lane: usize| {
         let mut system = full_arm();
-        let scaled = |values: &[f64]| values.iter().map(|value| value * (1.0 + 0.01 * lane as f64)).collect::<Vec<f64>>();
+        let scaled =
+            |values: &[f64]| values.iter().map(|value| value * (1.0 + 0.01 * lane as f64)).collect::<Vec<f64>>();
         let (link, effects) = (scaled(system.link_parameters()), scaled(system.effect_parameters()));
         system.set_parameters(&link, &effects);
         system

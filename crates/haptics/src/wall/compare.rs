@@ -48,8 +48,10 @@ pub fn compare_with(
 ) -> Result<Vec<Case>, WallError> {
     let plant = Plant::new(model, setting)?;
     let asked = asked(walls, &setting.approaches, hands);
-    let meetings: Vec<Meeting<'_>> =
-        asked.iter().map(|&Asked { wall, hand, approach, .. }| Meeting { plant: &plant, wall, hand, approach }).collect();
+    let meetings: Vec<Meeting<'_>> = asked
+        .iter()
+        .map(|&Asked { wall, hand, approach, .. }| Meeting { plant: &plant, wall, hand, approach })
+        .collect();
     let contacts = all_played(setting, &meetings);
     let cases = asked.into_par_iter().zip(contacts).map(|(Asked { name, wall, approach, number, .. }, contact)| {
         let contact = contact.map_err(|error| error.in_case(name, approach, Some(number)))?;

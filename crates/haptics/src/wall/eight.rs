@@ -150,7 +150,8 @@ fn start(system: &System, setting: &Setting) -> Vec<f64> {
 fn wanted(lanes: &[Lane<'_>], t: f64) -> [Eight; 3] {
     let mut wanted = [[0.0; 8]; 3];
     for (place, lane) in lanes.iter().enumerate() {
-        let Wanted { position: [position], velocity: [velocity], hold: [hold] } = lane.plan.at(t, lane.sampled.touched_s);
+        let Wanted { position: [position], velocity: [velocity], hold: [hold] } =
+            lane.plan.at(t, lane.sampled.touched_s);
         wanted.iter_mut().zip([position, velocity, hold]).for_each(|(row, value)| row[place] = value);
     }
     wanted
@@ -212,9 +213,8 @@ mod tests {
         let model = Model::of_device(setting.device);
         let plant = |factor: f64| Plant::new(&model, &setting).expect("a plant").delivering(factor);
         let plants = [plant(1.0), plant(1.2)];
-        let walls = ["pd", "fuzzy", "coupled", "leaky"].map(|name| {
-            shipped(name).expect("shipped").wall(&setting).expect("a wall")
-        });
+        let walls = ["pd", "fuzzy", "coupled", "leaky"]
+            .map(|name| shipped(name).expect("shipped").wall(&setting).expect("a wall"));
         let hands = setting.hand.population(setting.spread, 17, 3);
         let meetings: Vec<Meeting<'_>> = hands
             .iter()

@@ -117,7 +117,7 @@ impl Lazy {
 }
 
 /// A slice in parts of these lengths.
-fn parts<'a, T, const N: usize>(mut rest: &'a mut [T], mut lengths: impl Iterator<Item = usize>) -> [&'a mut [T]; N] {
+fn parts<T, const N: usize>(mut rest: &mut [T], mut lengths: impl Iterator<Item = usize>) -> [&mut [T]; N] {
     std::array::from_fn(|_| {
         let length = lengths.next().unwrap_or(0).min(rest.len());
         rest.split_off_mut(..length).unwrap_or_default()

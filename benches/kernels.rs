@@ -4,12 +4,13 @@
 //! `sincos/<n>` is what n angles cost alone.
 //!
 //! Calls do not wait for each other, except those of `forward_dynamics/<device>/<free joints>`: as in a simulation, a
-//! call needs what the one before gave. `forward_dynamics/<device>/<free joints>_throughput` is without that.
+//! call needs what the one before gave. `forward_dynamics/<device>/<free joints>_throughput` is without that, and
+//! `.._of_eight_in_<lanes>` is the call of eight states at once in registers of so many.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use dynid_generated::{EffectKernel, Kernel, N_SIGNALS, Scalar, effect, kernel};
+use dynid_generated::{EffectKernel, Eight, Kernel, N_SIGNALS, Scalar, Width, effect, kernel};
 use dynid_model::{Device, device};
 
 /// What is measured: device, free joints, and how the set is called.
@@ -101,6 +102,17 @@ fn kernels(criterion: &mut Criterion) {
                 kernel.functions.forward_dynamics(&prepared, black_box(&case.q), &case.dq, &case.tau, &mut vector);
             });
         });
+        let given = [&prepared, &case.q, &case.dq, &case.tau].into_iter().flatten();
+        let given: Vec<Eight> = given.map(|value| [*value; 8]).collect();
+        let mut accelerations = vec![[0.0; 8]; n];
+        for width in Width::all() {
+            let id = format!("forward_dynamics/{id}/{set}_of_eight_in_{}", width.lanes());
+            criterion.bench_function(&id, |bencher| {
+                bencher.iter(|| {
+                    kernel.functions.forward_dynamics_of_eight(width, black_box(&given), &mut accelerations);
+                });
+            });
+        }
         criterion.bench_function(&format!("inertia/{id}/{set}"), |bencher| {
             bencher.iter(|| {
                 kernel.functions.inertia(&prepared, black_box(&case.q), &mut matrix);

@@ -12,6 +12,7 @@ use std::{fs, hint::black_box, time::Instant};
 use anyhow::ensure;
 use dynid_dynamics::simulate::{self, Input, Intersample, Options, Predictor, simulate};
 use dynid_dynamics::system::System;
+use dynid_generated::{Eight, Lanewise, Scalar, Width};
 use dynid_identify::sensitivity::{self, Columns, Lumps};
 use dynid_identify::{SearchControl, position, position::PositionProblem};
 use serde_json::{Value, json};
@@ -56,6 +57,7 @@ fn main() -> anyhow::Result<()> {
         adapted.extend(adapted_steps(what, system, &input, start)?);
     }
     let work = json!({
+        "lanes": in_lanes(&system, [&q, &dq, &tau], called / f64::from(calls))?,
         "adapted": adapted,
         "ours": {
             "forward_dynamics": called / f64::from(calls),
@@ -74,6 +76,63 @@ fn main() -> anyhow::Result<()> {
     });
     println!("{work}");
     Ok(())
+}
+
+/// What forward dynamics costs a state where eight are computed at once, by the width of the registers; and what it would cost if it were
+/// nothing but its additions, multiplications and divisions, none of which waited for another. `alone`: what one state costs.
+fn in_lanes(system: &System, states: [&[f64]; 3], alone: f64) -> anyhow::Result<Vec<Value>> {
+    /// Additions and multiplications of the sine and the cosine of an angle (`generated/src/trigonometry.rs`).
+    const OF_AN_ANGLE: usize = 50;
+    const CALLS: u32 = 100_000;
+    let kernel = system.kernel();
+    let given: Vec<Eight> = [system.prepared(), &states.concat()].concat().iter().map(|value| [*value; 8]).collect();
+    let mut results = vec![[0.0; 8]; kernel.free.len()];
+    let found = kernel.operations.iter().find(|operations| operations.kernel == "forward_dynamics");
+    let counted = found.map_or(0, |of| of.adds + of.muls + of.divs + OF_AN_ANGLE * of.sincos);
+    let row =
+        |lanes: usize, seconds: f64, floor: Option<f64>| json!({ "lanes": lanes, "seconds": seconds, "floor": floor });
+    let mut rows = vec![row(1, alone, None)];
+    for width in Width::all() {
+        let called = fastest(9, || {
+            for _ in 0..CALLS {
+                kernel.functions.forward_dynamics_of_eight(width, black_box(&given), &mut results);
+            }
+            Ok(())
+        })?;
+        let mut sums = [[0.0; 8]; Arithmetic::SUMS];
+        let computed = fastest(9, || {
+            for _ in 0..CALLS {
+                width.of_eight(&Arithmetic, black_box(&[[0.5; 8], [0.25; 8]]), &mut sums);
+                black_box(&sums);
+            }
+            Ok(())
+        })?;
+        let floor = computed / Arithmetic::OPERATIONS as f64 * counted as f64;
+        rows.push(row(width.lanes(), called / f64::from(8 * CALLS), Some(floor / f64::from(8 * CALLS))));
+    }
+    Ok(rows)
+}
+
+/// As many additions as multiplications, of which so many wait for none of the others.
+struct Arithmetic;
+
+impl Arithmetic {
+    const SUMS: usize = 12;
+    const ROUNDS: usize = 40;
+    const OPERATIONS: usize = 2 * Self::SUMS * Self::ROUNDS;
+}
+
+impl Lanewise<2, { Arithmetic::SUMS }> for Arithmetic {
+    #[inline(always)]
+    fn of<S: Scalar>(&self, [factor, added]: &[S; 2]) -> [S; Self::SUMS] {
+        let mut sums = [*added; Self::SUMS];
+        for _ in 0..Self::ROUNDS {
+            for sum in &mut sums {
+                *sum = *sum * *factor + *added;
+            }
+        }
+        sums
+    }
 }
 
 /// What a simulation and its gradient by all unknowns cost with as many steps as the peers take, and with as few as a tolerance asks for;

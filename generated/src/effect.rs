@@ -2,7 +2,7 @@
 
 use core::fmt::Debug;
 
-use crate::{Lanes, kernel::functions};
+use crate::{Eight, Lanes, Width, kernel::functions};
 
 /// The kernels of one effect. The generic functions behind one that is compiled in are in the effect's module, e.g.
 /// `dynid_generated::effect_library::lugre::eval`.
@@ -32,6 +32,8 @@ functions! {
         eval_gradient(parameters: &[f64], signals: &[f64], states: &[f64], outputs: &mut [f64], rates: &mut [f64], jacobian: &mut [f64]);
         /// As `eval`, of several joints or states at once.
         eval_lanes(parameters: &[Lanes], signals: &[Lanes], states: &[Lanes], outputs: &mut [Lanes], rates: &mut [Lanes]);
+        /// As `eval`, of eight: parameters, signals and states stand one behind the other, as do outputs and rates.
+        eval_of_eight(width: Width, given: &[Eight], results: &mut [Eight]);
         /// As `eval_gradient`, of several joints or states at once.
         eval_gradient_lanes(parameters: &[Lanes], signals: &[Lanes], states: &[Lanes], outputs: &mut [Lanes], rates: &mut [Lanes], jacobian: &mut [Lanes]);
     }

@@ -1,4 +1,4 @@
-//! The exponential of two numbers at once.
+//! The exponential of several numbers at once.
 //!
 //! `x = k ln 2 + r` with `|r| <= ln(2)/2`: the reduction subtracts k times ln 2 in two parts (Cody & Waite 1980), of
 //! which the first has 41 bits, so that its product with `k` is exact. `e^r = 1 + r + r^2 P(r)` with a minimax
@@ -7,7 +7,7 @@
 //! are subnormal come out as they should. No branch depends on the argument. Error: below 1 unit in the last place
 //! (tested against 300-bit values).
 
-use crate::{Lanes, Scalar, lanes::Bits};
+use crate::{Lanes, Scalar, lanes::Vector};
 
 /// Beyond these the result is infinite, or rounds to 0.
 const LARGEST: f64 = 710.0;
@@ -39,13 +39,13 @@ pub(crate) fn exp(x: f64) -> f64 {
 
 /// `e^x` of each lane.
 #[inline(always)]
-pub(crate) fn of_lanes(x: Lanes) -> Lanes {
-    let c = Lanes::constant;
+pub(crate) fn of_lanes<V: Vector>(x: V) -> V {
+    let c = V::constant;
     // A NaN is less than nothing, so it stays. What rounds to 0 is set to 0 in the end: to compute it would pass
     // through subnormal numbers, on which processors are slow, and the bell of a friction law is there most of the time.
     let argument = x;
-    let x = Lanes::if_less(c(LARGEST), x, c(LARGEST), x);
-    let x = Lanes::if_less(x, c(SMALLEST), c(0.0), x);
+    let x = V::if_less(c(LARGEST), x, c(LARGEST), x);
+    let x = V::if_less(x, c(SMALLEST), c(0.0), x);
 
     let shifted = x * c(LOG2_E) + c(ROUND);
     let k = shifted - c(ROUND);
@@ -64,14 +64,14 @@ pub(crate) fn of_lanes(x: Lanes) -> Lanes {
     let value = c(1.0) + (r + (z * tail + low * (c(1.0) + r)));
 
     // k + 2048 is positive; its halves become exponents of their own.
-    let integer = shifted.bits().minus(Bits::splat(ROUND.to_bits().wrapping_sub(2048)));
+    let integer = shifted.minus_bits(V::of_bits(ROUND.to_bits().wrapping_sub(2048)));
     let half = integer.right::<1>();
-    let other = integer.minus(half);
-    Lanes::if_less(argument, c(SMALLEST), c(0.0), value * power_of_two(half) * power_of_two(other))
+    let other = integer.minus_bits(half);
+    V::if_less(argument, c(SMALLEST), c(0.0), value * power_of_two(half) * power_of_two(other))
 }
 
 /// `2^(e - 1024)`
 #[inline(always)]
-fn power_of_two(e: Bits) -> Lanes {
-    e.minus(Bits::splat(1)).left::<52>().numbers()
+fn power_of_two<V: Vector>(e: V) -> V {
+    e.minus_bits(V::of_bits(1)).left::<52>()
 }

@@ -2,7 +2,7 @@
 
 use core::fmt::Debug;
 
-use crate::Lanes;
+use crate::{Eight, Lanes, Width};
 
 /// A trait of functions over slices, and the table of functions that are compiled in, which implements it.
 macro_rules! functions {
@@ -86,6 +86,8 @@ functions! {
         regressor(prepared: &[f64], q: &[f64], dq: &[f64], ddq: &[f64], y: &mut [f64]);
         /// tau and its partial derivatives by q and dq, n x n each; the one by ddq is D.
         inverse_dynamics_gradient(prepared: &[f64], q: &[f64], dq: &[f64], ddq: &[f64], tau: &mut [f64], by_q: &mut [f64], by_dq: &mut [f64]);
+        /// As `forward_dynamics`, of eight states: prepared values, q, dq and tau stand one behind the other.
+        forward_dynamics_of_eight(width: Width, given: &[Eight], ddq: &mut [Eight]);
         /// As `inertia`, at several states at once.
         inertia_lanes(prepared: &[Lanes], q: &[Lanes], d: &mut [Lanes]);
         /// As `regressor`, at several states at once.

@@ -1,10 +1,21 @@
-//! Two numbers side by side.
+//! Several numbers side by side.
 
-use core::ops::{Add, BitAnd, BitXor, Div, Mul, Neg, Sub};
+mod eight;
+mod vector;
+#[cfg(target_arch = "x86_64")]
+mod x86;
 
-use wide::{bytemuck::cast, f64x2, u64x2};
+use wide::{
+    bytemuck::cast,
+    {f64x2, u64x2},
+};
 
-use crate::{Scalar, exponential, trigonometry};
+use crate::Scalar;
+
+pub(crate) use eight::of_eight;
+pub use eight::{Eight, Lanewise, Width};
+pub(crate) use vector::Vector;
+use vector::scalar_of_vector;
 
 /// How many numbers [`Lanes`] holds: what one vector register of any 64-bit machine does.
 pub const LANES: usize = 2;
@@ -32,154 +43,70 @@ impl Lanes {
     }
 
     #[inline(always)]
-    pub(crate) fn bits(self) -> Bits {
-        Bits(cast(self.0))
+    fn bits(self) -> u64x2 {
+        cast(self.0)
     }
+}
 
-    /// Whether every lane is at most `limit` in size; false for NaN.
+impl From<[f64; LANES]> for Lanes {
     #[inline(always)]
-    pub(crate) fn all_within(self, limit: f64) -> bool {
+    fn from(numbers: [f64; LANES]) -> Self {
+        Self::new(numbers)
+    }
+}
+
+impl From<Lanes> for [f64; LANES] {
+    #[inline(always)]
+    fn from(lanes: Lanes) -> Self {
+        lanes.to_array()
+    }
+}
+
+impl Vector for Lanes {
+    #[inline(always)]
+    fn of_bits(bits: u64) -> Self {
+        Lanes(cast(u64x2::splat(bits)))
+    }
+    #[inline(always)]
+    fn both(self, other: Self) -> Self {
+        Lanes(cast(self.bits() & other.bits()))
+    }
+    #[inline(always)]
+    fn either(self, other: Self) -> Self {
+        Lanes(cast(self.bits() ^ other.bits()))
+    }
+    #[inline(always)]
+    fn plus_bits(self, other: Self) -> Self {
+        Lanes(cast(self.bits() + other.bits()))
+    }
+    #[inline(always)]
+    fn minus_bits(self, other: Self) -> Self {
+        Lanes(cast(self.bits() - other.bits()))
+    }
+    #[inline(always)]
+    fn left<const BY: u32>(self) -> Self {
+        Lanes(cast(self.bits() << BY))
+    }
+    #[inline(always)]
+    fn right<const BY: u32>(self) -> Self {
+        Lanes(cast(self.bits() >> BY))
+    }
+    #[inline(always)]
+    fn all_within(self, limit: f64) -> bool {
         Scalar::abs(self).0.simd_le(f64x2::splat(limit)).all()
     }
-
     #[inline(always)]
     fn each(self, of: impl Fn(f64) -> f64) -> Self {
         Lanes::new(self.to_array().map(of))
     }
 }
 
-/// The bits of two numbers.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Bits(u64x2);
-
-impl Bits {
-    #[inline(always)]
-    pub(crate) fn splat(bits: u64) -> Self {
-        Bits(u64x2::splat(bits))
-    }
-
-    #[inline(always)]
-    pub(crate) fn numbers(self) -> Lanes {
-        Lanes(cast(self.0))
-    }
-
-    #[inline(always)]
-    pub(crate) fn plus(self, other: Self) -> Self {
-        Bits(self.0 + other.0)
-    }
-
-    #[inline(always)]
-    pub(crate) fn minus(self, other: Self) -> Self {
-        Bits(self.0 - other.0)
-    }
-
-    #[inline(always)]
-    pub(crate) fn left<const BY: u32>(self) -> Self {
-        Bits(self.0 << BY)
-    }
-
-    #[inline(always)]
-    pub(crate) fn right<const BY: u32>(self) -> Self {
-        Bits(self.0 >> BY)
-    }
-}
-
-impl BitAnd for Bits {
-    type Output = Self;
-    #[inline(always)]
-    fn bitand(self, other: Self) -> Self {
-        Bits(self.0 & other.0)
-    }
-}
-
-impl BitXor for Bits {
-    type Output = Self;
-    #[inline(always)]
-    fn bitxor(self, other: Self) -> Self {
-        Bits(self.0 ^ other.0)
-    }
-}
-
-impl Add for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Lanes(self.0 + other.0)
-    }
-}
-
-impl Sub for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Lanes(self.0 - other.0)
-    }
-}
-
-impl Mul for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Lanes(self.0 * other.0)
-    }
-}
-
-impl Div for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        Lanes(self.0 / other.0)
-    }
-}
-
-impl Neg for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        (self.bits() ^ Bits::splat(1 << 63)).numbers()
-    }
-}
-
-impl Scalar for Lanes {
-    #[inline(always)]
-    fn constant(value: f64) -> Self {
-        Lanes(f64x2::splat(value))
-    }
-    #[inline]
-    fn sines_cosines<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
-        let (mut sines, mut cosines) = (angles, angles);
-        for ((angle, sine), cosine) in angles.iter().zip(&mut sines).zip(&mut cosines) {
-            (*sine, *cosine) = trigonometry::of_lanes(*angle);
-        }
-        (sines, cosines)
-    }
-    fn tan(self) -> Self {
-        self.each(Scalar::tan)
-    }
-    fn tanh(self) -> Self {
-        self.each(Scalar::tanh)
-    }
-    #[inline]
-    fn exp(self) -> Self {
-        exponential::of_lanes(self)
-    }
-    fn ln(self) -> Self {
-        self.each(Scalar::ln)
-    }
-    #[inline]
-    fn sqrt(self) -> Self {
-        Lanes(self.0.sqrt())
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        (self.bits() & Bits::splat(!(1 << 63))).numbers()
-    }
-    #[inline]
-    fn sign(self) -> Self {
-        self.each(Scalar::sign)
-    }
-    #[inline(always)]
-    fn if_less(a: Self, b: Self, then: Self, otherwise: Self) -> Self {
-        Lanes(a.0.simd_lt(b.0).select(then.0, otherwise.0))
-    }
-}
+scalar_of_vector!(Lanes {
+    add: |a: Lanes, b: Lanes| Lanes(a.0 + b.0),
+    sub: |a: Lanes, b: Lanes| Lanes(a.0 - b.0),
+    mul: |a: Lanes, b: Lanes| Lanes(a.0 * b.0),
+    div: |a: Lanes, b: Lanes| Lanes(a.0 / b.0),
+    sqrt: |a: Lanes| Lanes(a.0.sqrt()),
+    constant: |value| Lanes(f64x2::splat(value)),
+    if_less: |a: Lanes, b: Lanes, then: Lanes, otherwise: Lanes| Lanes(a.0.simd_lt(b.0).select(then.0, otherwise.0)),
+});

@@ -17,7 +17,8 @@
 //! The functions behind the tables are generic over [`Scalar`], e.g. `dynid_generated::freedom6s::c07::inertia::<S>` and
 //! `dynid_generated::effect_library::lugre::eval::<S>`. The tables hold the instances for `f64`, and those for [`Lanes`] (two
 //! numbers in one vector register, each with the bits that it would have alone) that a simulation or a fit calls. [`Dual`] is
-//! instantiated where it is used: `prepare_gradient` is `prepare` over `Dual`.
+//! instantiated where it is used: `prepare_gradient` is `prepare` over `Dual`. Forward dynamics and the effects are there for eight states
+//! at once, too ([`Eight`]), in registers as wide as the processor's ([`Width`]), to the same bits.
 //!
 //! Sines, cosines and exponentials are this crate's own (below 1 unit in the last place, two at once, without branches), other
 //! functions are those of the crate `libm`: the same bits on every platform, with or without `std`.
@@ -44,7 +45,7 @@ pub use dual::Dual;
 pub use effect::{EffectFunctions, EffectKernel, EffectTable, N_SIGNALS, Signal};
 pub use end_point::{EndPoint, EndPointFunctions, EndPointTable};
 pub use kernel::{Kernel, KernelFunctions, KernelTable, Operations};
-pub use lanes::{LANES, Lanes};
+pub use lanes::{Eight, LANES, Lanes, Lanewise, Width};
 pub use scalar::Scalar;
 
 include!(concat!(env!("OUT_DIR"), "/library.rs"));

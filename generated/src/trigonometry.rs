@@ -6,7 +6,7 @@
 //! first order for what the reduction rounded off. No branch depends on an angle, so that two are done side by
 //! side. Error: below 1 unit in the last place (tested against 200-bit values).
 
-use crate::{LANES, Lanes, Scalar, lanes::Bits};
+use crate::{LANES, Lanes, Scalar, lanes::Vector};
 
 /// Angles beyond this are left to the general reduction. A numerical choice: `k` fits 20 bits. rad
 const LARGEST: f64 = 1.0e6;
@@ -55,16 +55,40 @@ pub fn sin_cos<const N: usize>(angles: [f64; N]) -> ([f64; N], [f64; N]) {
 
 /// Sine and cosine of each lane (rad).
 #[inline(always)]
-pub fn of_lanes(angle: Lanes) -> (Lanes, Lanes) {
+pub(crate) fn of_lanes<V: Vector>(angle: V) -> (V, V) {
     if angle.all_within(LARGEST) { reduced(angle) } else { general(angle) }
 }
 
+/// The same of several angles, with one question to all.
 #[inline(always)]
-fn reduced(angle: Lanes) -> (Lanes, Lanes) {
-    let c = Lanes::constant;
+pub(crate) fn of_several<V: Vector, const N: usize>(angles: [V; N]) -> ([V; N], [V; N]) {
+    let (mut sines, mut cosines) = (angles, angles);
+    let mut all_within = true;
+    for angle in &angles {
+        all_within &= angle.all_within(LARGEST);
+    }
+    if all_within {
+        for ((angle, sine), cosine) in angles.iter().zip(&mut sines).zip(&mut cosines) {
+            (*sine, *cosine) = reduced(*angle);
+        }
+    } else {
+        all_general(&angles, &mut sines, &mut cosines);
+    }
+    (sines, cosines)
+}
+
+#[cold]
+fn all_general<V: Vector>(angles: &[V], sines: &mut [V], cosines: &mut [V]) {
+    for ((angle, sine), cosine) in angles.iter().zip(sines).zip(cosines) {
+        (*sine, *cosine) = of_lanes(*angle);
+    }
+}
+
+#[inline(always)]
+fn reduced<V: Vector>(angle: V) -> (V, V) {
+    let c = V::constant;
     let shifted = angle * c(TWO_OVER_PI) + c(ROUND);
     let k = shifted - c(ROUND);
-    let quadrant = shifted.bits();
 
     let first = angle - k * c(HALF_PI[0]);
     let product = k * c(HALF_PI[1]);
@@ -88,15 +112,20 @@ fn reduced(angle: Lanes) -> (Lanes, Lanes) {
     let cosine = near + (((c(1.0) - near) - half) + (z2 * even - r * low));
 
     // Quadrant 1: (c, -s), 2: (-s, -c), 3: (-c, s), in bits so that nothing branches.
-    let swap = Bits::splat(0).minus(quadrant & Bits::splat(1));
-    let (sine, cosine) = (sine.bits(), cosine.bits());
-    let difference = (sine ^ cosine) & swap;
-    let sign_of_sine = (quadrant & Bits::splat(2)).left::<62>();
-    let sign_of_cosine = (quadrant.plus(Bits::splat(1)) & Bits::splat(2)).left::<62>();
-    (((sine ^ difference) ^ sign_of_sine).numbers(), ((cosine ^ difference) ^ sign_of_cosine).numbers())
+    let bits = V::of_bits;
+    let swap = bits(0).minus_bits(shifted.both(bits(1)));
+    let difference = sine.either(cosine).both(swap);
+    let sign_of_sine = shifted.both(bits(2)).left::<62>();
+    let sign_of_cosine = shifted.plus_bits(bits(1)).both(bits(2)).left::<62>();
+    (sine.either(difference).either(sign_of_sine), cosine.either(difference).either(sign_of_cosine))
 }
 
+/// A lane within the limit has the bits that it has among its like.
 #[cold]
-fn general(angle: Lanes) -> (Lanes, Lanes) {
-    (Lanes::new(angle.to_array().map(libm::sin)), Lanes::new(angle.to_array().map(libm::cos)))
+fn general<V: Vector>(angle: V) -> (V, V) {
+    let (sine, cosine) = reduced(angle);
+    let of = |function: fn(f64) -> f64, within: V| {
+        V::if_less(V::constant(LARGEST), angle.abs(), angle.each(function), within)
+    };
+    (of(libm::sin, sine), of(libm::cos, cosine))
 }

@@ -2,7 +2,7 @@
 
 mod support;
 
-use dynid_generated::kernels;
+use dynid_generated::{Eight, Width, kernels};
 use dynid_plant::random::Noise;
 use support::{Case, STATES, assert_matrix, assert_vector, cases, dot, equations, input_value};
 
@@ -257,6 +257,37 @@ fn energy_is_kept() {
             let after = case.swung_freely(0.2, 2_000).energy().0;
             let change = (after - before).abs() / swing;
             assert!(change <= 1e-10, "{case}: energy changes by {change:e} of its size");
+        }
+    }
+}
+
+/// Forward dynamics has the same bits alone and among eight, whatever the processor's registers hold.
+#[test]
+fn eight_states_have_the_bits_of_each_alone() {
+    for kernel in kernels() {
+        let mut cases: Vec<Case> = cases(kernel, Noise::new(12), 64).collect();
+        // Beyond what the fast reduction of an angle holds for, and nowhere.
+        cases[9].q[0] = 3e8;
+        cases[17].q[0] = f64::NAN;
+        for eight in cases.chunks(8) {
+            let prepared = &eight[0].prepared;
+            let rows = |of: fn(&Case) -> &[f64]| -> Vec<Eight> {
+                (0..kernel.free.len()).map(|slot| std::array::from_fn(|lane| of(&eight[lane])[slot])).collect()
+            };
+            let states = [rows(|case| &case.q), rows(|case| &case.dq), rows(|case| &case.ddq)].concat();
+            let given = [prepared.iter().map(|value| [*value; 8]).collect(), states].concat();
+            for width in Width::all() {
+                let mut ddq = vec![[0.0; 8]; kernel.free.len()];
+                kernel.functions.forward_dynamics_of_eight(width, &given, &mut ddq);
+                for (lane, case) in eight.iter().enumerate() {
+                    let mut alone = vec![0.0; kernel.free.len()];
+                    kernel.functions.forward_dynamics(prepared, &case.q, &case.dq, &case.ddq, &mut alone);
+                    for (row, alone) in ddq.iter().zip(alone) {
+                        let is_same = row[lane].to_bits() == alone.to_bits() || (row[lane].is_nan() && alone.is_nan());
+                        assert!(is_same, "{width:?}, lane {lane}, {case}: {} for {alone}", row[lane]);
+                    }
+                }
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The numbers that kernels compute with.
 
-use dynid_generated::{Dual, LANES, Lanes, Scalar};
+use dynid_generated::{Dual, Eight, LANES, Lanes, Lanewise, Scalar, Width};
 
 /// Angle, then sine and cosine, each as a double and what it leaves off (made by `sin_cos.py`).
 fn table() -> Vec<[f64; 5]> {
@@ -127,5 +127,57 @@ fn dual_numbers_carry_central_differences() {
         let by_y = (everything(x, y + step) - everything(x, y - step)) / (2.0 * step);
         assert!((dual.partials[0] - by_x).abs() < 1e-8, "{x} {y}: {} {by_x}", dual.partials[0]);
         assert!((dual.partials[1] - by_y).abs() < 1e-8, "{x} {y}: {} {by_y}", dual.partials[1]);
+    }
+}
+
+/// Every function of a scalar.
+struct Functions;
+
+impl Lanewise<2, 18> for Functions {
+    fn of<S: Scalar>(&self, [a, b]: &[S; 2]) -> [S; 18] {
+        let (a, b) = (*a, *b);
+        let ([sine, other], [cosine, _]) = S::sines_cosines([a, b]);
+        [
+            a + b,
+            a - b,
+            a * b,
+            a / b,
+            -a,
+            S::constant(0.1),
+            sine,
+            other,
+            cosine,
+            a.tan(),
+            a.tanh(),
+            a.exp(),
+            a.ln(),
+            a.sqrt(),
+            a.abs(),
+            a.sign(),
+            a.minimum(b),
+            a.maximum(b),
+        ]
+    }
+}
+
+#[test]
+fn registers_of_any_width_compute_what_a_number_alone_does() {
+    let special = [0.0, -0.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN, 1e300, -3e-310, 720.0, -800.0, 5e6];
+    let ordinary = (0..300).map(|step| 1.7f64.powi(step % 40 - 20) * if step % 3 == 0 { -1.0 } else { 1.0 });
+    let numbers: Vec<f64> = special.into_iter().chain(ordinary).collect();
+    let eight = |from: usize| -> Eight { std::array::from_fn(|lane| numbers[(from + lane) % numbers.len()]) };
+    for (first, second) in (0..numbers.len()).flat_map(|first| [1, 7, 100].map(|apart| (first, first + apart))) {
+        let given = [eight(first), eight(second)];
+        for width in Width::all() {
+            let mut results = [[0.0; 8]; 18];
+            width.of_eight(&Functions, &given, &mut results);
+            for lane in 0..8 {
+                for (result, alone) in results.iter().zip(Functions.of(&given.map(|row| row[lane]))) {
+                    let is_same =
+                        result[lane].to_bits() == alone.to_bits() || (result[lane].is_nan() && alone.is_nan());
+                    assert!(is_same, "{width:?}, lane {lane} of {given:?}: {} for {alone}", result[lane]);
+                }
+            }
+        }
     }
 }

@@ -126,7 +126,7 @@ fn compare() -> anyhow::Result<()> {
     let rows = rows(&ours["ours"], &measured)?;
     page::print(&rows, &measured);
     let sizes: Value = serde_json::from_str(&example("size_work")?).context("size_work prints JSON")?;
-    page::write(&WORKS, &rows, &ours["adapted"], &measured, &sizes)
+    page::write(&WORKS, &rows, &ours, &measured, &sizes)
 }
 
 /// What an example of the package prints.

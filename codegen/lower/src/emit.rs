@@ -22,6 +22,10 @@ use crate::kernel::Function;
 /// rustc's time and memory grow faster than linearly in a function's length, so no function is longer.
 pub const MOST_STATEMENTS: usize = 1_000;
 
+/// What is emitted for registers of any width. It becomes part of the function that is compiled for a processor's own, for what
+/// it would call is not.
+const OF_EIGHT: [&str; 2] = ["forward_dynamics", "eval"];
+
 /// Source text that is not valid Rust: a bug of ours, said with the place.
 #[derive(Debug, thiserror::Error)]
 #[error("the emitted code of {what} does not parse: {error}")]
@@ -61,6 +65,20 @@ fn identifier(name: &str) -> Ident {
 fn slices(function: &Function) -> Vec<Ident> {
     let arguments = function.arguments.iter().map(|argument| identifier(argument.name));
     arguments.chain(function.results.iter().map(|results| identifier(results.name))).collect()
+}
+
+/// The entry of a function of eight in a table: its name and what it is.
+fn of_eight(function: &Function) -> TokenStream {
+    let name = identifier(function.name);
+    let entry = format_ident!("{}_of_eight", function.name);
+    let arguments = function.arguments.iter().map(|argument| (argument.name, argument.elements.len()));
+    let results = function.results.iter().map(|results| (results.name, results.elements.len()));
+    let sized = |(name, length): (&str, usize)| {
+        let (name, length) = (identifier(name), size(length));
+        quote!(#name: #length)
+    };
+    let (arguments, results) = (arguments.map(sized), results.map(sized));
+    quote!(#entry: of_eight!(#name, [#(#arguments),*], [#(#results),*]))
 }
 
 /// A length or an index, without a suffix.

@@ -8,6 +8,7 @@
 mod compare;
 mod contact;
 mod damping;
+mod eight;
 mod encounter;
 mod error;
 mod hand;

@@ -7,7 +7,8 @@ use std::sync::{
 
 use dynid_compile::{Routine, Word};
 use dynid_generated::{
-    Dual, EffectFunctions, EffectKernel, EndPoint, EndPointFunctions, Kernel, KernelFunctions, Lanes, Operations,
+    Dual, EffectFunctions, EffectKernel, Eight, EndPoint, EndPointFunctions, Kernel, KernelFunctions, LANES, Lanes,
+    Operations, Scalar, Width,
 };
 use dynid_lower::{effect::EffectKernels, kernel::Configuration, kernel::Function};
 use dynid_model::{Device, Effect};
@@ -99,6 +100,28 @@ impl Lazy {
     fn call_lanes<const A: usize, const R: usize>(&self, arguments: [&[Lanes]; A], results: [&mut [Lanes]; R]) {
         self.in_lanes.get_or_init(|| routine(&self.function)).call(arguments, results);
     }
+
+    /// Of eight, whose arguments and results stand one behind the other: two after the other, whatever the processor has, for what makes
+    /// the code knows no wider registers.
+    fn call_of_eight<const A: usize, const R: usize>(&self, given: &[Eight], results: &mut [Eight]) {
+        let mut room = vec![Lanes::constant(0.0); given.len() + results.len()];
+        let (own, own_results) = room.split_at_mut(given.len());
+        for part in 0..8 / LANES {
+            own.iter_mut().zip(given).for_each(|(own, row)| *own = Lanes::new(row.as_chunks().0[part]));
+            let arguments = self.function.arguments.iter().map(|argument| argument.elements.len());
+            let of = self.function.results.iter().map(|results| results.elements.len());
+            self.call_lanes(parts::<_, A>(own, arguments).map(|part| &*part), parts::<_, R>(own_results, of));
+            results.iter_mut().zip(&*own_results).for_each(|(row, own)| row.as_chunks_mut().0[part] = own.to_array());
+        }
+    }
+}
+
+/// A slice in parts of these lengths.
+fn parts<T, const N: usize>(mut rest: &mut [T], mut lengths: impl Iterator<Item = usize>) -> [&mut [T]; N] {
+    std::array::from_fn(|_| {
+        let length = lengths.next().unwrap_or(0).min(rest.len());
+        rest.split_off_mut(..length).unwrap_or_default()
+    })
 }
 
 /// The functions of a kernel.
@@ -222,6 +245,10 @@ impl KernelFunctions for Equations {
         self.inverse_dynamics_gradient.call([prepared, q, dq, ddq], [tau, by_q, by_dq]);
     }
 
+    fn forward_dynamics_of_eight(&self, _: Width, given: &[Eight], ddq: &mut [Eight]) {
+        self.forward_dynamics.call_of_eight::<4, 1>(given, ddq);
+    }
+
     fn inertia_lanes(&self, prepared: &[Lanes], q: &[Lanes], d: &mut [Lanes]) {
         self.inertia.call_lanes([prepared, q], [d]);
     }
@@ -280,6 +307,10 @@ impl EffectFunctions for Law {
         rates: &mut [Lanes],
     ) {
         self.eval.call_lanes([parameters, signals, states], [outputs, rates]);
+    }
+
+    fn eval_of_eight(&self, _: Width, given: &[Eight], results: &mut [Eight]) {
+        self.eval.call_of_eight::<3, 2>(given, results);
     }
 
     fn eval_gradient_lanes(

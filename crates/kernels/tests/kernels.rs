@@ -8,7 +8,7 @@ mod support;
 use std::path::Path;
 
 use dynid_generated::{Kernel, Lanes, N_SIGNALS};
-use dynid_kernels::{KernelError, kernel};
+use dynid_kernels::{KernelError, forward_dynamics, kernel};
 use dynid_model::{Device, device_named};
 use dynid_plant::random::Noise;
 use robots::random_robot_of;
@@ -118,6 +118,28 @@ fn lanes_have_the_bits_of_numbers_alone() {
         assert_eq!(tau, join(&gradients()[0].0, &gradients()[1].0));
         assert_eq!(by_q, join(&gradients()[0].1, &gradients()[1].1));
         assert_eq!(by_dq, join(&gradients()[0].2, &gradients()[1].2));
+    }
+}
+
+/// More states than one thread takes, and not a multiple of eight.
+#[test]
+fn a_batch_has_the_bits_of_one_state_after_the_other() {
+    for (own, made, compiled_in) in both() {
+        for kernel in [made, compiled_in] {
+            let cases: Vec<Case> = cases_of(own, kernel, Noise::new(13), 21).collect();
+            let rows =
+                |of: fn(&Case) -> &Vec<f64>| cases.iter().flat_map(of).copied().collect::<Vec<f64>>().repeat(100);
+            let (q, dq, tau) = (rows(|case| &case.q), rows(|case| &case.dq), rows(|case| &case.ddq));
+            let prepared = &cases[0].prepared;
+            let (mut batch, mut alone) = (vec![f64::NAN; q.len()], vec![f64::NAN; q.len()]);
+            forward_dynamics(kernel, prepared, [&q, &dq, &tau], &mut batch);
+            let n = kernel.free.len();
+            for (state, ddq) in alone.chunks_exact_mut(n).enumerate() {
+                let of = |rows: &'_ [f64]| rows[state * n..(state + 1) * n].to_vec();
+                kernel.functions.forward_dynamics(prepared, &of(&q), &of(&dq), &of(&tau), ddq);
+            }
+            assert_eq!(batch, alone, "{} {:?}", own.id, kernel.free);
+        }
     }
 }
 

@@ -21,14 +21,14 @@ pub fn print(rows: &[Row], measured: &Value) {
 }
 
 /// Writes the page.
-pub fn write(works: &[Work], rows: &[Row], adapted: &Value, measured: &Value, sizes: &Value) -> anyhow::Result<()> {
+pub fn write(works: &[Work], rows: &[Row], ours: &Value, measured: &Value, sizes: &Value) -> anyhow::Result<()> {
     let page = shell::root().join(PAGE);
-    fs::write(&page, text(works, rows, adapted, measured, sizes))?;
+    fs::write(&page, text(works, rows, ours, measured, sizes))?;
     println!("\nwrote {PAGE}");
     Ok(())
 }
 
-fn text(works: &[Work], rows: &[Row], adapted: &Value, measured: &Value, sizes: &Value) -> String {
+fn text(works: &[Work], rows: &[Row], ours: &Value, measured: &Value, sizes: &Value) -> String {
     let mut text = String::from(
         "# What things cost\n\n\
          Written by `cargo xtask bench --peers`, which measures all of this in one run: do not edit. One core, but where threads are named.\n\
@@ -64,12 +64,21 @@ fn text(works: &[Work], rows: &[Row], adapted: &Value, measured: &Value, sizes: 
     if !missing.is_empty() {
         line(format!("\n{}", missing.join("\n\n")));
     }
+    line("\n## Lanes\n".to_owned());
+    line("One acceleration of the Freedom 6S, all six joints free: alone, and a state's share where eight are computed at once, with the same bits.".to_owned());
+    line("The floor is what its additions, multiplications and divisions take where none waits for another, measured in the same registers.\n".to_owned());
+    line("| numbers in a register | seconds | floor (s) |".to_owned());
+    line("| ---: | ---: | ---: |".to_owned());
+    for row in ours["lanes"].as_array().into_iter().flatten() {
+        let floor = row["floor"].as_f64().map_or(String::new(), |floor| format!("{floor:.2e}"));
+        line(format!("| {} | {:.2e} | {floor} |", row["lanes"], row["seconds"].as_f64().unwrap_or(f64::NAN)));
+    }
     line("\n## Adapted steps\n".to_owned());
     line("As many steps of a sample as the peers take, and as few as a tolerance asks for, which is what a user gets who states nothing;".to_owned());
     line("how far the latter are from steps ten times as short as the former.\n".to_owned());
     line("| work | steps of 1/6 ms (s) | adapted (s) | times as fast | largest deviation (rad) |".to_owned());
     line("| --- | ---: | ---: | ---: | ---: |".to_owned());
-    for row in adapted.as_array().into_iter().flatten() {
+    for row in ours["adapted"].as_array().into_iter().flatten() {
         let number = |key: &str| row[key].as_f64().unwrap_or(f64::NAN);
         let (stated, adapted) = (number("stated_s"), number("adapted_s"));
         let what = row["what"].as_str().unwrap_or_default();
@@ -149,12 +158,16 @@ mod tests {
         let points =
             json!([{ "size": 1, "seconds": 1e-3, "peak_kb": 2000 }, { "size": 2, "seconds": 1e-2, "peak_kb": null }]);
         let sizes = json!([{ "name": "read", "what": "reading", "size": "rows", "points": points, "exponent": 1.25 }]);
-        let adapted = json!([{ "what": "one joint", "stated_s": 0.2, "adapted_s": 0.025, "away": 2e-6 }]);
-        let text = text(&WORKS, &[row], &adapted, &measured, &sizes);
+        let ours = json!({
+            "adapted": [{ "what": "one joint", "stated_s": 0.2, "adapted_s": 0.025, "away": 2e-6 }],
+            "lanes": [{ "lanes": 1, "seconds": 2e-7, "floor": null }, { "lanes": 8, "seconds": 4e-8, "floor": 2e-8 }],
+        });
+        let text = text(&WORKS, &[row], &ours, &measured, &sizes);
         let row = "| `simulate/freedom6s/all_60s` | this | 2.00e0 | 4.00 | yes: 1e-9 rad from our final positions |\n";
         let others = [
             "; Python 3.11.7; this 1.0; that 2.0\n",
             "\nthat is missing: there is no C compiler (cc)\n",
+            "\n| 1 | 2.00e-7 |  |\n| 8 | 4.00e-8 | 2.00e-8 |\n",
             "\n| one joint | 2.00e-1 | 2.50e-2 | 8.0 | 2e-6 |\n",
             "**read**: reading. Exponent 1.25.\n",
             "| 1 | 1.00e-3 | 2 |\n| 2 | 1.00e-2 | not known |\n",

@@ -3,7 +3,7 @@
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
 
-use super::{EmitError, describe, format, function::function, identifier, size, slices};
+use super::{EmitError, describe, format, function::function, identifier, of_eight, size, slices};
 use crate::effect::EffectKernels;
 use crate::kernel::Function;
 
@@ -35,17 +35,18 @@ fn module(effect: &EffectKernels) -> TokenStream {
             #in_lanes: checked!(#name::<Lanes>(#(#slices),*))
         }
     });
+    let of_eight = of_eight(&effect.eval);
     quote! {
         #[doc = #title]
         pub mod #name {
-            use crate::{EffectKernel, EffectTable, Lanes, Scalar, checked};
+            use crate::{EffectKernel, EffectTable, Lanes, Scalar, checked, lanes::of_eight};
             /// The table entry: this effect's kernels.
             pub static EFFECT: EffectKernel = EffectKernel {
                 id: #id,
                 n_parameters: #n_parameters,
                 n_states: #n_states,
                 n_outputs: #n_outputs,
-                functions: &EffectTable { #(#entries),* },
+                functions: &EffectTable { #(#entries,)* #of_eight },
             };
             #(#functions)*
         }

@@ -6,7 +6,7 @@ use dynid_model::expression::Function as Call;
 use proc_macro2::{Ident, Literal, TokenStream};
 use quote::{format_ident, quote};
 
-use super::{MOST_STATEMENTS, identifier, size, term::Terms};
+use super::{MOST_STATEMENTS, OF_EIGHT, identifier, size, term::Terms};
 use crate::kernel::Function;
 use crate::names::Names;
 use crate::{Node, Operation, Program};
@@ -25,12 +25,14 @@ pub(super) fn function(function: &Function, doc: &[String]) -> TokenStream {
         quote!(#name: &mut [S; #length])
     });
     let signature: Vec<TokenStream> = arguments.chain(results).collect();
+    let inline = OF_EIGHT.contains(&function.name).then(|| quote!(#[inline(always)]));
     let parts: Vec<&[Statement]> = statements.chunks(MOST_STATEMENTS).collect();
     if let [] | [_] = parts.as_slice() {
         let tokens = statements.iter().map(|statement| &statement.tokens);
         let loads = body.loads(&statements);
         return quote! {
             #(#[doc = #doc])*
+            #inline
             pub fn #name<S: Scalar>(#(#signature),*) {
                 #(#loads)*
                 #(#tokens)*
@@ -64,6 +66,7 @@ pub(super) fn function(function: &Function, doc: &[String]) -> TokenStream {
         });
         quote! {
             #[allow(unused_variables, clippy::too_many_arguments)]
+            #inline
             fn #name<S: Scalar>(#(#signature),*, shared: &mut [S; #n_shared]) {
                 #(#loads)*
                 #(#from_earlier)*
@@ -75,6 +78,7 @@ pub(super) fn function(function: &Function, doc: &[String]) -> TokenStream {
     let calls = names.iter().map(|part| quote!(#part(#(#passed),*, &mut shared);));
     quote! {
         #(#[doc = #doc])*
+        #inline
         pub fn #name<S: Scalar>(#(#signature),*) {
             let mut shared = [S::constant(0.0); #n_shared];
             #(#calls)*

@@ -3,7 +3,7 @@
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
 
-use super::{EmitError, describe, format, function::function, identifier, list, size, slices};
+use super::{EmitError, OF_EIGHT, describe, format, function::function, identifier, list, of_eight, size, slices};
 use crate::kernel::{Configuration, Function};
 
 /// How many partial derivatives `prepare_gradient` carries along at once. More would run faster, once per parameter
@@ -36,7 +36,7 @@ pub fn configuration_module(configuration: &Configuration, appearing: &[String])
         #![doc = #head]
         #![doc = ""]
         #![doc = #about]
-        use crate::{Kernel, KernelTable, Lanes, Operations, Scalar, checked, gradient::jacobian_of};
+        use crate::{Kernel, KernelTable, Lanes, Operations, Scalar, checked, gradient::jacobian_of, lanes::of_eight};
         #kernel
         #(#functions)*
     };
@@ -95,6 +95,7 @@ fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStre
             let entry = format_ident!("{}_lanes", function.name);
             quote!(#entry: checked!(#name::<Lanes>(#(#slices),*)))
         });
+    let of_eight = configuration.functions.iter().filter(|function| OF_EIGHT.contains(&function.name)).map(of_eight);
     let [partials, n_parameters, n_locked, n_prepared] =
         [PARTIALS, configuration.parameters.len(), configuration.locked.len(), configuration.prepared.len()].map(size);
     quote! {
@@ -116,6 +117,7 @@ fn table_entry(configuration: &Configuration, appearing: &[String]) -> TokenStre
                     )
                 },
                 #(#entries,)*
+                #(#of_eight,)*
                 #(#in_lanes),*
             },
         };

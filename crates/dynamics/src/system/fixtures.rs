@@ -1,6 +1,6 @@
 //! Hand-written kernels to test against: a pendulum, a planar two-link arm, and a few effects.
 
-use dynid_generated::{EffectKernel, EffectTable, Kernel, KernelTable, LANES, Lanes, Signal};
+use dynid_generated::{EffectKernel, EffectTable, Eight, Kernel, KernelTable, LANES, Lanes, Signal};
 use dynid_signal_chain::{Place, Stage};
 
 use super::*;
@@ -28,6 +28,33 @@ fn each_lane<const I: usize, const O: usize>(
     }
 }
 
+/// A function of numbers, one after the other.
+fn each_of_eight(given: &[Eight], results: &mut [Eight], of: impl Fn(&[f64], &mut [f64])) {
+    for lane in 0..8 {
+        let given: Vec<f64> = given.iter().map(|row| row[lane]).collect();
+        let mut own = vec![0.0; results.len()];
+        of(&given, &mut own);
+        results.iter_mut().zip(own).for_each(|(row, own)| row[lane] = own);
+    }
+}
+
+fn forward_dynamics_of_eight(kernel: &Kernel, given: &[Eight], ddq: &mut [Eight]) {
+    let n = kernel.free.len();
+    each_of_eight(given, ddq, |given, ddq| {
+        let (prepared, moving) = given.split_at(kernel.prepared.len());
+        kernel.functions.forward_dynamics(prepared, &moving[..n], &moving[n..2 * n], &moving[2 * n..], ddq);
+    });
+}
+
+fn eval_of_eight(kernel: &EffectKernel, given: &[Eight], results: &mut [Eight]) {
+    each_of_eight(given, results, |given, results| {
+        let (parameters, rest) = given.split_at(kernel.n_parameters);
+        let (signals, states) = rest.split_at(N_SIGNALS);
+        let (outputs, rates) = results.split_at_mut(kernel.n_outputs);
+        kernel.functions.eval(parameters, signals, states, outputs, rates);
+    });
+}
+
 /// A pendulum: `tau = (I + m x^2) ddq + g m x sin q`; lumps `I + m x^2` and `m x`.
 pub static PENDULUM: Kernel = Kernel {
     device: "pendulum",
@@ -40,6 +67,7 @@ pub static PENDULUM: Kernel = Kernel {
     n_lumps: 2,
     operations: &[],
     functions: &KernelTable {
+        forward_dynamics_of_eight: |_, given, ddq| forward_dynamics_of_eight(&PENDULUM, given, ddq),
         prepare: |p, _, out| {
             out[0] = p[2] + p[0] * p[1] * p[1];
             out[1] = p[0] * p[1];
@@ -115,6 +143,7 @@ pub static ARM: Kernel = Kernel {
     n_lumps: 5,
     operations: &[],
     functions: &KernelTable {
+        forward_dynamics_of_eight: |_, given, ddq| forward_dynamics_of_eight(&ARM, given, ddq),
         prepare: |p, _, out| {
             out[0] = p[2] + p[0] * p[1] * p[1] + p[3] * L1 * L1;
             out[1] = p[5] + p[3] * p[4] * p[4];
@@ -196,6 +225,7 @@ pub static GAIN: EffectKernel = EffectKernel {
     n_states: 0,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&GAIN, given, results),
         eval: |p, s, _, out, _| out[0] = p[0] * s[Signal::Command as usize],
         eval_gradient: |p, s, _, out, _, j| {
             out[0] = p[0] * s[Signal::Command as usize];
@@ -221,6 +251,7 @@ pub static INPUT_COUPLING: EffectKernel = EffectKernel {
     n_states: 0,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&INPUT_COUPLING, given, results),
         eval: |p, s, _, out, _| out[0] = s[Signal::Command as usize] + p[0] * s[Signal::CommandFrom as usize],
         eval_gradient: |p, s, _, out, _, j| {
             out[0] = s[Signal::Command as usize] + p[0] * s[Signal::CommandFrom as usize];
@@ -249,6 +280,7 @@ pub static INPUT_LAG: EffectKernel = EffectKernel {
     n_states: 1,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&INPUT_LAG, given, results),
         eval: |p, s, z, out, rates| {
             out[0] = z[0];
             rates[0] = (s[Signal::Command as usize] - z[0]) / p[0];
@@ -281,6 +313,7 @@ pub static SPRING: EffectKernel = EffectKernel {
     n_states: 0,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&SPRING, given, results),
         eval: |p, s, _, out, _| out[0] = p[0] * (s[Q] - p[1]),
         eval_gradient: |p, s, _, out, _, j| {
             out[0] = p[0] * (s[Q] - p[1]);
@@ -307,6 +340,7 @@ pub static VISCOUS: EffectKernel = EffectKernel {
     n_states: 0,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&VISCOUS, given, results),
         eval: |p, s, _, out, _| out[0] = p[0] * s[DQ],
         eval_gradient: |p, s, _, out, _, j| {
             out[0] = p[0] * s[DQ];
@@ -332,6 +366,7 @@ pub static FRICTION_BIAS: EffectKernel = EffectKernel {
     n_states: 0,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&FRICTION_BIAS, given, results),
         eval: |p, s, _, out, _| {
             let below = f64::from(u8::from(s[Q] < s[Signal::Qeq as usize]));
             out[0] = below * (p[0] - 1.0) * s[Signal::Friction as usize];
@@ -363,6 +398,7 @@ pub static ROTOR_INERTIA: EffectKernel = EffectKernel {
     n_states: 0,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&ROTOR_INERTIA, given, results),
         eval: |p, _, _, out, _| out[0] = p[0],
         eval_gradient: |p, _, _, out, _, j| {
             out[0] = p[0];
@@ -389,6 +425,7 @@ pub static LUGRE: EffectKernel = EffectKernel {
     n_states: 1,
     n_outputs: 1,
     functions: &EffectTable {
+        eval_of_eight: |_, given, results| eval_of_eight(&LUGRE, given, results),
         eval: |p, s, z, out, rates| {
             let v = s[DQ];
             let g = p[5] + (p[4] - p[5]) * (-(v / p[3]).powi(2)).exp();

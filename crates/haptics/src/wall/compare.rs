@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use super::{
     Approach, Hand, Measures, Setting, WallError,
-    contact::{Plant, played},
+    contact::Plant,
+    eight::{Meeting, all_played},
 };
 use dynid_control::Wall;
 use dynid_user_model::Model;
@@ -46,13 +47,19 @@ pub fn compare_with(
     hands: &[Hand],
 ) -> Result<Vec<Case>, WallError> {
     let plant = Plant::new(model, setting)?;
-    every(walls, &setting.approaches, hands, &|Asked { name, wall, approach, number, hand }| {
-        let contact = played(&plant, setting, wall, hand, approach)?;
-        let measures = Measures::of(&contact, wall);
+    let asked = asked(walls, &setting.approaches, hands);
+    let meetings: Vec<Meeting<'_>> = asked
+        .iter()
+        .map(|&Asked { wall, hand, approach, .. }| Meeting { plant: &plant, wall, hand, approach })
+        .collect();
+    let contacts = all_played(setting, &meetings);
+    let cases = asked.into_par_iter().zip(contacts).map(|(Asked { name, wall, approach, number, .. }, contact)| {
+        let contact = contact.map_err(|error| error.in_case(name, approach, Some(number)))?;
         let case =
             |measures| Case { controller: name.to_owned(), speed: approach.name.clone(), hand: number, measures };
-        Ok(measures.map(case))
-    })
+        Ok(Measures::of(&contact, wall).map(case))
+    });
+    in_order(cases.collect())
 }
 
 /// One hand's approach to one wall, to be played.
@@ -80,6 +87,15 @@ pub(super) fn every<T: Send>(
     hands: &[Hand],
     play: &(dyn Fn(Asked<'_>) -> Result<Option<T>, WallError> + Sync),
 ) -> Result<Vec<T>, WallError> {
+    let play = |asked: Asked<'_>| {
+        let Asked { name, approach, number, .. } = asked;
+        play(asked).map_err(|error| error.in_case(name, approach, Some(number)))
+    };
+    in_order(asked(walls, approaches, hands).into_par_iter().map(play).collect())
+}
+
+/// Every approach of every hand against every wall, in the order of the walls, approaches and hands.
+fn asked<'a>(walls: &'a [(String, Wall)], approaches: &'a [Approach], hands: &'a [Hand]) -> Vec<Asked<'a>> {
     let mut asked: Vec<Asked<'_>> = Vec::new();
     for (name, wall) in walls {
         for approach in approaches {
@@ -87,13 +103,11 @@ pub(super) fn every<T: Send>(
             asked.extend(numbered.map(|(number, hand)| Asked { name, wall, approach, number, hand }));
         }
     }
-    let reported: Vec<Result<Option<T>, WallError>> = asked
-        .into_par_iter()
-        .map(|asked| {
-            let Asked { name, approach, number, .. } = asked;
-            play(asked).map_err(|error| error.in_case(name, approach, Some(number)))
-        })
-        .collect();
+    asked
+}
+
+/// What there is, or the first error.
+fn in_order<T>(reported: Vec<Result<Option<T>, WallError>>) -> Result<Vec<T>, WallError> {
     let reported = reported.into_iter().collect::<Result<Vec<Option<T>>, WallError>>()?;
     Ok(reported.into_iter().flatten().collect())
 }

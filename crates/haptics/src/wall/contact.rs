@@ -2,7 +2,7 @@
 
 use super::{
     Approach, Hand, Setting, WallError,
-    encounter::{Encounter, Held, refuse_delays},
+    encounter::{Encounter, Held, Tick, refuse_delays},
     hand::{Plan, Wanted},
 };
 use dynid_control::{FilteredVelocity, Wall};
@@ -104,35 +104,69 @@ pub(super) fn played(
     approach: &Approach,
 ) -> Result<Contact, WallError> {
     let plan = Plan::new(setting.start, &setting.reaching(), approach);
-    let mut wall = wall.clone();
-    let mut velocity = FilteredVelocity::new(setting.filter, setting.sample_s);
-    let mut reported = Contact {
-        sample_s: setting.sample_s,
-        position: Vec::new(),
-        velocity: Vec::new(),
-        torque: Vec::new(),
-        touched: None,
-    };
-    // Commands, then the torque.
-    let n_joints = plant.system.n_joints();
-    let encounter = Encounter {
+    let first = vec![0.0; plant.system.n_joints() + 1];
+    let mut controller = Controller::new(plant, setting, wall);
+    let mut reported = Contact::begun(setting.sample_s);
+    let encounter = encounter(plant, setting, hand, &plan, &first);
+    reported.touched = encounter.play(
+        &mut Joint { plan },
+        |shown, answer| controller.answer(shown, answer),
+        |tick| reported.take(tick, plant.system.n_joints()),
+    )?;
+    Ok(reported)
+}
+
+/// `first`: commands, then the torque that acts until the controller's first answer arrives.
+pub(super) fn encounter<'a>(
+    plant: &'a Plant,
+    setting: &'a Setting,
+    hand: &'a Hand,
+    plan: &Plan,
+    first: &'a [f64],
+) -> Encounter<'a> {
+    Encounter {
         system: &plant.system,
         sampling: setting.sampling(),
         hand,
-        start: &[setting.start],
+        start: std::slice::from_ref(&setting.start),
         // An arm that does not get to the wall in three times the planned time never does.
         patience_s: 3.0 * plan.duration_s(),
-        first: &vec![0.0; n_joints + 1],
-    };
-    let control = |shown: &[f64], answer: &mut [f64]| {
-        let torque = wall.tick(shown[0], velocity.tick(shown[0]));
-        answer[setting.joint] = torque / plant.gain;
-        answer[n_joints] = torque;
-    };
-    reported.touched = encounter.play(&mut Joint { plan }, control, |tick| {
-        reported.position.push(tick.device[0]);
-        reported.velocity.push(tick.device[1]);
-        reported.torque.push(tick.acting[n_joints]);
-    })?;
-    Ok(reported)
+        first,
+    }
+}
+
+/// A wall at a joint.
+pub(super) struct Controller {
+    wall: Wall,
+    velocity: FilteredVelocity,
+    joint: usize,
+    gain: f64,
+}
+
+impl Controller {
+    pub(super) fn new(plant: &Plant, setting: &Setting, wall: &Wall) -> Self {
+        let velocity = FilteredVelocity::new(setting.filter, setting.sample_s);
+        Self { wall: wall.clone(), velocity, joint: setting.joint, gain: plant.gain }
+    }
+
+    /// Commands of all joints, then the torque.
+    pub(super) fn answer(&mut self, shown: &[f64], answer: &mut [f64]) {
+        let torque = self.wall.tick(shown[0], self.velocity.tick(shown[0]));
+        answer[self.joint] = torque / self.gain;
+        answer[answer.len() - 1] = torque;
+    }
+}
+
+impl Contact {
+    /// One without a tick yet.
+    pub(super) fn begun(sample_s: f64) -> Self {
+        Self { sample_s, position: Vec::new(), velocity: Vec::new(), torque: Vec::new(), touched: None }
+    }
+
+    /// Another tick of a device with so many joints.
+    pub(super) fn take(&mut self, tick: &Tick<'_>, n_joints: usize) {
+        self.position.push(tick.device[0]);
+        self.velocity.push(tick.device[1]);
+        self.torque.push(tick.acting[n_joints]);
+    }
 }

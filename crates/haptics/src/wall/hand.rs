@@ -1,6 +1,7 @@
 //! A hand that holds the handle, and the arm that moves it.
 
 use super::{Approach, setting::Reaching};
+use dynid_generated::Scalar;
 use dynid_random::Random;
 
 /// Hand and arm about the joint, in the units of its torque and position. The grip couples the hand's inertia to the
@@ -44,28 +45,19 @@ impl Hand {
     /// The hand's rates, holding a handle at `position` that moves with `velocity`. Answers what the grip does to the handle.
     pub(super) fn rates<const D: usize>(
         &self,
-        [position, velocity]: [[f64; D]; 2],
+        handle: [[f64; D]; 2],
         wanted: &Wanted<D>,
         hand: &[f64],
         rates: &mut [f64],
     ) -> [f64; D] {
-        let shakes = hand[2 * D];
-        let tightness = 1.0 + self.tightening * (shakes / self.shakes).clamp(0.0, 1.0);
-        let (mut grip, mut slip) = ([0.0; D], [0.0; D]);
-        for k in 0..D {
-            let (place, speed) = (hand[k], hand[D + k]);
-            slip[k] = velocity[k] - speed;
-            let held = tightness * (self.grip_stiffness * (position[k] - place) + self.grip_damping * slip[k]);
-            let arm =
-                self.arm_stiffness * (wanted.position[k] - place) + self.arm_damping * (wanted.velocity[k] - speed);
-            rates[k] = speed;
-            rates[D + k] = (arm + held - wanted.hold[k]) / self.inertia;
-            grip[k] = -held;
-        }
-        // the root of a square is the amount, to the last bit
-        let slips = slip.iter().map(|slip| slip * slip).sum::<f64>().sqrt();
-        rates[2 * D] = (slips - shakes) / GRIP_S;
-        grip
+        let Wanted { position, velocity, hold } = wanted;
+        grip(&self.numbers(), handle, [position, velocity, hold], hand, rates)
+    }
+
+    /// What [`grip`] takes.
+    pub(super) fn numbers(&self) -> [f64; 7] {
+        let Self { inertia, grip_stiffness, grip_damping, arm_stiffness, arm_damping, tightening, shakes } = *self;
+        [inertia, grip_stiffness, grip_damping, arm_stiffness, arm_damping, tightening, shakes]
     }
 
     /// Hands that differ: every number but `tightening` lies within the factor `spread` of this one's, evenly in its logarithm.
@@ -84,6 +76,37 @@ impl Hand {
             })
             .collect()
     }
+}
+
+/// The rates of a hand's state and what the grip does to the handle; `wanted`: position, velocity and hold.
+#[inline(always)]
+pub(super) fn grip<S: Scalar, const D: usize>(
+    numbers: &[S; 7],
+    [position, velocity]: [[S; D]; 2],
+    wanted: [&[S; D]; 3],
+    hand: &[S],
+    rates: &mut [S],
+) -> [S; D] {
+    let [inertia, grip_stiffness, grip_damping, arm_stiffness, arm_damping, tightening, most] = *numbers;
+    let [zero, one] = [S::constant(0.0), S::constant(1.0)];
+    let shakes = hand[2 * D];
+    let shaken = shakes / most;
+    let shaken = S::if_less(shaken, zero, zero, S::if_less(one, shaken, one, shaken));
+    let tightness = one + tightening * shaken;
+    let (mut grip, mut slips) = ([zero; D], zero);
+    for k in 0..D {
+        let (place, speed) = (hand[k], hand[D + k]);
+        let slip = velocity[k] - speed;
+        let held = tightness * (grip_stiffness * (position[k] - place) + grip_damping * slip);
+        let arm = arm_stiffness * (wanted[0][k] - place) + arm_damping * (wanted[1][k] - speed);
+        rates[k] = speed;
+        rates[D + k] = (arm + held - wanted[2][k]) / inertia;
+        grip[k] = -held;
+        slips = slips + slip * slip;
+    }
+    // the root of a square is the amount, to the last bit
+    rates[2 * D] = (slips.sqrt() - shakes) / S::constant(GRIP_S);
+    grip
 }
 
 /// What the arm wants: a motion of least jerk (Flash & Hogan 1985) from the start to the aim, whose largest speed is that of

@@ -174,6 +174,12 @@ pub struct Sampling {
 }
 
 impl Sampling {
+    /// How many steps of the integration a sample takes, and how long they are (s).
+    pub(super) fn steps(&self) -> (usize, f64) {
+        let steps = (self.sample_s / self.step_s - 1e-9).ceil().max(1.0) as usize;
+        (steps, self.sample_s / steps as f64)
+    }
+
     pub(super) fn read(root: &Table<'_>, controller: &Table<'_>) -> Result<Self, ModelError> {
         let simulation = root.table("simulation", "how the device is simulated")?;
         simulation.only(&["step_s", "after_s"])?;

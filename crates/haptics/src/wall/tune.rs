@@ -13,7 +13,8 @@ use serde::Serialize;
 
 use super::{
     Measures, Setting, WallError, WallFile,
-    contact::{Plant, played},
+    contact::Plant,
+    eight::{Meeting, all_played},
 };
 use dynid_control::{Law, LinearLaw, Partition, RuleTable, VirtualTool, Wall};
 use dynid_optimise::cma_es;
@@ -221,16 +222,22 @@ pub fn tune(
         let Ok(wall) = Wall::new(law.clone(), scale, setting.sample_s, setting.torque_limit) else {
             return Ok(f64::MAX);
         };
-        let costs: Vec<Result<f64, WallError>> = asked
-            .par_iter()
-            .map(|&(hand, approach)| {
-                match played(&plants[hand], setting, &wall, &hands[hand], &setting.approaches[approach]) {
-                    Ok(contact) => {
-                        Ok(Measures::of(&contact, &wall).map_or(UNUSABLE, |measures| price(&measures, goal)))
-                    }
-                    Err(WallError::Diverged { .. }) => Ok(UNUSABLE),
-                    Err(error) => Err(error),
-                }
+        let meetings: Vec<Meeting<'_>> = asked
+            .iter()
+            .map(|&(hand, approach)| Meeting {
+                plant: &plants[hand],
+                wall: &wall,
+                hand: &hands[hand],
+                approach: &setting.approaches[approach],
+            })
+            .collect();
+        let contacts = all_played(setting, &meetings);
+        let costs: Vec<Result<f64, WallError>> = contacts
+            .into_par_iter()
+            .map(|contact| match contact {
+                Ok(contact) => Ok(Measures::of(&contact, &wall).map_or(UNUSABLE, |measures| price(&measures, goal))),
+                Err(WallError::Diverged { .. }) => Ok(UNUSABLE),
+                Err(error) => Err(error),
             })
             .collect();
         let costs = costs.into_iter().collect::<Result<Vec<f64>, WallError>>()?;

@@ -51,13 +51,7 @@ impl Contact {
     /// One without a tick yet.
     pub(super) fn begun(sample_s: f64) -> Self {
         Self {
-            along: wall::Contact {
-                sample_s,
-                position: Vec::new(),
-                velocity: Vec::new(),
-                torque: Vec::new(),
-                touched: None,
-            },
+            along: wall::Contact::begun(sample_s),
             point: Vec::new(),
             rotation: Vec::new(),
             q: Vec::new(),

@@ -20,7 +20,7 @@
 //! instantiated where it is used: `prepare_gradient` is `prepare` over `Dual`. Forward dynamics and the effects are there for eight states
 //! at once, too ([`Eight`]), in registers as wide as the processor's ([`Width`]), to the same bits.
 //!
-//! Sines, cosines and exponentials are this crate's own (below 1 unit in the last place, two at once, without branches), other
+//! Sines, cosines and exponentials are this crate's own (below 1 unit in the last place, several at once), other
 //! functions are those of the crate `libm`: the same bits on every platform, with or without `std`.
 //!
 //! # Stale equations

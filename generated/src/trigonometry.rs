@@ -3,8 +3,8 @@
 //! `x = k pi/2 + r` with `|r| <= pi/4`: the reduction subtracts k times pi/2 in three parts (Cody & Waite 1980), of
 //! which the first two have 33 bits, so that their products with `k` are exact. Sine and cosine of `r` are minimax
 //! polynomials (own coefficients, by the Remez exchange in 200 bits; relative errors 3e-18 and 6e-20), corrected to
-//! first order for what the reduction rounded off. No branch depends on an angle, so that two are done side by
-//! side. Error: below 1 unit in the last place (tested against 200-bit values).
+//! first order for what the reduction rounded off. Angles side by side take the same way, but where one is so
+//! large that it is left to `libm`. Error: below 1 unit in the last place (tested against 200-bit values).
 
 use crate::{LANES, Lanes, Scalar, lanes::Vector};
 

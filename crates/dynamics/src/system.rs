@@ -159,6 +159,14 @@ pub struct Element {
     pub reads_torques: bool,
 }
 
+impl Element {
+    /// Its law, and where it stands: what two systems have in common that differ in values only.
+    pub(super) fn place(&self) -> (&'static str, [usize; 7]) {
+        let [joint, from] = [self.joint.slot, self.from.slot];
+        (self.kernel.id, [self.p, self.z, joint, from, self.qeq, self.torque, self.torque_from])
+    }
+}
+
 /// A joint as an effect sees it.
 #[derive(Clone, Copy)]
 pub struct End {

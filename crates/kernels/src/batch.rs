@@ -17,6 +17,9 @@ pub fn forward_dynamics(kernel: &Kernel, prepared: &[f64], [q, dq, tau]: [&[f64]
     let n = kernel.free.len();
     let is_right = [q, dq, tau].iter().all(|rows| rows.len() == ddq.len()) && ddq.len().is_multiple_of(n);
     assert!(is_right && prepared.len() == kernel.prepared.len(), "one row of the free joints per state, in each array");
+    if n == 0 {
+        return;
+    }
     static WIDTH: LazyLock<Width> = LazyLock::new(Width::widest);
     let width = *WIDTH;
     let own: Vec<Eight> = prepared.iter().map(|value| [*value; 8]).collect();

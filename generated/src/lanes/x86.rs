@@ -189,9 +189,12 @@ pub(super) fn found() -> [Option<Register>; 2] {
             return [None, None];
         }
         let (extended, kept) = (__cpuid_count(7, 0).ebx, kept());
+        let has_avx2 = is_set(extended, 5) && kept & AVX == AVX;
+        // What the compiler takes for granted where there is AVX-512: fused multiply-add, and half precision.
+        let is_usual = has_avx2 && is_set(features, 12) && is_set(features, 29);
         [
-            (is_set(extended, 5) && kept & AVX == AVX).then_some(Register::Avx2),
-            (is_set(extended, 16) && kept & AVX_512 == AVX_512).then_some(Register::Avx512),
+            has_avx2.then_some(Register::Avx2),
+            (is_usual && is_set(extended, 16) && kept & AVX_512 == AVX_512).then_some(Register::Avx512),
         ]
     }
 }

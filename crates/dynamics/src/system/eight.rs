@@ -25,13 +25,15 @@ pub struct EightSystems<'a> {
 }
 
 impl<'a> EightSystems<'a> {
-    /// `None` where they differ in more than values.
+    /// `None` where they differ in more than values, or where commands come late.
     pub fn new(systems: [&'a System; 8]) -> Option<Self> {
         let first = systems[0];
         let are_alike = systems.iter().all(|system| {
             std::ptr::eq(system.kernel, first.kernel)
                 && system.effect_names == first.effect_names
                 && system.locked == first.locked
+                && system.delays.is_empty()
+                && system.elements().map(Element::place).eq(first.elements().map(Element::place))
         });
         if !are_alike {
             return None;

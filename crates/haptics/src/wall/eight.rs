@@ -28,7 +28,7 @@ pub(super) fn all_played(setting: &Setting, meetings: &[Meeting<'_>]) -> Vec<Res
     let of_some = |some: &[Meeting<'_>]| {
         let last = some[some.len() - 1];
         let eight = std::array::from_fn(|lane| *some.get(lane).unwrap_or(&last));
-        // One alone does not need lanes, and late commands are refused there.
+        // One alone does not need lanes; late commands are refused either way.
         match EightSystems::new(eight.map(|meeting| &meeting.plant.system)).filter(|_| some.len() > 1) {
             Some(systems) => played_together(setting, eight, systems, some.len()),
             None => {

@@ -71,6 +71,7 @@ impl Encounter<'_> {
     ) -> Result<Option<usize>, WallError> {
         let Self { system, sampling, hand, .. } = *self;
         let mut sampled = Sampled::new(self)?;
+        system.announce(4 * sampling.steps().0 * sampled.after);
         let (n_states, n_joints) = (system.n_states(), system.n_joints());
         let mut x = system.rest(self.start);
         let place = held.handle(&x)[0];
@@ -125,7 +126,6 @@ impl<'a> Sampled<'a> {
         let Encounter { system, sampling, first, patience_s, .. } = *encounter;
         refuse_delays(system)?;
         let after = (sampling.after_s / sampling.sample_s).round() as usize;
-        system.announce(4 * sampling.steps().0 * after);
         Ok(Self {
             system,
             sampling,

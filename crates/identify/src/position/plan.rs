@@ -22,8 +22,10 @@ const LEAST_CUT: f64 = 0.03;
 const MOST_CUT: f64 = 0.5;
 /// Plans that are tried at most.
 const TRIES: usize = 6;
-/// Steps of a sample that are tried where no plan is exact: the thesis's, and more.
-const EVERYWHERE: [usize; 2] = [60, 240];
+/// Shorter steps have to leave no more than this share of what others err by.
+const WORTH_STEPS: f64 = 0.5;
+/// Steps of a sample that are tried where no plan is exact: the thesis's.
+const EVERYWHERE: usize = 60;
 
 impl Evaluator<'_> {
     /// A plan for searches on the way.
@@ -48,7 +50,7 @@ impl Evaluator<'_> {
     fn exact_plan(&self, x: &[f64]) -> Plan {
         let (mut least, mut best) = (f64::INFINITY, Plan::default());
         let mut is_better = |off: f64, plan: Plan| {
-            let is_better = off < least;
+            let is_better = off <= FINALLY || off < WORTH_STEPS * least;
             if is_better {
                 (least, best) = (off, plan);
             }
@@ -66,15 +68,12 @@ impl Evaluator<'_> {
             }
             cut *= (FINALLY / off).clamp(LEAST_CUT, MOST_CUT);
         }
-        // Where friction holds and lets go, many explicit steps find their way that implicit ones do not.
-        for steps in EVERYWHERE {
-            if is_exact {
-                break;
-            }
-            let resolution = Resolution { plan: self.uniform(steps), observer: 0.0 };
-            let Some(simulated) = self.simulated(x, &resolution) else { continue };
-            let off = self.moved_by_halving(x, &resolution.plan, &simulated);
-            is_exact = off <= FINALLY;
+        if !is_exact {
+            // Where friction holds and lets go, many explicit steps find their way that implicit ones do not.
+            let resolution = Resolution { plan: self.uniform(EVERYWHERE), observer: 0.0 };
+            let simulated = self.simulated(x, &resolution);
+            let off =
+                simulated.map_or(f64::INFINITY, |simulated| self.moved_by_halving(x, &resolution.plan, &simulated));
             is_better(off, resolution.plan);
         }
         best

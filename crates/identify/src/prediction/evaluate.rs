@@ -235,8 +235,8 @@ impl<'a> Evaluator<'a> {
         plan.continued(&self.intervals().collect::<Vec<_>>())
     }
 
-    /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood; where none do, those
-    /// that cost least. `least` may be of runs that begin with these.
+    /// The fewest integration steps, but at least those of `least`, that cost no more than `loss` of the log likelihood; where none do, the
+    /// last that cost much less than those before. `least` may be of runs that begin with these.
     pub(super) fn plan(&self, x: &[f64], least: &Plan, loss: f64) -> Plan {
         let least = &least.beginning(&self.intervals().collect::<Vec<_>>());
         let planned = |least: &Plan, tolerances: &[f64]| -> Option<(Plan, Vec<Vec<f64>>)> {
@@ -259,17 +259,15 @@ impl<'a> Evaluator<'a> {
         };
         let mut tolerances: Vec<f64> = self.squares(&rough).iter().zip(&self.floors).map(tolerance).collect();
         let (mut plan, mut best) = (begun.clone(), (f64::INFINITY, begun));
-        let mut n_unchanged = 0;
         while let Some((next, rough)) = planned(&plan, &tolerances) {
-            n_unchanged = if next == plan { n_unchanged + 1 } else { 0 };
             plan = next;
             let lost = self.predicted(x, &plan.halved()).map_or(f64::MAX, |fine| self.lost(&rough, &fine));
             // Where motions part whatever the steps, shorter ones bring little: what is lost goes by the square of what an interval errs by.
-            let is_of_use = lost < WORTH_STEPS * best.0;
+            let is_of_use = lost <= loss || lost < WORTH_STEPS * best.0;
             if is_of_use {
                 best = (lost, plan.clone());
             }
-            if lost <= loss || !is_of_use || n_unchanged > 1 {
+            if lost <= loss || !is_of_use {
                 break;
             }
             // Errors add up as long as a predictor remembers.

@@ -3,6 +3,9 @@
 use dynid_dynamics::simulate::Scheme;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
+/// Shorter steps have to leave no more than this share of what others err by: where motions part whatever the steps, they bring little.
+pub(crate) const WORTH_STEPS: f64 = 0.5;
+
 /// Of every run, the scheme of each interval.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plan(Vec<Vec<Scheme>>);

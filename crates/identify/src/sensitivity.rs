@@ -787,9 +787,9 @@ fn occurring(system: &System) -> Vec<(usize, usize)> {
     all.filter(|(lump, slot)| seen[slot * n_lumps + lump]).collect()
 }
 
-/// `S_next = W S + G`, by the widest vectors of rows that `pulp` knows of the processor (on x86 from AVX2 on): a row is the same bits in any. With `k_i = A_i X_i + B_i`
-/// the slopes of the scheme, and `X_2 = S + h/2 k_1`, `X_3 = S + h/2 k_2`, `X_4 = S + h k_3`, a row w of the result needs `w k_i` with
-/// the weights below, from the last slope to the first.
+/// `S_next = W S + G`, by the widest vectors of rows that `pulp` knows of the processor (on x86 from AVX2 on): a row is the same bits in
+/// any. With `k_i = A_i X_i + B_i` the slopes of the scheme, and `X_2 = S + h/2 k_1`, `X_3 = S + h/2 k_2`, `X_4 = S + h k_3`, a row w of
+/// the result needs `w k_i` with the weights below, from the last slope to the first.
 struct Sweep<'a> {
     variation: &'a mut Variation,
     /// Number of free joints.

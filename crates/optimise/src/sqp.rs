@@ -219,10 +219,8 @@ pub fn resume(
         // A subproblem solved to its tolerance only may promise nothing; two negative numbers have a positive share.
         let is_kept = |cost: f64| foreseen > 0.0 && (quadratic.cost - cost) / foreseen >= ACCEPTED_SHARE;
         // After a step that kept its promise the next mostly does, and its derivatives are wanted; else its cost tells first.
-        let next = match growth > FIRST_GROWTH && !objective.cost(&trial).is_some_and(is_kept) {
-            true => None,
-            false => objective.quadratic(&trial).filter(|next| is_kept(next.cost)),
-        };
+        let is_promising = growth <= FIRST_GROWTH || objective.cost(&trial).is_some_and(is_kept);
+        let next = if is_promising { objective.quadratic(&trial).filter(|next| is_kept(next.cost)) } else { None };
         let Some(next) = next else {
             damping *= growth;
             growth *= 2.0;

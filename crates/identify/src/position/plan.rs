@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::evaluate::{Evaluator, Ready, Resolution};
-use crate::plan::Plan;
+use crate::plan::{Plan, WORTH_STEPS};
 use dynid_dynamics::simulate::{Grid, Planned, Scheme, Steps};
 
 /// What an interval may err by on the way, in units of the noise: corrected at each sample, and free.
@@ -22,8 +22,6 @@ const LEAST_CUT: f64 = 0.03;
 const MOST_CUT: f64 = 0.5;
 /// Plans that are tried at most.
 const TRIES: usize = 6;
-/// Shorter steps have to leave no more than this share of what others err by.
-const WORTH_STEPS: f64 = 0.5;
 /// Steps of a sample that are tried where no plan is exact: the thesis's.
 const EVERYWHERE: usize = 60;
 

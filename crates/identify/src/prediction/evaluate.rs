@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::{PredictionProblem, response::Predicted};
-use crate::plan::Plan;
+use crate::plan::{Plan, WORTH_STEPS};
 use crate::position::{FitRun, PositionFitError, physical_links, run_unknowns::RunUnknowns, start_of};
 use dynid_dynamics::simulate::{self, Options, POSITION_LIMIT, Planned, Predictor, Scheme, SimulationError, Steps};
 use dynid_optimise::{body::Body, quadratic::Quadratic, region::HalfSpace, sqp::Objective};
@@ -262,7 +262,6 @@ impl<'a> Evaluator<'a> {
         while let Some((next, rough)) = planned(&plan, &tolerances) {
             plan = next;
             let lost = self.predicted(x, &plan.halved()).map_or(f64::MAX, |fine| self.lost(&rough, &fine));
-            // Where motions part whatever the steps, shorter ones bring little: what is lost goes by the square of what an interval errs by.
             let is_of_use = lost <= loss || lost < WORTH_STEPS * best.0;
             if is_of_use {
                 best = (lost, plan.clone());
@@ -419,8 +418,6 @@ const POLES: [f64; 5] = [0.99, 0.95, 0.8, 0.4, LEAST_POLE];
 const ROUNDING: f64 = 1e-6;
 /// Before it is known how large errors are, steps may err by this share of a joint's range.
 const UNPLANNED: f64 = 1e-4;
-/// Shorter steps have to leave no more than this share of what others lose.
-const WORTH_STEPS: f64 = 0.5;
 /// To these shares it is cut what an interval may err by.
 const LEAST_SHARE: f64 = 0.1;
 const MOST_SHARE: f64 = 0.25;

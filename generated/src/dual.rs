@@ -2,7 +2,7 @@
 
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::{Scalar, trigonometry};
+use crate::Scalar;
 
 /// A number and its partial derivatives by `N` variables (forward mode). At a kink (`abs`, `sign`, a choice) the
 /// derivative is that of the branch taken.
@@ -94,7 +94,7 @@ impl<const N: usize> Scalar for Dual<N> {
     }
     #[inline]
     fn sines_cosines<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
-        let (sines, cosines) = trigonometry::sin_cos(angles.map(|angle| angle.value));
+        let (sines, cosines) = Scalar::sines_cosines(angles.map(|angle| angle.value));
         let (mut by_sine, mut by_cosine) = (angles, angles);
         for ((angle, s), c) in by_sine.iter_mut().zip(sines).zip(cosines) {
             *angle = angle.chain(s, c);

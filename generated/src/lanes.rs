@@ -1,6 +1,8 @@
 //! Several numbers side by side.
 
 mod eight;
+pub(crate) mod exponential;
+pub(crate) mod trigonometry;
 mod vector;
 #[cfg(target_arch = "x86_64")]
 mod x86;
@@ -14,8 +16,7 @@ use crate::Scalar;
 
 pub(crate) use eight::of_eight;
 pub use eight::{Eight, Lanewise, Width};
-pub(crate) use vector::Vector;
-use vector::scalar_of_vector;
+use vector::{Vector, scalar_of_vector};
 
 /// How many numbers [`Lanes`] holds: what one vector register of any 64-bit machine does.
 pub const LANES: usize = 2;

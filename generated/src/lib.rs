@@ -29,15 +29,14 @@
 //! current ones it derives them by itself (`dynid-equations`), to the same bytes as the computer algebra system.
 #![no_std]
 
+mod alone;
 mod dual;
 mod effect;
 mod end_point;
-mod exponential;
 mod gradient;
 mod kernel;
 mod lanes;
 mod scalar;
-mod trigonometry;
 
 use kernel::checked;
 

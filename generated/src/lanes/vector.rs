@@ -74,7 +74,7 @@ macro_rules! scalar_of_vector {
             }
             #[inline(always)]
             fn sines_cosines<const M: usize>(angles: [Self; M]) -> ([Self; M], [Self; M]) {
-                $crate::trigonometry::of_several(angles)
+                $crate::lanes::trigonometry::of_several(angles)
             }
             fn tan(self) -> Self {
                 self.each($crate::Scalar::tan)
@@ -84,7 +84,7 @@ macro_rules! scalar_of_vector {
             }
             #[inline(always)]
             fn exp(self) -> Self {
-                $crate::exponential::of_lanes(self)
+                $crate::lanes::exponential::of_lanes(self)
             }
             fn ln(self) -> Self {
                 self.each($crate::Scalar::ln)

@@ -1,7 +1,7 @@
 //! What the functions of a file call, as static functions of that file.
 
-/// The helpers with the prefix of their names. The algorithms and their errors are those of `dynid-generated` (`trigonometry.rs`,
-/// `exponential.rs`): below 1 unit in the last place.
+/// The helpers with the prefix of their names. The algorithms and their errors are those of `dynid-generated`
+/// (`lanes/trigonometry.rs`, `lanes/exponential.rs`): below 1 unit in the last place.
 pub fn runtime(prefix: &str) -> String {
     TEXT.replace("PREFIX", prefix)
 }

@@ -7,7 +7,8 @@
 //! are subnormal come out as they should. No branch depends on the argument. Error: below 1 unit in the last place
 //! (tested against 300-bit values).
 
-use crate::{Lanes, Scalar, lanes::Vector};
+use super::{Lanes, vector::Vector};
+use crate::Scalar;
 
 /// Beyond these the result is infinite, or rounds to 0.
 const LARGEST: f64 = 710.0;

@@ -6,7 +6,8 @@
 //! first order for what the reduction rounded off. Angles side by side take the same way, but where one is so
 //! large that it is left to `libm`. Error: below 1 unit in the last place (tested against 200-bit values).
 
-use crate::{LANES, Lanes, Scalar, lanes::Vector};
+use super::{LANES, Lanes, vector::Vector};
+use crate::Scalar;
 
 /// Angles beyond this are left to the general reduction. A numerical choice: `k` fits 20 bits. rad
 const LARGEST: f64 = 1.0e6;

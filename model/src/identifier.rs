@@ -13,8 +13,9 @@ const KEYWORDS: [&str; 53] = [
 ];
 
 /// Crates of Rust, and what stands beside the devices' modules and folders in the crate of the kernels.
-const TAKEN: [&str; 19] = [
+const TAKEN: [&str; 18] = [
     "alloc",
+    "alone",
     "build",
     "core",
     "dual",
@@ -31,8 +32,6 @@ const TAKEN: [&str; 19] = [
     "structure",
     "target",
     "tests",
-    "trigonometry",
-    "exponential",
 ];
 
 /// Whether Rust keeps this word for itself, so that nothing can be called so.

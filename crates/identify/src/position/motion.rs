@@ -69,7 +69,6 @@ pub fn motions(
     let mut x: Vec<f64> =
         problem.unknowns.iter().filter_map(|unknown| found(&unknown.name)).map(|estimate| estimate.value).collect();
     x.extend(fit.runs.iter().flat_map(|run| &run.initial));
-    // How much of an error comes from where is told to per cents.
-    let at = Search::Rough.at(&evaluator, &x, options.steps);
+    let at = Search::Final.at(&evaluator, &x, options.steps);
     at.motions(&x).ok_or_else(|| at.why_not(&x))
 }

@@ -18,7 +18,7 @@ use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 10;
+const FORMAT: u32 = 11;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]
@@ -105,7 +105,7 @@ impl Identity {
 /// What is asked for, as one would ask `dynid fit` for it; what only the library can be asked for is named after it.
 fn request(how: &FitTask) -> String {
     let FitTask { error, method, weighting, only, starts, options, tell_start } = how;
-    let Options { steps, iterations, tolerance, start } = *options;
+    let Options { steps, iterations, tolerance, start, end } = *options;
     let steps = match steps {
         Some(Steps::PerSample(steps)) => format!(" --substeps {steps}"),
         Some(Steps::Within(share)) => format!(" (steps within {share:e})"),
@@ -131,8 +131,8 @@ fn request(how: &FitTask) -> String {
         text.push_str(" (without the cost at the start)");
     }
     let default = Options::default();
-    if (tolerance, start) != (default.tolerance, default.start) {
-        text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?})"));
+    if (tolerance, start, end) != (default.tolerance, default.start, default.end) {
+        text.push_str(&format!(" (tolerance {tolerance:e}, start {start:?}, end {end:?})"));
     }
     text
 }

@@ -160,6 +160,18 @@ pub struct Options {
     pub tolerance: f64,
     /// How far the start may be off.
     pub start: Start,
+    /// How exact the end has to be.
+    pub end: End,
+}
+
+/// How exact the end of a fit has to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum End {
+    /// As [`Options::steps`] says.
+    #[default]
+    Exact,
+    /// Roughly integrated: another fit goes on from there.
+    Rough,
 }
 
 /// How far the start may be off.
@@ -174,7 +186,7 @@ pub enum Start {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { steps: None, iterations: 200, tolerance: 1e-6, start: Start::Poor }
+        Self { steps: None, iterations: 200, tolerance: 1e-6, start: Start::Poor, end: End::Exact }
     }
 }
 
@@ -412,9 +424,14 @@ pub fn resume(
             return Err(PositionFitError::Interrupted { iterations });
         }
         let is_last = stage >= searches::LAST || iterations >= options.iterations;
-        if kind == Search::Final
-            && (is_last || x == anchor || options.steps.is_some() || evaluator.holds(at.resolution(), &anchor, &x))
-        {
+        let is_final = match kind {
+            Search::Observed(_) => false,
+            Search::Rough => options.end == End::Rough && outcome.quadratic.is_some(),
+            Search::Final => {
+                is_last || x == anchor || options.steps.is_some() || evaluator.holds(at.resolution(), &anchor, &x)
+            }
+        };
+        if is_final {
             let Some(quadratic) = outcome.quadratic else { return Err(at.why_not(&x)) };
             let fit = result::conclude(&problem, &evaluator, &at, &region, &x, &quadratic, outcome.ended, iterations);
             return Ok(PositionFit { moved, ..fit });

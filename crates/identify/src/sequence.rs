@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     error_budget,
-    position::{self, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
+    position::{self, End, Options, PositionFit, PositionFitError, PositionProblem, Prior, Progress, Start, Unknown},
 };
 use dynid_logs::{experiment::Role, experiment::Run};
 use dynid_optimise::sqp::SearchControl;
@@ -117,7 +117,7 @@ pub fn fit(
         .enumerate()
         .filter(|(_, configuration)| used.iter().any(|run| run.configuration == *configuration))
         .collect();
-    let roughly = Options { tolerance: ROUGHLY * options.tolerance, ..*options };
+    let roughly = Options { tolerance: ROUGHLY * options.tolerance, end: End::Rough, ..*options };
     let mut prior = start.clone();
     let mut known = Knowledge::default();
     let mut state = State::default();

@@ -1,7 +1,7 @@
 //! The searches that a fit consists of, each starting where the one before ended.
 
 use super::{
-    Options,
+    End, Options,
     evaluate::{At, Evaluator, Resolution},
 };
 use dynid_dynamics::simulate::Steps;
@@ -63,8 +63,8 @@ impl Search {
         let left = options.iterations.saturating_sub(iterations).max(1);
         match self {
             Self::Observed(_) => Limits::of_squares(OBSERVED.0.min(left), OBSERVED.1),
-            Self::Rough => Limits::of_squares(left, ROUGHLY * options.tolerance),
-            Self::Final => Limits::of_squares(left, options.tolerance),
+            Self::Rough if options.end == End::Exact => Limits::of_squares(left, ROUGHLY * options.tolerance),
+            Self::Rough | Self::Final => Limits::of_squares(left, options.tolerance),
         }
     }
 }

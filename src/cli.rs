@@ -45,6 +45,9 @@ struct Arguments {
     /// DYNID_EFFECTS; without that, `effects` beside the model or the experiment, where there is one.
     #[arg(long, global = true, value_name = "DIR")]
     effects: Option<PathBuf>,
+    /// How progress is told on stderr: bars where that is a terminal, or one JSON object a line.
+    #[arg(long, global = true, value_enum, value_name = "FORM", default_value = "bars", hide_short_help = true)]
+    progress: progress::Form,
 }
 
 const HELP: &str = "\
@@ -198,6 +201,7 @@ fn run(verb: &Verb) -> anyhow::Result<Outcome> {
 /// Reads the arguments, runs the verb, prints and returns the exit status.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    progress::choose(arguments.progress);
     let result = read_effects(&arguments).and_then(|()| outcome(&arguments.verb));
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
+use dynid::Done;
 use dynid_control::{Law, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
@@ -21,7 +22,7 @@ use dynid_user_model::Model;
 use serde_json::json;
 
 use super::table::{Align, Table};
-use super::{Answer, Outcome};
+use super::{Answer, Outcome, progress};
 
 /// Touch a virtual wall: a sampled controller, the identified device, and hands of many kinds.
 #[derive(clap::Args)]
@@ -457,17 +458,13 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
         drive: 1.3,
     };
     let interrupt = super::interrupt::Interrupt::listen()?;
-    let bar = indicatif::ProgressBar::new(goal.evaluations as u64);
     let stopped = AtomicBool::new(false);
-    let reported = |reported: TuneProgress| {
-        bar.set_position(reported.evaluations as u64);
-        if interrupt.is_asked() {
-            stopped.store(true, Ordering::Relaxed);
-        }
-        stopped.load(Ordering::Relaxed)
-    };
-    let tuned = wall::tune(&model, &setting, &family, scale, &goal, &reported)?;
-    bar.finish_and_clear();
+    let stop = || stopped.fetch_or(interrupt.is_asked(), Ordering::Relaxed) || interrupt.is_asked();
+    let tuned = progress::counted("walls tried", &stop, |progress| {
+        let reported =
+            |reported: TuneProgress| progress(Done { done: reported.evaluations, of: goal.evaluations }).is_break();
+        wall::tune(&model, &setting, &family, scale, &goal, &reported)
+    })?;
     let errors = match &model.fit {
         Some(fit) if !fit.std_error.is_empty() => {
             "models that are off by the fit's standard errors (each parameter by itself: the record has no covariances)"

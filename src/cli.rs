@@ -16,6 +16,7 @@ mod inputs;
 mod interrupt;
 mod ladder;
 mod new;
+mod open;
 mod plan;
 mod progress;
 mod report;
@@ -66,6 +67,7 @@ The loop, all of it plain files:
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
   dynid export   fitted.toml --as c --out robot.c                for other programs: also URDF, MJCF, JSON
   dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
+  dynid open     experiment.toml                                 all of it on a live page
 
 A robot of your own? `dynid new --help` if you have logs; else `dynid device import robot.urdf --out robot.toml`.
 Never seen it work? `dynid tour` goes through this loop on logs that it carries, in seconds.
@@ -103,6 +105,8 @@ enum Verb {
     Report(report::Arguments),
     /// Parameters of several models side by side.
     Table(tabulate::Arguments),
+    /// The loop on a live page, in the browser.
+    Open(open::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
     Tour(tour::Arguments),
     /// A model for other programs: URDF, MJCF, C or JSON.
@@ -140,6 +144,7 @@ impl Verb {
         match self {
             Verb::New(own) => vec![Path::new(&own.device)],
             Verb::Device(_) | Verb::Tour(_) => Vec::new(),
+            Verb::Open(own) => own.files(),
             Verb::Devices(own) => {
                 own.check.as_deref().into_iter().chain(own.device.as_deref().map(Path::new)).collect()
             }
@@ -176,8 +181,8 @@ fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn run(verb: &Verb) -> anyhow::Result<Outcome> {
-    match verb {
+fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    match &arguments.verb {
         Verb::New(arguments) => new::run(arguments),
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Device(arguments) => device::run(arguments),
@@ -192,6 +197,7 @@ fn run(verb: &Verb) -> anyhow::Result<Outcome> {
         Verb::Ladder(arguments) => ladder::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
+        Verb::Open(own) => open::run(own, arguments.effects.as_deref()),
         Verb::Tour(arguments) => tour::run(arguments),
         Verb::Export(arguments) => export::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),
@@ -202,7 +208,7 @@ fn run(verb: &Verb) -> anyhow::Result<Outcome> {
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     progress::choose(arguments.progress);
-    let result = read_effects(&arguments).and_then(|()| outcome(&arguments.verb));
+    let result = read_effects(&arguments).and_then(|()| outcome(&arguments));
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,
         Ok(Answer::No) => ExitCode::from(1),
@@ -215,12 +221,16 @@ pub fn main() -> ExitCode {
 }
 
 /// Runs the verb, and says in JSON where kernels are interpreted, which is slower.
-fn outcome(verb: &Verb) -> anyhow::Result<Outcome> {
-    let mut outcome = run(verb)?;
-    if let (true, Some(object)) = (dynid_kernels::are_interpreted(), outcome.json.as_object_mut()) {
+fn outcome(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let mut outcome = run(arguments)?;
+    note_kernels(&mut outcome.json);
+    Ok(outcome)
+}
+
+fn note_kernels(json: &mut serde_json::Value) {
+    if let (true, Some(object)) = (dynid_kernels::are_interpreted(), json.as_object_mut()) {
         object.insert("kernels".to_owned(), "interpreted".into());
     }
-    Ok(outcome)
 }
 
 fn print(outcome: &Outcome, json: bool) -> anyhow::Result<()> {

@@ -4,12 +4,20 @@
 
 mod answer;
 mod assets;
+mod compared;
 mod edit;
 mod events;
 mod files;
 mod folder;
 mod guard;
 mod jobs;
+mod logs;
+mod pyramid;
+mod query;
+mod recent;
+mod series;
+mod touch;
+mod trial;
 
 use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -28,10 +36,14 @@ use tokio::net::TcpListener;
 
 use super::{Answer, Outcome};
 use answer::{LARGEST_BODY, Refusal};
+use compared::Comparison;
 use events::Hub;
 use folder::Folder;
 use guard::{Guard, guard, token};
 use jobs::Jobs;
+use logs::Loaded;
+use recent::Recent;
+use trial::Trial;
 
 /// Open the loop on a page in the browser: logs, models, what is missing, and every file and command that the page comes to.
 #[derive(clap::Args)]
@@ -75,6 +87,9 @@ struct App {
     hub: Hub,
     jobs: Arc<Jobs>,
     writing: Mutex<()>,
+    experiments: Recent<Loaded>,
+    comparisons: Recent<Comparison>,
+    trials: Recent<Trial>,
 }
 
 impl App {
@@ -127,6 +142,9 @@ fn app(arguments: &Arguments, effects: Option<&Path>) -> anyhow::Result<App> {
         jobs: Arc::new(Jobs::new(hub.clone(), always)),
         hub,
         writing: Mutex::default(),
+        experiments: Recent::new(4),
+        comparisons: Recent::new(8),
+        trials: Recent::new(8),
     })
 }
 
@@ -173,6 +191,14 @@ fn routes(token: &str, app: Arc<App>) -> Router {
         .route(&at("api/jobs"), get(jobs::all).post(jobs::begin))
         .route(&at("api/jobs/{id}"), get(jobs::one))
         .route(&at("api/jobs/{id}/stop"), post(jobs::stop))
+        .route(&at("api/experiment"), get(logs::experiment))
+        .route(&at("api/compared"), post(compared::compared))
+        .route(&at("api/series"), post(query::series))
+        .route(&at("api/scatter"), post(query::scatter))
+        .route(&at("api/parameters"), post(trial::parameters))
+        .route(&at("api/try"), post(trial::attempt))
+        .route(&at("api/tried"), post(trial::tried))
+        .route(&at("api/wall"), post(touch::touch))
         .route(&at(""), get(async || asset("")))
         .route(&at("{file}"), get(async |Segment(file): Segment<String>| asset(&file)))
         .layer(DefaultBodyLimit::max(LARGEST_BODY))

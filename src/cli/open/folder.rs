@@ -101,23 +101,18 @@ impl Folder {
 
     /// That the files that a document (TOML) names lie inside, too.
     pub fn check_references(&self, path: &Path) -> Result<(), Refusal> {
-        let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
-        let mut named = Vec::new();
-        files_named(&toml::Value::Table(table.unwrap_or_default()), &mut named);
-        named.iter().try_for_each(|name| {
-            let folder = path.parent().unwrap_or(Path::new(""));
-            let place = folder.join(name);
+        named_by(path).iter().try_for_each(|place| {
             // A document in a folder may name one beside that folder: `..` counts where it leads.
-            let inside = match self.root.join(&place).canonicalize() {
+            let inside = match self.root.join(place).canonicalize() {
                 Ok(real) => real.starts_with(&self.root),
-                Err(_) => normal(&place).is_some_and(|place| self.holds(&place)),
+                Err(_) => normal(place).is_some_and(|place| self.holds(&place)),
             };
             if inside {
                 return Ok(());
             }
             let sentence =
                 "lies outside of the open folder; run `dynid open` in a folder that holds both, or copy it in";
-            Err(Refusal::forbidden(format!("{}: {name} {sentence}", path.display())))
+            Err(Refusal::forbidden(format!("{}: {} {sentence}", path.display(), place.display())))
         })
     }
 
@@ -180,6 +175,15 @@ fn normal(path: &Path) -> Option<PathBuf> {
         }
     }
     Some(normal)
+}
+
+/// What a document (TOML) names beside itself; some of it may be no file.
+pub fn named_by(path: &Path) -> Vec<PathBuf> {
+    let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
+    let mut named = Vec::new();
+    files_named(&toml::Value::Table(table.unwrap_or_default()), &mut named);
+    let folder = path.parent().unwrap_or(Path::new(""));
+    named.iter().map(|name| folder.join(name)).collect()
 }
 
 fn files_named(value: &toml::Value, named: &mut Vec<String>) {

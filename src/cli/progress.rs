@@ -186,6 +186,12 @@ fn diagnosis_line(event: &Event<'_>) -> Value {
         Event::FittingModel => json!({ "progress": "fitting_model" }),
         Event::Asking(count) => json!({ "progress": "asking", "candidates": count }),
         Event::Comparing(count) => json!({ "progress": "comparing", "candidates": count }),
-        Event::Searched(key, state) => json!({ "progress": "searched", "candidate": key, "cost": state.cost }),
+        Event::Searched(key, state) => json!({
+            "progress": "searched",
+            "candidate": key,
+            "cost": state.cost,
+            "iterations": state.iterations + state.search.iterations,
+            "done": state.is_done,
+        }),
     }
 }

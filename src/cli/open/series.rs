@@ -51,3 +51,28 @@ impl Trace {
         json!({ "name": name, "t": middle, "low": low, "high": high })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_number_is_null() {
+        let t: Vec<f64> = (0..100).map(f64::from).collect();
+        let values = (0..100).map(|k| if k < 50 { f64::NAN } else { f64::from(k) }).collect();
+        let trace = Trace::new(Arc::new(t), values);
+        let text = |width: usize| trace.columns("q0", Window { from: None, to: None, width }).to_string();
+        assert_eq!(text(2), r#"{"high":[null,99.0],"low":[null,50.0],"name":"q0","t":[25.0,75.0]}"#);
+        assert!(text(100).contains("null,50.0,51.0"), "{}", text(100));
+    }
+
+    #[test]
+    fn a_window_goes_one_sample_beyond_either_edge() {
+        let t: Vec<f64> = (0..100).map(f64::from).collect();
+        let trace = Trace::new(Arc::new(t.clone()), t);
+        let drawn = trace.columns("q0", Window { from: Some(9.5), to: Some(12.0), width: 50 });
+        assert_eq!(drawn["t"], json!([9.0, 10.0, 11.0, 12.0, 13.0]));
+        let outside = trace.columns("q0", Window { from: Some(500.0), to: Some(400.0), width: 50 });
+        assert_eq!(outside["t"], json!([99.0]));
+    }
+}

@@ -350,7 +350,7 @@ fn a_command_answers_as_on_a_terminal() {
     let compared =
         server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": "believed.toml" })).ok();
     assert_eq!(compared["json"], printed, "in the server's memory, too");
-    assert_eq!(compared["findings"].as_array().unwrap().len(), printed["findings"].as_array().unwrap().len());
+    assert_eq!(compared["findings"].as_array().unwrap().len(), printed["where"].as_array().unwrap().len());
 
     // A file that changes outside is seen at the next question.
     let before = server.get(EXPERIMENT).ok();
@@ -373,7 +373,7 @@ fn a_fit_that_is_stopped_keeps_what_it_has() {
     assert_eq!(began(id)["state"], "running");
     server.post(&format!("api/jobs/{id}/stop"), &json!({})).ok();
     let job = server.wait(id, |job| job["state"] == "stopped");
-    assert_eq!((&job["status"], &job["result"]["interrupted"]), (&json!(130), &json!(true)));
+    assert_eq!((&job["status"], &job["result"]["status"]), (&json!(130), &json!("interrupted")));
     assert!(path.join("one.toml.checkpoint").exists() && !path.join("one.toml").exists());
     server.post("api/jobs/77/stop", &json!({})).error(404);
 
@@ -466,15 +466,42 @@ fn pictures_leave_nothing_out() {
         let n = scatter["x"].as_array().unwrap().len();
         assert!(n > 10 && scatter["middle"].as_array().unwrap().len() == n, "{scatter}");
     }
-    // What lies in a region of the samples says where they are, within the run.
-    let findings = compared["findings"].as_array().unwrap();
-    let spans: Vec<&Value> = findings.iter().flat_map(|finding| finding["spans"].as_array().unwrap()).collect();
-    assert!(!spans.is_empty());
-    for span in spans {
-        let (from, to) = (span[0].as_f64().unwrap(), span[1].as_f64().unwrap());
-        assert!(t[0] - 0.1 < from && from < to && to < t[t.len() - 1] + 0.1, "{span}");
-    }
     server.post("api/series", &json!({ "of": { "key": "gone", "run": 0 }, "names": [], "width": 1 })).error(404);
+}
+
+/// A finding that lies on one side of the joint's rest highlights the samples that the log has there.
+#[test]
+fn a_finding_says_where_its_samples_are() {
+    let folder = wrist::folder();
+    let server = Server::new(folder.path(), &[]);
+    let compared =
+        server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": "believed.toml" })).ok();
+    let findings = compared["findings"].as_array().unwrap();
+    let first = &findings[0];
+    let sentence = first["sentence"].as_str().unwrap();
+    assert!(sentence.contains("error lies below \u{2212}0.2500 rad, where the joint rests"), "{sentence}");
+    assert_eq!((&first["run"], &first["error"]), (&json!(0), &json!("position")));
+    let number = |value: &Value| value.as_f64().unwrap();
+    let spans: Vec<[f64; 2]> =
+        first["spans"].as_array().unwrap().iter().map(|span| [number(&span[0]), number(&span[1])]).collect();
+    let text = fs::read_to_string(folder.path().join("wrist-1.csv")).unwrap();
+    let place = text.lines().next().unwrap().split(',').position(|name| name == "q4").unwrap();
+    let mut seen = [0, 0];
+    for line in text.lines().skip(1) {
+        let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let (t, q) = (cells[0], cells[place]);
+        // Beside the edge the filtered motion decides.
+        if (q + 0.25).abs() > 0.02 {
+            let inside = spans.iter().any(|[from, to]| (*from..=*to).contains(&t));
+            assert_eq!(inside, q < -0.25, "{q} rad at {t} s");
+            seen[usize::from(inside)] += 1;
+        }
+    }
+    assert!(seen.iter().all(|seen| *seen > 500), "{seen:?}");
+    // What an error follows is about all samples.
+    let follows =
+        findings.iter().find(|finding| finding["sentence"].as_str().unwrap().contains("smooth function")).unwrap();
+    assert_eq!(follows["spans"], json!([]));
 }
 
 #[test]
@@ -540,8 +567,8 @@ fn a_wall_is_touched_as_on_a_terminal() {
     assert_eq!(plain["felt"], printed);
     let change = |key: &str| plain["changes"].as_array().unwrap().iter().find(|own| own["key"] == key).unwrap().clone();
     let k1 = change("k1")["value"].as_f64().unwrap();
-    assert_eq!(change("sample_rate")["value"], 1000.0);
-    let harder = touch(json!({ "k1": 2.0 * k1, "sample_rate": 4000.0 }), json!("hard.toml")).ok();
+    assert_eq!(change("sample_rate")["value"], 100.0);
+    let harder = touch(json!({ "k1": 2.0 * k1, "sample_rate": 400.0 }), json!("hard.toml")).ok();
     assert!(harder["depth_max"].as_f64() < plain["depth_max"].as_f64());
     assert_eq!(dynid_haptics::wall::WallFile::load(&folder.path().join("hard.toml")).unwrap().law, {
         let dynid_control::Law::Linear(law) = dynid_haptics::wall::shipped("pd").unwrap().law else {
@@ -567,7 +594,17 @@ fn progress_is_told_in_lines() {
         .lines()
         .map(|line| serde_json::from_str::<Value>(line).unwrap()["progress"].as_str().unwrap().to_owned())
         .collect();
-    for kind in ["fitting_model", "asking", "comparing", "searched"] {
+    for kind in ["fitting_model", "asking", "screened", "comparing", "searched"] {
         assert!(kinds.iter().any(|own| own == kind), "{kind} is not in {kinds:?}");
     }
+    let told = |kind: &str| -> Value {
+        let mut told = lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+        told.find(|line| line["progress"] == kind && !line["candidate"].is_null() | !line["candidates"].is_null())
+            .unwrap()
+    };
+    let best = &told("screened")["candidates"][0];
+    assert!(best["gain"].as_f64().unwrap() > 0.0, "{best}");
+    let screened = told("screened")["candidates"].as_array().unwrap().clone();
+    let searched = told("searched");
+    assert!(screened.iter().any(|own| own["candidate"] == searched["candidate"]), "{searched}");
 }

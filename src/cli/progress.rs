@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use dynid::{DiagnoseProgress, Done, ErrorSignal, FitProgress};
-use dynid_diagnose::Event;
+use dynid_diagnose::{Event, Screened};
 use dynid_format::number;
 use dynid_identify::identify::Progress;
 use indicatif::ProgressBar;
@@ -175,6 +175,7 @@ fn diagnosis(event: &Event<'_>, elapsed: Duration) -> String {
     let what = match event {
         Event::FittingModel => "fitting the model itself".to_owned(),
         Event::Asking(count) => format!("asking what each of {count} candidates would add"),
+        Event::Screened(screened) => format!("asked what each of {} candidates would add", screened.len()),
         Event::Comparing(count) => format!("fitting the {count} candidates that promise most"),
         Event::Searched(key, _) => format!("searched {key}"),
     };
@@ -185,13 +186,43 @@ fn diagnosis_line(event: &Event<'_>) -> Value {
     match event {
         Event::FittingModel => json!({ "progress": "fitting_model" }),
         Event::Asking(count) => json!({ "progress": "asking", "candidates": count }),
+        Event::Screened(screened) => {
+            let gain = |own: &Screened| json!({ "candidate": own.candidate.to_string(), "gain": own.position.map(|two| -0.5 * two) });
+            json!({ "progress": "screened", "candidates": screened.iter().map(gain).collect::<Vec<Value>>() })
+        }
         Event::Comparing(count) => json!({ "progress": "comparing", "candidates": count }),
         Event::Searched(key, state) => json!({
             "progress": "searched",
-            "candidate": key,
+            "candidate": candidate(key),
+            "search": key,
             "cost": state.cost,
             "iterations": state.iterations + state.search.iterations,
             "done": state.is_done,
         }),
+    }
+}
+
+/// The candidate that a search is for, as it stands in its key; `None` where that is the model itself.
+fn candidate(key: &str) -> Option<&str> {
+    let (_, search) = key.rsplit_once("> ")?;
+    if let Some(candidate) = search.strip_suffix(", final") {
+        return Some(candidate);
+    }
+    // In a race each start has a number.
+    let (start, _) = search.rsplit_once(", round ")?;
+    start.rsplit_once(' ').map(|(candidate, _)| candidate)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_search_names_its_candidate() {
+        let asked = |key| candidate(key).unwrap_or("the model");
+        assert_eq!(asked("step 1.0 > `backlash` at joint 4 12, round 3"), "`backlash` at joint 4");
+        assert_eq!(asked("step 1 > `lugre` at joint 4, final"), "`lugre` at joint 4");
+        assert_eq!(asked("step 1 > best, round 1"), "the model");
+        assert_eq!(asked("the model itself"), "the model");
     }
 }

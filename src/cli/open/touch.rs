@@ -111,7 +111,7 @@ const GAINS: [(&str, Gain); 9] = [
 /// What can be moved, and where it stands.
 fn changes(file: &WallFile, setting: &Setting) -> Vec<(Change, f64)> {
     /// Rates of a controller (Hz).
-    const RATES: (f64, f64) = (100.0, 10_000.0);
+    const RATES: (f64, f64) = (10.0, 10_000.0);
     let mut changes = Vec::new();
     let mut law = file.law.clone();
     for (key, gain) in GAINS {

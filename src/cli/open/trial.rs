@@ -98,7 +98,7 @@ pub struct Trial {
 
 impl Trial {
     fn new(loaded: &Loaded, run: usize, model: Model) -> Result<Self, Refusal> {
-        let (t, run) = (loaded.time(run), loaded.run(run)?);
+        let (run, t) = (loaded.run(run)?, loaded.time(run));
         let fit_run = FitRun { from_s: f64::NEG_INFINITY, first_half: 1.0, ..FitRun::of_run(&model, run)? };
         let options = Options { steps: steps_beside(run), ..Options::default() };
         let first = first_state(&fit_run);

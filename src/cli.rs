@@ -168,14 +168,19 @@ impl Verb {
     }
 }
 
+/// The folder of a user's effects that was named, by an option or the environment.
+fn own_effects(arguments: &Arguments) -> Option<PathBuf> {
+    let named = || env::var_os("DYNID_EFFECTS").filter(|folder| !folder.is_empty()).map(PathBuf::from);
+    arguments.effects.clone().or_else(named)
+}
+
 /// Lets a user's effects join the library.
 fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
-    let named = || env::var_os("DYNID_EFFECTS").filter(|folder| !folder.is_empty()).map(PathBuf::from);
     let beside = || {
         let folders = arguments.verb.inputs().into_iter().map(|path| path.with_file_name("effects"));
         folders.into_iter().find(|folder| folder.is_dir())
     };
-    if let Some(folder) = arguments.effects.clone().or_else(named).or_else(beside) {
+    if let Some(folder) = own_effects(arguments).or_else(beside) {
         dynid_model::add_effects(&folder)?;
     }
     Ok(())
@@ -197,7 +202,8 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Verb::Ladder(arguments) => ladder::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
-        Verb::Open(own) => open::run(own, arguments.effects.as_deref()),
+        Verb::Open(_) if arguments.json => anyhow::bail!("`open` prints an address, no JSON: leave --json out"),
+        Verb::Open(own) => open::run(own, own_effects(arguments).as_deref()),
         Verb::Tour(arguments) => tour::run(arguments),
         Verb::Export(arguments) => export::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),

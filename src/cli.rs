@@ -16,6 +16,7 @@ mod inputs;
 mod interrupt;
 mod ladder;
 mod new;
+mod open;
 mod plan;
 mod progress;
 mod report;
@@ -45,6 +46,9 @@ struct Arguments {
     /// DYNID_EFFECTS; without that, `effects` beside the model or the experiment, where there is one.
     #[arg(long, global = true, value_name = "DIR")]
     effects: Option<PathBuf>,
+    /// How progress is told on stderr: bars where that is a terminal, or one JSON object a line.
+    #[arg(long, global = true, value_enum, value_name = "FORM", default_value = "bars", hide_short_help = true)]
+    progress: progress::Form,
 }
 
 const HELP: &str = "\
@@ -63,6 +67,7 @@ The loop, all of it plain files:
   dynid simulate experiment.toml --model fitted.toml --out-dir runs
   dynid export   fitted.toml --as c --out robot.c                for other programs: also URDF, MJCF, JSON
   dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
+  dynid open     experiment.toml                                 all of it on a live page
 
 A robot of your own? `dynid new --help` if you have logs; else `dynid device import robot.urdf --out robot.toml`.
 Never seen it work? `dynid tour` goes through this loop on logs that it carries, in seconds.
@@ -100,6 +105,8 @@ enum Verb {
     Report(report::Arguments),
     /// Parameters of several models side by side.
     Table(tabulate::Arguments),
+    /// The loop on a live page, in the browser.
+    Open(open::Arguments),
     /// See the loop done, in seconds, on logs that the program carries.
     Tour(tour::Arguments),
     /// A model for other programs: URDF, MJCF, C or JSON.
@@ -137,6 +144,7 @@ impl Verb {
         match self {
             Verb::New(own) => vec![Path::new(&own.device)],
             Verb::Device(_) | Verb::Tour(_) => Vec::new(),
+            Verb::Open(own) => own.files(),
             Verb::Devices(own) => {
                 own.check.as_deref().into_iter().chain(own.device.as_deref().map(Path::new)).collect()
             }
@@ -160,21 +168,26 @@ impl Verb {
     }
 }
 
+/// The folder of a user's effects that was named, by an option or the environment.
+fn own_effects(arguments: &Arguments) -> Option<PathBuf> {
+    let named = || env::var_os("DYNID_EFFECTS").filter(|folder| !folder.is_empty()).map(PathBuf::from);
+    arguments.effects.clone().or_else(named)
+}
+
 /// Lets a user's effects join the library.
 fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
-    let named = || env::var_os("DYNID_EFFECTS").filter(|folder| !folder.is_empty()).map(PathBuf::from);
     let beside = || {
         let folders = arguments.verb.inputs().into_iter().map(|path| path.with_file_name("effects"));
         folders.into_iter().find(|folder| folder.is_dir())
     };
-    if let Some(folder) = arguments.effects.clone().or_else(named).or_else(beside) {
+    if let Some(folder) = own_effects(arguments).or_else(beside) {
         dynid_model::add_effects(&folder)?;
     }
     Ok(())
 }
 
-fn run(verb: &Verb) -> anyhow::Result<Outcome> {
-    match verb {
+fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    match &arguments.verb {
         Verb::New(arguments) => new::run(arguments),
         Verb::Devices(arguments) => devices::run(arguments),
         Verb::Device(arguments) => device::run(arguments),
@@ -189,6 +202,8 @@ fn run(verb: &Verb) -> anyhow::Result<Outcome> {
         Verb::Ladder(arguments) => ladder::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
+        Verb::Open(_) if arguments.json => anyhow::bail!("`open` prints an address, no JSON: leave --json out"),
+        Verb::Open(own) => open::run(own, own_effects(arguments).as_deref()),
         Verb::Tour(arguments) => tour::run(arguments),
         Verb::Export(arguments) => export::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),
@@ -198,7 +213,8 @@ fn run(verb: &Verb) -> anyhow::Result<Outcome> {
 /// Reads the arguments, runs the verb, prints and returns the exit status.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let result = read_effects(&arguments).and_then(|()| outcome(&arguments.verb));
+    progress::choose(arguments.progress);
+    let result = read_effects(&arguments).and_then(|()| outcome(&arguments));
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,
         Ok(Answer::No) => ExitCode::from(1),
@@ -211,12 +227,16 @@ pub fn main() -> ExitCode {
 }
 
 /// Runs the verb, and says in JSON where kernels are interpreted, which is slower.
-fn outcome(verb: &Verb) -> anyhow::Result<Outcome> {
-    let mut outcome = run(verb)?;
-    if let (true, Some(object)) = (dynid_kernels::are_interpreted(), outcome.json.as_object_mut()) {
+fn outcome(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let mut outcome = run(arguments)?;
+    note_kernels(&mut outcome.json);
+    Ok(outcome)
+}
+
+fn note_kernels(json: &mut serde_json::Value) {
+    if let (true, Some(object)) = (dynid_kernels::are_interpreted(), json.as_object_mut()) {
         object.insert("kernels".to_owned(), "interpreted".into());
     }
-    Ok(outcome)
 }
 
 fn print(outcome: &Outcome, json: bool) -> anyhow::Result<()> {

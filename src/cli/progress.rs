@@ -1,18 +1,73 @@
-//! How far a work is, on stderr; silent where stderr is no terminal.
+//! How far a work is, on stderr: bars where that is a terminal, silence where it is none, or with `--progress json` one JSON object a line.
 
+use std::io::Write;
 use std::ops::ControlFlow;
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
+use clap::ValueEnum;
 use dynid::{DiagnoseProgress, Done, ErrorSignal, FitProgress};
-use dynid_diagnose::Event;
+use dynid_diagnose::{Event, Screened};
 use dynid_format::number;
 use dynid_identify::identify::Progress;
 use indicatif::ProgressBar;
+use serde_json::{Value, json};
 
-fn spinner() -> ProgressBar {
-    let bar = ProgressBar::new_spinner();
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
+/// How progress is told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Form {
+    /// Bars for people; nothing where stderr is no terminal.
+    Bars,
+    /// One JSON object a line, for programs.
+    Json,
+}
+
+static FORM: OnceLock<Form> = OnceLock::new();
+
+/// Chooses how all progress of this process is told.
+pub fn choose(form: Form) {
+    // It is chosen once, by the arguments.
+    let _ = FORM.set(form);
+}
+
+/// Tells how far a work is.
+struct Teller(Option<ProgressBar>);
+
+impl Teller {
+    fn new() -> Self {
+        let bar = FORM.get() != Some(&Form::Json);
+        Self(bar.then(|| {
+            let bar = ProgressBar::new_spinner();
+            bar.enable_steady_tick(Duration::from_millis(200));
+            bar
+        }))
+    }
+
+    fn tell(&self, words: impl FnOnce() -> String, line: impl FnOnce() -> Value) {
+        match &self.0 {
+            Some(bar) => bar.set_message(words()),
+            None => write_line(&line()),
+        }
+    }
+
+    fn note(&self, note: &str) {
+        match &self.0 {
+            Some(bar) => bar.suspend(|| eprintln!("note: {note}")),
+            None => write_line(&json!({ "progress": "note", "note": note })),
+        }
+    }
+
+    fn done(&self) {
+        if let Some(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+fn write_line(line: &Value) {
+    let mut stderr = std::io::stderr().lock();
+    // Whoever does not listen any more misses nothing.
+    let _ = writeln!(stderr, "{line}").and_then(|()| stderr.flush());
 }
 
 /// Runs `work`, which tells how many of its parts are done; `stop` is asked after each.
@@ -21,12 +76,15 @@ pub fn counted<T>(
     stop: &(dyn Fn() -> bool + Sync),
     work: impl FnOnce(&(dyn Fn(Done) -> ControlFlow<()> + Sync)) -> T,
 ) -> T {
-    let bar = spinner();
+    let teller = Teller::new();
     let result = work(&|Done { done, of }| {
-        bar.set_message(format!("{done} of {of} {what}"));
+        teller.tell(
+            || format!("{done} of {of} {what}"),
+            || json!({ "progress": "count", "what": what, "done": done, "of": of }),
+        );
         go_on_unless(stop())
     });
-    bar.finish_and_clear();
+    teller.done();
     result
 }
 
@@ -35,23 +93,29 @@ pub fn of_fit<T>(
     stop: &mut dyn FnMut(Option<ErrorSignal>) -> bool,
     work: impl FnOnce(&mut dyn FnMut(FitProgress<'_>) -> ControlFlow<()>) -> T,
 ) -> T {
-    let bar = spinner();
+    let teller = Teller::new();
     let mut started = Instant::now();
     let result = work(&mut |reported| {
         let mut begun = None;
         match reported {
-            FitProgress::FirstEstimate(label) => bar.suspend(|| {
-                eprintln!("note: {label} stands where it vanishes; it starts from a first estimate by the logs");
-            }),
+            FitProgress::FirstEstimate(label) => {
+                teller.note(&format!("{label} stands where it vanishes; it starts from a first estimate by the logs"));
+            }
             FitProgress::Search(error) => {
                 started = Instant::now();
                 begun = Some(error);
+                // A bar shows the search by its first iteration.
+                if teller.0.is_none() {
+                    write_line(&json!({ "progress": "search", "error": error.to_string() }));
+                }
             }
-            FitProgress::Iteration(reported) => bar.set_message(iteration(reported, started.elapsed())),
+            FitProgress::Iteration(reported) => {
+                teller.tell(|| iteration(reported, started.elapsed()), || iteration_line(reported));
+            }
         }
         go_on_unless(stop(begun))
     });
-    bar.finish_and_clear();
+    teller.done();
     result
 }
 
@@ -61,16 +125,16 @@ pub fn of_diagnosis<T>(
     stop: &(dyn Fn() -> bool + Sync),
     work: impl FnOnce(&(dyn Fn(DiagnoseProgress<'_>) -> ControlFlow<()> + Sync)) -> T,
 ) -> T {
-    let bar = spinner();
+    let teller = Teller::new();
     let started = Instant::now();
     let result = work(&|reported| {
         if let DiagnoseProgress::Event(event) = reported {
-            bar.set_message(diagnosis(event, started.elapsed()));
+            teller.tell(|| diagnosis(event, started.elapsed()), || diagnosis_line(event));
             hear(event);
         }
         go_on_unless(stop())
     });
-    bar.finish_and_clear();
+    teller.done();
     result
 }
 
@@ -95,12 +159,70 @@ fn iteration(reported: &Progress, elapsed: Duration) -> String {
     )
 }
 
+fn iteration_line(reported: &Progress) -> Value {
+    json!({
+        "progress": "iteration",
+        "iteration": reported.iteration,
+        "cost": reported.cost,
+        "step": reported.step,
+        "observer": (reported.observer > 0.0).then_some(reported.observer),
+        "start": reported.start,
+        "configuration": reported.configuration,
+    })
+}
+
 fn diagnosis(event: &Event<'_>, elapsed: Duration) -> String {
     let what = match event {
         Event::FittingModel => "fitting the model itself".to_owned(),
         Event::Asking(count) => format!("asking what each of {count} candidates would add"),
+        Event::Screened(screened) => format!("asked what each of {} candidates would add", screened.len()),
         Event::Comparing(count) => format!("fitting the {count} candidates that promise most"),
         Event::Searched(key, _) => format!("searched {key}"),
     };
     format!("{what}, {:.0} s", elapsed.as_secs_f64())
+}
+
+fn diagnosis_line(event: &Event<'_>) -> Value {
+    match event {
+        Event::FittingModel => json!({ "progress": "fitting_model" }),
+        Event::Asking(count) => json!({ "progress": "asking", "candidates": count }),
+        Event::Screened(screened) => {
+            let gain = |own: &Screened| json!({ "candidate": own.candidate.to_string(), "gain": own.position.map(|two| -0.5 * two) });
+            json!({ "progress": "screened", "candidates": screened.iter().map(gain).collect::<Vec<Value>>() })
+        }
+        Event::Comparing(count) => json!({ "progress": "comparing", "candidates": count }),
+        Event::Searched(key, state) => json!({
+            "progress": "searched",
+            "candidate": candidate(key),
+            "search": key,
+            "cost": state.cost,
+            "iterations": state.iterations + state.search.iterations,
+            "done": state.is_done,
+        }),
+    }
+}
+
+/// The candidate that a search is for, as it stands in its key; `None` where that is the model itself.
+fn candidate(key: &str) -> Option<&str> {
+    let (_, search) = key.rsplit_once("> ")?;
+    if let Some(candidate) = search.strip_suffix(", final") {
+        return Some(candidate);
+    }
+    // In a race each start has a number.
+    let (start, _) = search.rsplit_once(", round ")?;
+    start.rsplit_once(' ').map(|(candidate, _)| candidate)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_search_names_its_candidate() {
+        let asked = |key| candidate(key).unwrap_or("the model");
+        assert_eq!(asked("step 1.0 > `backlash` at joint 4 12, round 3"), "`backlash` at joint 4");
+        assert_eq!(asked("step 1 > `lugre` at joint 4, final"), "`lugre` at joint 4");
+        assert_eq!(asked("step 1 > best, round 1"), "the model");
+        assert_eq!(asked("the model itself"), "the model");
+    }
 }

@@ -9,11 +9,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
+use dynid::Done;
 use dynid_control::{Law, Wall};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
 use dynid_haptics::{
-    wall, wall::Case, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting, wall::TuneProgress, wall::WallFile,
+    wall, wall::Approach, wall::Case, wall::Contact, wall::Goal, wall::Measures, wall::OwnDamping, wall::Setting,
+    wall::TuneProgress, wall::WallFile,
 };
 use dynid_model::Device;
 use dynid_report::{Provenance, Section, WallReport, damping_in_words};
@@ -21,7 +23,7 @@ use dynid_user_model::Model;
 use serde_json::json;
 
 use super::table::{Align, Table};
-use super::{Answer, Outcome};
+use super::{Answer, Outcome, progress};
 
 /// Touch a virtual wall: a sampled controller, the identified device, and hands of many kinds.
 #[derive(clap::Args)]
@@ -250,7 +252,7 @@ fn check_hands(hands: usize) -> anyhow::Result<()> {
 }
 
 /// The model of a file, which must be of the setting's device; or the device's own.
-fn model_of(path: Option<&Path>, device: &'static Device) -> anyhow::Result<Model> {
+pub(super) fn model_of(path: Option<&Path>, device: &'static Device) -> anyhow::Result<Model> {
     let Some(path) = path else { return Ok(Model::of_device(device)) };
     let model = Model::load(path)?;
     super::inputs::of_device(&model, path, device, "the setting")?;
@@ -258,7 +260,7 @@ fn model_of(path: Option<&Path>, device: &'static Device) -> anyhow::Result<Mode
 }
 
 /// A wall by its name or its file; a file's name is that of the wall.
-fn wall_of(asked: &str) -> anyhow::Result<(String, WallFile)> {
+pub(super) fn wall_of(asked: &str) -> anyhow::Result<(String, WallFile)> {
     let path = Path::new(asked);
     if path.extension().is_none_or(|extension| extension != "toml") {
         return Ok((asked.to_owned(), wall::shipped(asked)?));
@@ -387,30 +389,9 @@ fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
     let setting = arguments.place.setting()?;
     let model = arguments.place.model(&setting)?;
     let (name, file) = wall_of(&arguments.wall)?;
-    let wall = file.wall(&setting)?;
-    let names: Vec<&str> = setting.approaches.iter().map(|approach| approach.name.as_str()).collect();
-    let approach = match &arguments.speed {
-        None => &setting.approaches[0],
-        Some(asked) => match setting.approaches.iter().find(|approach| approach.name == *asked) {
-            Some(approach) => approach,
-            None => bail!("--speed {asked}: the setting's approaches are {}", names.join(", ")),
-        },
-    };
-    let hand = match arguments.hand {
-        None => setting.hand,
-        Some(index) => {
-            let hands = setting.hand.population(setting.spread, setting.hands, setting.seed);
-            match hands.get(index) {
-                Some(hand) => *hand,
-                None => bail!("--hand {index}: the setting's hands are 0 to {}", hands.len() - 1),
-            }
-        }
-    };
-    let contact = wall::contact(&model, &setting, &wall, &hand, approach)
-        .map_err(|error| error.in_case(&name, approach, arguments.hand))?;
-    let Some(measures) = Measures::of(&contact, &wall) else {
-        bail!("the hand never comes to the wall: start nearer, or aim further");
-    };
+    let speed = arguments.speed.as_deref();
+    let Played { contact, measures, felt: json } = played(&model, &setting, (&name, &file), speed, arguments.hand)?;
+    let approach = approach_of(&setting, speed)?;
     let mut text = format!("{}, {} approach\n", file.title, approach.name);
     let _ = writeln!(
         text,
@@ -433,8 +414,51 @@ fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
         write_new(out, &csv, overwrite)?;
         let _ = writeln!(text, "written: {}", out.display());
     }
-    let json = json!({ "wall": name, "speed": approach.name, "measures": measures });
     Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// One hand's approach to one wall.
+pub(super) struct Played {
+    pub contact: Contact,
+    pub measures: Measures,
+    /// What `dynid wall run --json` prints.
+    pub felt: serde_json::Value,
+}
+
+/// Plays it; without a hand's number the typical one, without a speed the first of the setting.
+pub(super) fn played(
+    model: &Model,
+    setting: &Setting,
+    (name, file): (&str, &WallFile),
+    speed: Option<&str>,
+    hand: Option<usize>,
+) -> anyhow::Result<Played> {
+    let wall = file.wall(setting)?;
+    let approach = approach_of(setting, speed)?;
+    let own = match hand {
+        None => setting.hand,
+        Some(index) => {
+            let hands = setting.hand.population(setting.spread, setting.hands, setting.seed);
+            match hands.get(index) {
+                Some(hand) => *hand,
+                None => bail!("--hand {index}: the setting's hands are 0 to {}", hands.len() - 1),
+            }
+        }
+    };
+    let contact =
+        wall::contact(model, setting, &wall, &own, approach).map_err(|error| error.in_case(name, approach, hand))?;
+    let Some(measures) = Measures::of(&contact, &wall) else {
+        bail!("the hand never comes to the wall: start nearer, or aim further");
+    };
+    let felt = json!({ "wall": name, "speed": approach.name, "measures": measures });
+    Ok(Played { contact, measures, felt })
+}
+
+fn approach_of<'a>(setting: &'a Setting, speed: Option<&str>) -> anyhow::Result<&'a Approach> {
+    let Some(asked) = speed else { return Ok(&setting.approaches[0]) };
+    let names: Vec<&str> = setting.approaches.iter().map(|approach| approach.name.as_str()).collect();
+    let found = setting.approaches.iter().find(|approach| approach.name == asked);
+    found.with_context(|| format!("--speed {asked}: the setting's approaches are {}", names.join(", ")))
 }
 
 fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
@@ -457,17 +481,13 @@ fn tune(arguments: &TuneArguments) -> anyhow::Result<Outcome> {
         drive: 1.3,
     };
     let interrupt = super::interrupt::Interrupt::listen()?;
-    let bar = indicatif::ProgressBar::new(goal.evaluations as u64);
     let stopped = AtomicBool::new(false);
-    let reported = |reported: TuneProgress| {
-        bar.set_position(reported.evaluations as u64);
-        if interrupt.is_asked() {
-            stopped.store(true, Ordering::Relaxed);
-        }
-        stopped.load(Ordering::Relaxed)
-    };
-    let tuned = wall::tune(&model, &setting, &family, scale, &goal, &reported)?;
-    bar.finish_and_clear();
+    let stop = || stopped.fetch_or(interrupt.is_asked(), Ordering::Relaxed) || interrupt.is_asked();
+    let tuned = progress::counted("walls tried", &stop, |progress| {
+        let reported =
+            |reported: TuneProgress| progress(Done { done: reported.evaluations, of: goal.evaluations }).is_break();
+        wall::tune(&model, &setting, &family, scale, &goal, &reported)
+    })?;
     let errors = match &model.fit {
         Some(fit) if !fit.std_error.is_empty() => {
             "models that are off by the fit's standard errors (each parameter by itself: the record has no covariances)"

@@ -198,6 +198,8 @@ pub enum Event<'a> {
     FittingModel,
     /// So many candidates are asked what they would add.
     Asking(usize),
+    /// What each of them promises, those that promise most first.
+    Screened(&'a [Screened]),
     /// Those that promise most, so many, are fitted.
     Comparing(usize),
     /// A search for the likeliest values has come farther; its key and where it is are worth keeping.

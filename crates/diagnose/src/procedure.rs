@@ -194,6 +194,7 @@ fn step(
         }
     }
     screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
+    (outside.tell)(&Event::Screened(&screening));
     let least = (screening.len().max(1) as f64 / settings.chance).ln();
     // White errors are noise but for what shows in them to first order, in all runs as in what was looked at.
     if base.is_white(settings) {

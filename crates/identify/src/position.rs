@@ -90,11 +90,16 @@ impl FitRun {
 
     /// Whether the run's equations or effects have a parameter of this name.
     pub fn occurs(&self, name: &str) -> bool {
-        let kernel = self.system.kernel();
-        // A recursion may name inertias that cancel in its sums.
-        let takes_part = if name.starts_with("link.") { kernel.appearing } else { kernel.parameters };
-        takes_part.contains(&name) || self.system.effect_names().iter().any(|known| known == name)
+        occurs(&self.system, name)
     }
+}
+
+/// Whether the equations or effects of `system` have a parameter of this name.
+pub fn occurs(system: &System, name: &str) -> bool {
+    let kernel = system.kernel();
+    // A recursion may name inertias that cancel in its sums.
+    let takes_part = if name.starts_with("link.") { kernel.appearing } else { kernel.parameters };
+    takes_part.contains(&name) || system.effect_names().iter().any(|known| known == name)
 }
 
 /// A parameter that the fit may move.

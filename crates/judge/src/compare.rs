@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 pub use inputs::{CorrelationOutcome, InputCorrelation};
-pub use locate::{Finding, FindingKind, locate};
+pub use locate::{Finding, FindingKind, locate, spans};
 
 use dynid_identify::{steps_beside, strays};
 
@@ -29,7 +29,7 @@ use dynid_user_model::Model;
 
 /// A simulation whose error is larger than this share of the motion's own spread has lost its log; where it started
 /// from does not matter then.
-const LOST: f64 = 0.5;
+pub const LOST: f64 = 0.5;
 
 /// All runs against a model.
 #[derive(Debug, Clone, Serialize)]

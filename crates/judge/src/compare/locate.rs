@@ -28,7 +28,7 @@ pub use finding::{
 };
 use trace::Trace;
 
-use super::Comparison;
+use super::{Comparison, RunComparison};
 use dynid_logs::experiment::Run;
 use dynid_signal::statistics::correlation_time;
 use dynid_user_model::Model;
@@ -54,6 +54,37 @@ pub fn locate(model: &Model, runs: &[&Run], comparison: &Comparison) -> Vec<Find
     // Stable, so that equal shares keep the order of runs and joints.
     findings.sort_by(|a, b| b.rank.total_cmp(&a.rank));
     findings
+}
+
+/// The stretches of time in which the samples of each finding lie, from and to as the log of `run` counts time (s); none for a finding
+/// that is about all samples. All `findings` are of that run, of which `compared` is the comparison with `model`.
+pub fn spans(model: &Model, run: &Run, compared: &RunComparison, findings: &[&Finding]) -> Vec<Vec<[f64; 2]>> {
+    let traces = trace::of_run(model, 0, run, compared);
+    let of_finding = |finding: &&Finding| {
+        let region = match &finding.kind {
+            FindingKind::LiesIn { region, .. } => region.clone(),
+            FindingKind::HasSidedFriction { rest, .. } => Region::OneSide { side: Side::Below, rest: *rest },
+            _ => return None,
+        };
+        let is_its = |trace: &&Trace| (trace.joint, trace.error) == (finding.joint, finding.error);
+        let trace = traces.iter().find(is_its)?;
+        Some(stretches(&region::inside(trace, &region)?, trace.start_s, trace.step))
+    };
+    findings.iter().map(|finding| of_finding(finding).unwrap_or_default()).collect()
+}
+
+/// From half a step before the first to half a step after the last of samples that follow each other.
+fn stretches(inside: &[bool], start_s: f64, step: f64) -> Vec<[f64; 2]> {
+    let time = |edge: usize| start_s + (edge as f64 - 0.5) * step;
+    let mut stretches = Vec::new();
+    let mut first = 0;
+    for alike in inside.chunk_by(|one, next| one == next) {
+        if alike[0] {
+            stretches.push([time(first), time(first + alike.len())]);
+        }
+        first += alike.len();
+    }
+    stretches
 }
 
 /// What both errors of a joint in a run say is said once, by the one that says more, with the other's share.

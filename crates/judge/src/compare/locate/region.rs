@@ -94,6 +94,12 @@ fn is_denser_outside(trace: &Trace, inside: &[bool], other: &[bool]) -> bool {
     within.0 * all.1 > DENSER * all.0 * within.1
 }
 
+/// Which samples that count lie in a region like this one.
+pub fn inside(trace: &Trace, region: &Region) -> Option<Vec<bool>> {
+    let samples = regions(trace).into_iter().find(|samples| samples.region.is_like(region))?;
+    Some(samples.inside.iter().zip(&trace.used).map(|(inside, used)| *inside && *used).collect())
+}
+
 fn regions(trace: &Trace) -> Vec<Samples> {
     let mut regions = Vec::new();
     let own = &trace.own;

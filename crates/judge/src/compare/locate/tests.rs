@@ -41,6 +41,7 @@ fn trace(residual: impl Fn(&Signals, &Signals, usize) -> f64, noise: f64) -> Tra
     let mut random = Random::new(17);
     let residual = (0..N).map(|k| residual(&own, &other, k) + noise * random.normal()).collect();
     Trace {
+        start_s: 0.0,
         run: "made.csv".to_owned(),
         run_index: 0,
         joint: 4,

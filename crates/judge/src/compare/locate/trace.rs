@@ -36,6 +36,8 @@ pub struct Trace {
     pub unit: String,
     /// Unit of the joint's position.
     pub position_unit: String,
+    /// Time of the first sample, as the log counts it (s).
+    pub start_s: f64,
     /// s
     pub step: f64,
     /// Whether it is asked what it follows of its own joint: the torque error, and the position error where there is no other.
@@ -136,6 +138,7 @@ pub fn of_run(model: &Model, run_index: usize, run: &Run, compared: &RunComparis
                 unit: if error == Signal::Torque { command_unit } else { position_unit }.to_owned(),
                 position_unit: position_unit.to_owned(),
                 is_local: error == Signal::Torque || compared.torque.is_empty(),
+                start_s: motion.grid.start,
                 step,
                 bandwidth_hz: if error == Signal::Torque { motion.parallel_cutoff_hz.min(nyquist) } else { nyquist },
                 residual,
@@ -172,6 +175,7 @@ fn without_motion(model: &Model, run_index: usize, run: &Run, compared: &RunComp
         unit: position_unit.to_owned(),
         position_unit: position_unit.to_owned(),
         is_local: true,
+        start_s: run.log.t[0],
         step,
         bandwidth_hz: 0.5 / step,
         used: vec![true; residual.len()],

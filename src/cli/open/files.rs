@@ -1,0 +1,215 @@
+//! Files of the folder, read and written whole.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use axum::Json;
+use axum::extract::{Query, Request, State};
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+use dynid_files::{FileError, Overwrite, make_folder, write_new};
+use dynid_model::sha256_hex;
+use futures_util::StreamExt;
+use serde::Deserialize;
+use serde_json::json;
+
+use super::App;
+use super::answer::{Answered, Asked, Refusal, blocking, check_media};
+use super::edit::{Change, edited};
+use super::folder::{LARGEST_TEXT, with_slashes};
+
+/// Bytes of a log that is handed in.
+const LARGEST_LOG: u64 = 2 << 30;
+/// What may be handed in.
+const HANDED_IN: [&str; 9] = ["csv", "tsv", "txt", "parquet", "mcap", "urdf", "xml", "mjcf", "toml"];
+
+/// What a report may do when it is shown: its own pictures and styles, and the one script that the program writes into it.
+const PAGE_POLICY: &str = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
+                           img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+type Named = Query<HashMap<String, String>>;
+
+fn named<'a>(query: &'a Named, key: &str) -> Result<&'a str, Refusal> {
+    query.get(key).map(String::as_str).ok_or_else(|| Refusal::bad(format!("say which: ?{key}=..")))
+}
+
+/// `GET api/folder`
+pub async fn folder(State(app): State<Arc<App>>) -> Answered {
+    blocking(move || {
+        let (files, more) = app.folder.files();
+        let mut answer = json!({
+            "folder": app.folder.root().display().to_string(),
+            "experiment": app.experiment.as_deref().map(with_slashes),
+            "model": app.model.as_deref().map(with_slashes),
+            "version": env!("CARGO_PKG_VERSION"),
+            "files": files,
+        });
+        if more > 0 {
+            answer["more"] = more.into();
+        }
+        Ok(Json(answer))
+    })
+    .await
+}
+
+/// `GET api/file`
+pub async fn file(State(app): State<Arc<App>>, query: Named) -> Answered {
+    let path = app.folder.place(named(&query, "path")?)?;
+    blocking(move || {
+        let text = text(&path)?;
+        Ok(Json(json!({ "path": with_slashes(&path), "digest": sha256_hex(text.as_bytes()), "text": text })))
+    })
+    .await
+}
+
+fn text(path: &Path) -> Result<String, Refusal> {
+    let found = fs::metadata(path).ok().filter(fs::Metadata::is_file);
+    let found = found.ok_or_else(|| Refusal::missing(format!("there is no file {}", path.display())))?;
+    if found.len() > LARGEST_TEXT {
+        let sentence = format!("{} is longer than 1 MB; open it with another program", path.display());
+        return Err(Refusal::new(StatusCode::PAYLOAD_TOO_LARGE, sentence));
+    }
+    Ok(dynid_files::read(path)?)
+}
+
+#[derive(Deserialize)]
+pub struct Writing {
+    path: String,
+    text: String,
+    replaces: Option<String>,
+}
+
+/// `POST api/write`
+pub async fn write(State(app): State<Arc<App>>, Asked(asked): Asked<Writing>) -> Answered {
+    let path = app.folder.place(&asked.path)?;
+    blocking(move || {
+        let _alone = app.writing();
+        if asked.text.len() as u64 > LARGEST_TEXT {
+            return Err(Refusal::new(StatusCode::PAYLOAD_TOO_LARGE, "a text file has 1 MB at most"));
+        }
+        if let Some(digest) = &asked.replaces {
+            same(&path, digest)?;
+        }
+        make_folder(path.parent().unwrap_or(Path::new("")))?;
+        put(&path, &asked.text, asked.replaces.is_some())?;
+        Ok(Json(json!({ "digest": sha256_hex(asked.text.as_bytes()) })))
+    })
+    .await
+}
+
+/// Writes a file whole; one that is there is a conflict unless it `replaces` it.
+pub fn put(path: &Path, text: &str, replaces: bool) -> Result<(), Refusal> {
+    write_new(path, text, Overwrite::if_forced(replaces)).map_err(|error| match error {
+        FileError::Exists { .. } => {
+            Refusal::conflict(format!("{} is there already and is kept; choose another name", path.display()))
+        }
+        error => error.into(),
+    })
+}
+
+/// The text of a file, if it still is the one that was read.
+fn same(path: &Path, digest: &str) -> Result<String, Refusal> {
+    let text = text(path)?;
+    if sha256_hex(text.as_bytes()) == digest {
+        return Ok(text);
+    }
+    Err(Refusal::conflict(format!("{} was changed since it was read; look at it again", path.display())))
+}
+
+#[derive(Deserialize)]
+pub struct Editing {
+    path: String,
+    replaces: String,
+    changes: Vec<Change>,
+}
+
+/// `POST api/edit`
+pub async fn edit(State(app): State<Arc<App>>, Asked(asked): Asked<Editing>) -> Answered {
+    let path = app.folder.place(&asked.path)?;
+    blocking(move || {
+        let _alone = app.writing();
+        let text = edited(&same(&path, &asked.replaces)?, &asked.changes)?;
+        put(&path, &text, true)?;
+        Ok(Json(json!({ "digest": sha256_hex(text.as_bytes()), "text": text })))
+    })
+    .await
+}
+
+/// `POST api/upload`
+pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request) -> Answered {
+    check_media(&request, "application/octet-stream")?;
+    let path = app.folder.place(named(&query, "name")?)?;
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    if path.components().count() != 1 || !HANDED_IN.contains(&extension.as_str()) {
+        return Err(Refusal::bad(format!("give a plain name that ends in one of: {}", HANDED_IN.join(", "))));
+    }
+    static NUMBER: AtomicU64 = AtomicU64::new(0);
+    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+    let partial = Partial(format!(".{}.{}.{number}.partial", path.display(), std::process::id()));
+    let mut file = tokio::fs::File::create_new(&partial.0).await?;
+    let mut body = request.into_body().into_data_stream();
+    let mut bytes = 0;
+    while let Some(chunk) = body.next().await {
+        let chunk = chunk.map_err(|_| Refusal::bad("the upload broke off; send it again"))?;
+        bytes += chunk.len() as u64;
+        if bytes > LARGEST_LOG {
+            return Err(Refusal::new(
+                StatusCode::PAYLOAD_TOO_LARGE,
+                "a log has 2 GiB at most; copy it into the folder",
+            ));
+        }
+        tokio::io::AsyncWriteExt::write_all(&mut file, &chunk).await?;
+    }
+    file.sync_all().await?;
+    drop(file);
+    blocking(move || {
+        // Unlike a renaming, a second name for the file never takes the place of another.
+        let taken = fs::hard_link(&partial.0, &path).is_err();
+        if taken && !path.exists() {
+            fs::rename(&partial.0, &path)?;
+        } else if taken && !are_equal(Path::new(&partial.0), &path)? {
+            let sentence = format!(
+                "{} is there already with other content and is kept; give the log another name",
+                path.display()
+            );
+            return Err(Refusal::conflict(sentence));
+        }
+        Ok(Json(json!({ "path": with_slashes(&path) })))
+    })
+    .await
+}
+
+/// A file that is gone when nobody needs it any more.
+struct Partial(String);
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        // It may have taken its name.
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+fn are_equal(one: &Path, other: &Path) -> std::io::Result<bool> {
+    use std::io::{BufReader, Read};
+    let (one, other) = (fs::File::open(one)?, fs::File::open(other)?);
+    if one.metadata()?.len() != other.metadata()?.len() {
+        return Ok(false);
+    }
+    let mut bytes = BufReader::new(one).bytes().zip(BufReader::new(other).bytes());
+    bytes.try_fold(true, |same, (one, other)| Ok(same && one? == other?))
+}
+
+/// `GET api/page`
+pub async fn page(State(app): State<Arc<App>>, query: Named) -> Result<impl IntoResponse, Refusal> {
+    let path = app.folder.place(named(&query, "path")?)?;
+    if path.extension().is_none_or(|extension| extension != "html") {
+        return Err(Refusal::bad("only pages (.html) are shown"));
+    }
+    let bytes =
+        tokio::fs::read(&path).await.map_err(|_| Refusal::missing(format!("there is no page {}", path.display())))?;
+    let headers = [(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, PAGE_POLICY)];
+    Ok((headers, bytes))
+}

@@ -1,0 +1,368 @@
+//! Long work is the program itself, run beside the server: the page shows the command line, and the answer is the verb's own.
+
+mod permitted;
+
+use std::collections::VecDeque;
+use std::process::Stdio;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use axum::Json;
+use axum::extract::{Path as Segment, State};
+use axum::http::header;
+use axum::response::IntoResponse;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
+use tokio::process::{Child, Command};
+use tokio::sync::{Semaphore, mpsc};
+
+use super::App;
+use super::answer::{Answered, Asked, Refusal};
+use super::events::Hub;
+
+/// Commands that run beside each other.
+const AT_A_TIME: usize = 4;
+/// Commands that are remembered.
+const REMEMBERED: usize = 200;
+/// Lines of progress that are kept of each.
+const MOST_LINES: usize = 2000;
+/// How long a command may take to keep what it has, once it is told to stop (s).
+const GRACE: Duration = Duration::from_secs(10);
+
+/// All commands since the server began.
+pub struct Jobs {
+    list: Mutex<VecDeque<Job>>,
+    slots: Semaphore,
+    hub: Hub,
+    /// What every command gets besides, such as the user's effects.
+    always: Vec<String>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum JobState {
+    Waiting,
+    Running,
+    Done,
+    Failed,
+    Stopped,
+}
+
+impl JobState {
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Running => "running",
+            Self::Done => "done",
+            Self::Failed => "failed",
+            Self::Stopped => "stopped",
+        }
+    }
+
+    fn is_over(self) -> bool {
+        !matches!(self, Self::Waiting | Self::Running)
+    }
+}
+
+struct Job {
+    id: u64,
+    args: Vec<String>,
+    command: String,
+    state: JobState,
+    status: Option<i32>,
+    began: SystemTime,
+    started: Instant,
+    took: Option<Duration>,
+    progress: Vec<Value>,
+    notes: Vec<String>,
+    /// The JSON object that it printed.
+    result: Option<String>,
+    error: Option<String>,
+    /// Each message is a wish that it stop.
+    stop: mpsc::UnboundedSender<()>,
+}
+
+impl Job {
+    fn summary(&self) -> Value {
+        let took = self.took.unwrap_or_else(|| self.started.elapsed());
+        json!({
+            "id": self.id,
+            "args": self.args,
+            "command": self.command,
+            "state": self.state.as_str(),
+            "status": self.status,
+            "began": self.began.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64),
+            "seconds": took.as_secs_f64(),
+            "last": self.progress.last(),
+        })
+    }
+
+    /// All that is known of it, as JSON. Its answer stands in it as it was printed, to the last digit.
+    fn whole(&self) -> String {
+        let mut whole = self.summary();
+        whole["progress"] = self.progress.clone().into();
+        whole["notes"] = self.notes.clone().into();
+        whole["error"] = self.error.clone().into();
+        let whole = whole.to_string();
+        let result = self.result.as_deref().unwrap_or("null");
+        format!("{},\"result\":{result}}}", &whole[..whole.len() - 1])
+    }
+
+    /// Keeps a line of stderr; answers what it tells of the progress.
+    fn hear(&mut self, line: String) -> Option<Value> {
+        let told = serde_json::from_str::<Value>(&line).ok().filter(|told| told.get("progress").is_some());
+        match (&told, &mut self.error) {
+            (Some(told), _) => {
+                if self.progress.len() >= MOST_LINES {
+                    let mut number = 0;
+                    self.progress.retain(|_| {
+                        number += 1;
+                        number % 2 == 0
+                    });
+                }
+                self.progress.push(told.clone());
+            }
+            // An error is told last, and may go on over lines.
+            (None, Some(error)) => {
+                error.push('\n');
+                error.push_str(&line);
+            }
+            (None, None) => match line.strip_prefix("error: ") {
+                Some(error) => self.error = Some(error.to_owned()),
+                None => self.notes.push(line.strip_prefix("note: ").unwrap_or(&line).to_owned()),
+            },
+        }
+        told
+    }
+}
+
+impl Jobs {
+    pub fn new(hub: Hub, always: Vec<String>) -> Self {
+        Self { list: Mutex::default(), slots: Semaphore::new(AT_A_TIME), hub, always }
+    }
+
+    fn list(&self) -> MutexGuard<'_, VecDeque<Job>> {
+        self.list.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does `change` to a job that is remembered.
+    fn with<T>(&self, id: u64, change: impl FnOnce(&mut Job) -> T) -> Option<T> {
+        self.list().iter_mut().find(|job| job.id == id).map(change)
+    }
+
+    pub fn summaries(&self) -> Vec<Value> {
+        self.list().iter().map(Job::summary).collect()
+    }
+
+    /// Changes a job and tells of it.
+    fn change(&self, id: u64, change: impl FnOnce(&mut Job)) {
+        let summary = self.with(id, |job| {
+            change(job);
+            job.summary()
+        });
+        summary.iter().for_each(|summary| self.hub.tell("job", summary));
+    }
+
+    fn begin(self: &Arc<Self>, mut args: Vec<String>) -> Value {
+        args.extend(self.always.iter().cloned());
+        let (stop, stops) = mpsc::unbounded_channel();
+        let mut list = self.list();
+        if list.len() >= REMEMBERED
+            && let Some(over) = list.iter().position(|job| job.state.is_over())
+        {
+            list.remove(over);
+        }
+        let id = 1 + list.back().map_or(0, |job| job.id);
+        let words = std::iter::once("dynid").chain(args.iter().map(String::as_str)).map(quoted);
+        let job = Job {
+            id,
+            command: words.collect::<Vec<_>>().join(" "),
+            state: JobState::Waiting,
+            status: None,
+            began: SystemTime::now(),
+            started: Instant::now(),
+            took: None,
+            progress: Vec::new(),
+            notes: Vec::new(),
+            result: None,
+            error: None,
+            stop,
+            args: args.clone(),
+        };
+        let summary = job.summary();
+        list.push_back(job);
+        drop(list);
+        self.hub.tell("job", &summary);
+        tokio::spawn(Arc::clone(self).work(id, args, stops));
+        summary
+    }
+
+    /// Waits for its turn, runs, and keeps what comes of it.
+    async fn work(self: Arc<Self>, id: u64, args: Vec<String>, mut stops: mpsc::UnboundedReceiver<()>) {
+        let slot = tokio::select! {
+            slot = self.slots.acquire() => slot,
+            _ = stops.recv() => return self.change(id, |job| {
+                job.state = JobState::Stopped;
+                job.took = Some(job.started.elapsed());
+            }),
+        };
+        let ended = match spawn(&args) {
+            Ok(child) => {
+                self.change(id, |job| (job.state, job.started) = (JobState::Running, Instant::now()));
+                self.follow(id, child, &mut stops).await
+            }
+            Err(error) => Err(error),
+        };
+        drop(slot);
+        self.change(id, |job| {
+            job.took = Some(job.started.elapsed());
+            match ended {
+                Ok((status, out, was_stopped)) => {
+                    job.status = status;
+                    let text = String::from_utf8(out).ok().map(|text| text.trim().to_owned());
+                    job.result =
+                        text.filter(|text| serde_json::from_str::<serde_json::Map<String, Value>>(text).is_ok());
+                    // Ended by Ctrl-C, a signal, or the verb that was told to end.
+                    let stopped =
+                        status == Some(i32::from(super::super::interrupt::STATUS)) || (was_stopped && status.is_none());
+                    job.state = match status {
+                        _ if stopped => JobState::Stopped,
+                        Some(0 | 1) => JobState::Done,
+                        _ => JobState::Failed,
+                    };
+                }
+                Err(error) => {
+                    job.error = Some(format!("the program cannot be run: {error}"));
+                    job.state = JobState::Failed;
+                }
+            }
+        });
+    }
+
+    /// Hears of a command until it ends: its exit status, what it printed, and whether somebody stopped it.
+    async fn follow(
+        &self,
+        id: u64,
+        mut child: Child,
+        stops: &mut mpsc::UnboundedReceiver<()>,
+    ) -> std::io::Result<(Option<i32>, Vec<u8>, bool)> {
+        let (out, err) = (child.stdout.take(), child.stderr.take());
+        let read = async {
+            let mut bytes = Vec::new();
+            if let Some(mut out) = out {
+                out.read_to_end(&mut bytes).await?;
+            }
+            std::io::Result::Ok(bytes)
+        };
+        let listen = async {
+            let Some(err) = err else { return Ok(()) };
+            let mut lines = BufReader::new(err).lines();
+            while let Some(line) = lines.next_line().await? {
+                if let Some(mut told) = self.with(id, |job| job.hear(line)).flatten() {
+                    told["job"] = id.into();
+                    self.hub.tell("progress", &told);
+                }
+            }
+            std::io::Result::Ok(())
+        };
+        let end = async {
+            let mut asked = 0;
+            loop {
+                tokio::select! {
+                    status = child.wait() => return status.map(|status| (status, asked > 0)),
+                    Some(()) = stops.recv() => {
+                        asked += 1;
+                        if asked == 1 { interrupt(&mut child)? } else { child.start_kill()? }
+                    }
+                }
+            }
+        };
+        let (bytes, (), (status, was_stopped)) = tokio::try_join!(read, listen, end)?;
+        Ok((status.code(), bytes, was_stopped))
+    }
+
+    /// Stops everything, and waits until all that can be kept is.
+    pub async fn end(&self) {
+        for _ in 0..2 {
+            for job in self.list().iter().filter(|job| !job.state.is_over()) {
+                // One that is over by now hears nothing.
+                let _ = job.stop.send(());
+            }
+            let until = Instant::now() + GRACE;
+            while self.list().iter().any(|job| !job.state.is_over()) && Instant::now() < until {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        }
+    }
+}
+
+/// Runs the program beside this one.
+fn spawn(args: &[String]) -> std::io::Result<Child> {
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(args).args(["--json", "--progress", "json"]);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+    // Ctrl-C on the terminal is the server's: it passes it on, once.
+    #[cfg(unix)]
+    command.process_group(0);
+    command.spawn()
+}
+
+/// What Ctrl-C does.
+#[cfg(unix)]
+fn interrupt(child: &mut Child) -> std::io::Result<()> {
+    use rustix::process::{Pid, Signal, kill_process};
+    // A child that was waited for has no number any more, and no other process gets the signal.
+    let pid = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
+    Ok(pid.map_or(Ok(()), |pid| kill_process(pid, Signal::INT))?)
+}
+
+#[cfg(not(unix))]
+fn interrupt(child: &mut Child) -> std::io::Result<()> {
+    child.start_kill()
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_./,=:@%+".contains(&byte);
+    if !word.is_empty() && word.bytes().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
+#[derive(Deserialize)]
+pub struct Beginning {
+    args: Vec<String>,
+}
+
+/// `POST api/jobs`
+pub async fn begin(State(app): State<Arc<App>>, Asked(asked): Asked<Beginning>) -> Answered {
+    permitted::check(&asked.args, &app.folder)?;
+    Ok(Json(app.jobs.begin(asked.args)))
+}
+
+/// `GET api/jobs`
+pub async fn all(State(app): State<Arc<App>>) -> Json<Value> {
+    Json(app.jobs.summaries().into())
+}
+
+/// `GET api/jobs/ID`
+pub async fn one(State(app): State<Arc<App>>, Segment(id): Segment<String>) -> Result<impl IntoResponse, Refusal> {
+    let whole = found(&app, &id, |job| job.whole())?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], whole))
+}
+
+/// `POST api/jobs/ID/stop`
+pub async fn stop(State(app): State<Arc<App>>, Segment(id): Segment<String>, _: Asked<Value>) -> Answered {
+    let summary = found(&app, &id, |job| {
+        // One that is over hears nothing.
+        let _ = job.stop.send(());
+        job.summary()
+    });
+    summary.map(Json)
+}
+
+fn found<T>(app: &App, id: &str, of: impl FnOnce(&mut Job) -> T) -> Result<T, Refusal> {
+    let found = id.parse().ok().and_then(|id| app.jobs.with(id, of));
+    found.ok_or_else(|| Refusal::missing(format!("there is no job {id}")))
+}

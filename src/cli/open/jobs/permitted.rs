@@ -1,0 +1,44 @@
+//! Which commands a page may run: those of the loop, on files of the folder.
+
+use std::path::Path;
+
+use clap::{ArgMatches, CommandFactory, error::ErrorKind};
+
+use super::super::answer::Refusal;
+use super::super::folder::Folder;
+use crate::cli::Arguments;
+
+const VERBS: [&str; 16] = [
+    "new", "check", "fit", "compare", "diagnose", "add", "ladder", "report", "table", "simulate", "excite", "plan",
+    "export", "wall", "device", "devices",
+];
+
+/// Reads the arguments as the program will, and looks at every value as if it were a path.
+pub fn check(args: &[String], folder: &Folder) -> Result<(), Refusal> {
+    let all = std::iter::once("dynid").chain(args.iter().map(String::as_str)).chain(["--json", "--progress", "json"]);
+    let matches = Arguments::command().try_get_matches_from(all).map_err(|error| {
+        let text = match error.kind() {
+            ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => "give a command and its arguments".to_owned(),
+            _ => error.to_string(),
+        };
+        Refusal::bad(text.trim_start_matches("error: ").trim_end().to_owned())
+    })?;
+    match matches.subcommand_name() {
+        Some(verb) if VERBS.contains(&verb) => inside(&matches, folder),
+        verb => Err(Refusal::forbidden(format!("`{}` is run on a terminal", verb.unwrap_or_default()))),
+    }
+}
+
+fn inside(matches: &ArgMatches, folder: &Folder) -> Result<(), Refusal> {
+    for id in matches.ids() {
+        // Groups of arguments have no values of their own.
+        for value in matches.try_get_raw(id.as_str()).ok().flatten().into_iter().flatten() {
+            let path = Path::new(value);
+            folder.check(path)?;
+            if path.extension().is_some_and(|extension| extension == "toml") {
+                folder.check_references(path)?;
+            }
+        }
+    }
+    matches.subcommand().map_or(Ok(()), |(_, inner)| inside(inner, folder))
+}

@@ -1,0 +1,145 @@
+//! Experiments in memory: read once, and again when one of their files changes.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::Json;
+use axum::extract::{Query, State};
+use dynid::{Experiment, Run};
+use dynid_logs::quality;
+use dynid_model::{Device, JointKind, sha256_hex};
+use dynid_sentences::quality::warning;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use super::App;
+use super::answer::{Answered, Refusal, blocking};
+use super::folder::{Stamp, named_by, with_slashes};
+use super::series::Trace;
+
+/// An experiment with what it was read from.
+pub struct Loaded {
+    pub experiment: Experiment,
+    /// Of the file's text and of every number of the logs.
+    pub digest: String,
+    files: Vec<(PathBuf, Option<Stamp>)>,
+    times: Vec<Arc<Vec<f64>>>,
+    traces: Mutex<HashMap<(usize, String), Arc<Trace>>>,
+}
+
+impl Loaded {
+    fn read(path: &Path) -> Result<Self, Refusal> {
+        let text = dynid_files::read(path)?;
+        // Stamps are older than what is read: a file that changes meanwhile is read again.
+        let named = named_by(path).into_iter().chain([path.to_owned()]);
+        let files = named.map(|path| (Stamp::of(&path), path)).map(|(stamp, path)| (path, stamp)).collect();
+        let experiment = Experiment::load(path)?;
+        let times = experiment.runs.iter().map(|run| Arc::new(run.log.t.clone())).collect();
+        let digest = sha256_hex(format!("{}\n{text}", experiment.digest).as_bytes());
+        Ok(Self { digest, files, times, traces: Mutex::default(), experiment })
+    }
+
+    fn is_current(&self) -> bool {
+        self.files.iter().all(|(path, stamp)| Stamp::of(path) == *stamp)
+    }
+
+    pub fn run(&self, index: usize) -> Result<&Run, Refusal> {
+        self.experiment.runs.get(index).ok_or_else(|| Refusal::missing(format!("the experiment has no run {index}")))
+    }
+
+    pub fn time(&self, run: usize) -> Arc<Vec<f64>> {
+        Arc::clone(&self.times[run])
+    }
+
+    /// A column of a log: `q4`, `tau4`, `ref4`.
+    pub fn trace(&self, index: usize, name: &str) -> Result<Arc<Trace>, Refusal> {
+        let run = self.run(index)?;
+        let key = (index, name.to_owned());
+        if let Some(trace) = self.traces.lock().unwrap_or_else(PoisonError::into_inner).get(&key) {
+            return Ok(Arc::clone(trace));
+        }
+        let values = columns(run).into_iter().find(|(own, _)| own == name).map(|(_, values)| values.clone());
+        let values = values.ok_or_else(|| Refusal::missing(format!("{} has no series `{name}`", run.file)))?;
+        let trace = Arc::new(Trace::new(self.time(index), values));
+        self.traces.lock().unwrap_or_else(PoisonError::into_inner).insert(key, Arc::clone(&trace));
+        Ok(trace)
+    }
+}
+
+/// The columns of a log that say something.
+fn columns(run: &Run) -> Vec<(String, &Vec<f64>)> {
+    let log = &run.log;
+    let mut found = Vec::new();
+    let kinds = [("q", Some(&log.q)), ("tau", Some(&log.tau)), ("ref", log.reference.as_ref())];
+    for (kind, joints) in kinds {
+        for (joint, values) in joints.into_iter().flatten().enumerate() {
+            if run.free.contains(&joint) || values.iter().any(|value| *value != 0.0) {
+                found.push((format!("{kind}{joint}"), values));
+            }
+        }
+    }
+    found
+}
+
+/// The unit of a joint's position.
+pub fn position_unit(device: &Device, joint: usize) -> &'static str {
+    if device.joints[joint].kind == JointKind::Prismatic { "m" } else { "rad" }
+}
+
+/// The experiment of a request.
+pub fn loaded(app: &App, path: &str) -> Result<Arc<Loaded>, Refusal> {
+    let path = app.folder.place(path)?;
+    if !path.is_file() {
+        return Err(Refusal::missing(format!("there is no file {}", path.display())));
+    }
+    app.folder.check_references(&path)?;
+    app.experiments.find_or(&with_slashes(&path), Loaded::is_current, || Loaded::read(&path))
+}
+
+/// `GET api/experiment`
+pub async fn experiment(State(app): State<Arc<App>>, query: Query<HashMap<String, String>>) -> Answered {
+    let path = query.get("path").cloned().ok_or_else(|| Refusal::bad("say which: ?path=.."))?;
+    blocking(move || {
+        let loaded = loaded(&app, &path)?;
+        let Experiment { device, runs, .. } = &loaded.experiment;
+        let joints = device.joints.iter().enumerate().map(|(number, joint)| {
+            json!({
+                "number": number,
+                "name": joint.title,
+                "unit": position_unit(device, number),
+                "command_unit": joint.command_unit,
+                "free": runs.iter().any(|run| run.free.contains(&number)),
+            })
+        });
+        let joints: Vec<Value> = joints.collect();
+        let runs: Vec<Value> = runs.par_iter().enumerate().map(|(index, run)| described(index, run)).collect();
+        Ok(Json(json!({
+            "path": path,
+            "device": { "id": device.id, "name": device.title, "joints": joints },
+            "digest": loaded.digest,
+            "runs": runs,
+        })))
+    })
+    .await
+}
+
+fn described(index: usize, run: &Run) -> Value {
+    let quality = quality::of_run(run);
+    let columns: Vec<String> = columns(run).into_iter().map(|(name, _)| name).collect();
+    json!({
+        "run": index,
+        "file": run.file,
+        "label": run.label(),
+        "role": run.role.to_string(),
+        "free": run.free,
+        "samples": run.log.len(),
+        "t0": run.log.t.first(),
+        "t1": run.log.t.last(),
+        "rate_hz": quality.rate_hz,
+        "closed_loop": !run.is_open_loop(),
+        "payload": run.payload,
+        "quality": quality.warnings.iter().map(warning).collect::<Vec<_>>(),
+        "columns": columns,
+    })
+}

@@ -119,7 +119,7 @@ act(async () => {
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
     on("link", (isThere) => put(document.getElementById("link"), isThere ? "" : "no connection to dynid; waiting for it"));
     let timer = null;
-    on("folder", () => { timer ??= setTimeout(() => { timer = null; act(folderChanged); }, 300); });
+    on("folder", () => { timer ??= setTimeout(() => { timer = null; act(folderChanged); }, 500); });
     await readFolder();
     await listen();
     showJobs(document.getElementById("jobs"));

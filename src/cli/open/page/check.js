@@ -1,7 +1,7 @@
 // Check: what the logs answer, as a list that turns green, and whether a fit can be had.
 
 import { button, command, digits, h, line, note, prose, table, number, waiting, words } from "./dom.js";
-import { detail, file, finished, fresh, isCurrent, isOver, last, option, start, stem, work } from "./server.js";
+import { alike, current, detail, file, files, finished, fresh, isCurrent, isOver, last, option, start, stem, work } from "./server.js";
 import { go, state } from "./state.js";
 
 /** What is looked for, by the kinds of findings that speak of it. */
@@ -16,7 +16,7 @@ const QUESTIONS = [
 ];
 
 export const checkArgs = () => ["check", state.experiment, ...(state.model ? ["--model", state.model] : [])];
-const same = (args) => args.join("\n") === checkArgs().join("\n");
+const same = (args) => alike(checkArgs())(args);
 
 const item = (kind, title, ...more) => h("li", { class: `item ${kind}` }, h("span", { class: "mark", "aria-hidden": "true" }, { good: "✓", bad: "✗", open: "?" }[kind]),
     h("div", {}, h("strong", {}, title), h("span", { class: "unseen" }, { good: ": yes", bad: ": no", open: ": open" }[kind]), more));
@@ -68,8 +68,7 @@ export default {
     grounds: () => [last("check", same)?.id, last("check", same)?.state],
     async render({ again }) {
         if (!state.experiment) return note("No experiment is chosen. Make one from logs first.");
-        let job = last("check", same);
-        if (!job || (isOver(job) && !isCurrent(job, state.experiment, state.model))) job = await start(checkArgs());
+        const job = await current(checkArgs(), state.experiment, state.model);
         if (!isOver(job)) {
             finished(job.id).then(again, again);
             return [h("section", { class: "card", "aria-busy": "true" }, h("h2", {}, "Check"), waiting("Looking at the logs …"))];
@@ -78,7 +77,8 @@ export default {
         if (!own.result) return h("section", { class: "card bad", role: "alert" }, h("h2", {}, "Check"), h("p", {}, prose(own.error ?? "The check was stopped.")), command(line(checkArgs())), button("Check again", () => start(checkArgs()).then(again)));
         const { result } = own;
         const known = result.identifiability?.parameters ?? [];
-        return [h("section", { class: "card", "aria-label": "Check" }, h("h2", {}, "Check"), h("p", { class: "lead" }, result.what), list(result),
+        return [h("section", { class: "card", "aria-label": "Check" }, h("h2", {}, "Check"), h("p", { class: "lead" }, result.what),
+            isCurrent(job, ...files("log").map(({ path }) => path)) ? null : note("A log changed since: check again."), list(result),
             h("p", { class: "row" }, button("Check again", () => start(checkArgs()).then(again), { id: "check-again" })), command(own.command)), offer(result),
             known.length ? h("details", { class: "card" }, h("summary", {}, "How well each parameter would be known"), table("Errors to be expected of a fit", ["parameter", "value", "±", "open"],
                 known.map((one) => [h("code", {}, one.name), number(one.value), number(one.std_error), one.is_open ? "open" : ""]))) : null];

@@ -119,19 +119,18 @@ export default {
             load: async (from, to, width) => byName(await post("api/series", { of: { key: answer.key, run: run.run }, names, from, to, width })),
         });
         cleanup(() => charts.close());
-        const isPrismatic = own.unit === "m";
         charts.panel({ label: "position", unit: own.unit, tall: true, series: [{ name: `measured:${joint}`, label: "measured", color: "--measured", thick: true }, { name: `simulated:${joint}`, label: "simulated", color: "--series-0", dash: [7, 4] }] });
         charts.panel({ label: "residual: measured − simulated", unit: own.unit, band: own.noise, series: [{ name: `residual:${joint}`, label: "residual", color: "--series-1" }] });
-        charts.panel({ label: "torque by physical term", unit: isPrismatic ? "N" : "N·m", tall: true, series: [...(has("torque") ? [{ name: `torque:${joint}`, label: "commanded", color: "--measured", thick: true }] : []),
+        charts.panel({ label: "torque by physical term", unit: own.command_unit ?? "N*m", tall: true, series: [...(has("torque") ? [{ name: `torque:${joint}`, label: "commanded", color: "--measured", thick: true }] : []),
             ...own.terms.map((term, index) => ({ name: `term:${term}:${joint}`, label: term, ...look(index) })), ...(has("torque_residual") ? [{ name: `torque_residual:${joint}`, label: "left", color: "--ink", dash: [1, 2] }] : [])] });
         const said = answer.json?.runs?.find((one, index) => index === answer.runs.indexOf(run))?.joints.find((one) => one.joint === joint)?.means ?? [];
         const args = ["compare", state.experiment, ...(state.model ? ["--model", state.model] : [])];
-        return [h("section", { class: "card", "aria-label": "Panels" }, h("h2", {}, `${state.model ?? "Default model"} against ${label ?? run.file}, joint ${joint}`),
+        return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Panels" }, h("h2", {}, `${state.model ?? "Default model"} against ${label ?? run.file}, joint ${joint}`),
             h("div", { class: "row" }, choice("choose-run", "Run", answer.runs.map((one) => [one.run, `${one.file}${one.role === "fit" ? "" : " (held out)"}`]), run.run, (value) => go({ run: Number(value) })),
                 choice("choose-joint", "Joint", run.joints.map((one) => [one.joint, `joint ${one.joint}`]), joint, (value) => go({ joint: Number(value) })),
                 h("p", {}, "error ", number(own.rmse, own.unit), ", noise ", number(own.noise, own.unit), run.lost ? h("strong", {}, " · the simulation drifts away from this log: judge by the torque error") : "")),
-            charts.element), chips(answer.findings, charts, run, joint), await scatter(answer, run, joint, cleanup),
+            charts.element), await scatter(answer, run, joint, cleanup)), h("div", {}, chips(answer.findings, charts, run, joint),
         h("section", { class: "card", "aria-label": "Numbers" }, h("h2", {}, "Numbers"), numbers(answer, run, joint), said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(args)),
-            h("p", { class: "row" }, h("button", { type: "button", id: "to-diagnose", class: "main", onclick: () => go({ view: "diagnose" }) }, "Ask what is missing"), h("button", { type: "button", onclick: () => go({ view: "try" }) }, "Try values by hand")))];
+            h("p", { class: "row" }, h("button", { type: "button", id: "to-diagnose", class: "main", onclick: () => go({ view: "diagnose" }) }, "Ask what is missing"), h("button", { type: "button", onclick: () => go({ view: "try" }) }, "Try values by hand")))));
     },
 };

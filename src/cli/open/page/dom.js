@@ -71,7 +71,7 @@ export async function act(work, element = null) {
     try {
         return await work();
     } catch (error) {
-        toast(error.message, "bad");
+        if (!error.isQuiet) toast(error.message, "bad");
         return null;
     } finally {
         element?.removeAttribute("aria-busy");

@@ -1,7 +1,7 @@
 // The strip of work: what runs, how far it is, the command line that does the same, and a button that stops it.
 
-import { act, button, command, digits, h, put, toast } from "./dom.js";
-import { isOver, jobs, on, stop } from "./server.js";
+import { button, command, digits, h, put, toast } from "./dom.js";
+import { detail, isOver, jobs, on, stop } from "./server.js";
 
 /** What a line of progress says. */
 function words(line) {
@@ -19,13 +19,14 @@ function entry(job) {
     return h("li", { class: `job ${job.state}`, id: `job-${job.id}` }, h("span", { class: "state" }, job.state),
         isLive ? h("progress", { "aria-label": `${job.args[0]}: how far`, ...(counted?.of ? { max: counted.of, value: counted.done } : {}) }) : null,
         seconds, h("span", { class: "said" }, isLive ? words(job.last).replaceAll("`", "") : ""), command(job.command),
+        job.state === "failed" ? button("Why", async () => toast((await detail(job.id)).error ?? "It said nothing.", "bad"), { class: "plain", "aria-label": `Why it failed: ${job.command}` }) : null,
         isLive ? button("Stop", () => stop(job.id), { id: `stop-${job.id}`, "aria-label": `Stop: ${job.command}` }) : null);
 }
 
 export function showJobs(place) {
     let isOpen = false;
     const draw = () => {
-        const all = [...jobs.values()];
+        const all = [...jobs.values()].filter((job) => job.args[0] !== "devices");
         const live = all.filter((job) => !isOver(job));
         const over = all.filter(isOver).reverse().slice(0, 50);
         put(place, live.length ? h("ul", { class: "live" }, live.map(entry)) : null,
@@ -39,7 +40,7 @@ export function showJobs(place) {
         soon();
         if (isOver(job) && !said.has(job.id)) {
             said.add(job.id);
-            if (job.state === "stopped") act(async () => toast(`Stopped; what was reached is kept: \`${job.command}\``));
+            if (job.state === "stopped") toast(`Stopped; what was reached is kept: \`${job.command}\``);
         }
     });
     on("progress", (line) => {

@@ -1,7 +1,7 @@
 // Ladder: the lineage as a graph, the error falling rung by rung, two rungs beside each other, and the report of a path.
 
 import { act, button, choice, command, h, note, number, prose, put, table, toast } from "./dom.js";
-import { detail, file, files, finished, fresh, isCurrent, isOver, last, name, read, start, work } from "./server.js";
+import { current, detail, file, files, finished, fresh, isOver, name, read, work } from "./server.js";
 import { residuals } from "./compare.js";
 import { fall, graph, lineage, pathTo } from "./lineage.js";
 import { go, state } from "./state.js";
@@ -24,6 +24,12 @@ export function diff(before, after) {
     return lines;
 }
 
+/** Only what differs, with two lines about it. */
+function brief(lines) {
+    const isNear = (index) => lines.slice(Math.max(0, index - 2), index + 3).some(([kind]) => kind !== "same");
+    return lines.flatMap((own, index) => (isNear(index) ? [own] : index && isNear(index - 1) ? [["same", "…"]] : []));
+}
+
 async function twoRungs(a, b, experiment, cleanup) {
     const [first, second] = await Promise.all([read(a), read(b)]);
     const signs = { same: "  ", gone: "− ", new: "+ " };
@@ -35,15 +41,15 @@ async function twoRungs(a, b, experiment, cleanup) {
         overlay.replaceChildren(charts.element);
     }, overlay);
     return h("section", { class: "card", "aria-label": "Two rungs" }, h("h2", {}, `A: ${a} and B: ${b}`), overlay,
-        h("details", { open: true }, h("summary", {}, "What differs between the files"), h("pre", { class: "diff", tabindex: 0, role: "region", "aria-label": "Difference" }, diff(first.text, second.text).map(([kind, text]) => h("span", { class: kind }, `${signs[kind]}${text}\n`)))),
+        h("details", { open: true }, h("summary", {}, "What differs between the files"), h("pre", { class: "diff", tabindex: 0, role: "region", "aria-label": "Difference" }, brief(diff(first.text, second.text)).map(([kind, text]) => h("span", { class: kind }, `${signs[kind]}${text}\n`)))),
         h("details", {}, h("summary", {}, `${b} as text`), h("pre", { tabindex: 0, role: "region", "aria-label": b }, second.text)));
 }
 
 function rungs(result) {
     const what = (own) => [...own.added.map((one) => `+ ${one}`), ...own.removed.map((one) => `− ${one}`), own.changed.length ? `${own.changed.length} values` : ""].filter(Boolean).join(", ") || "—";
-    return [h("div", { class: "wide" }, fall(result.rungs, result.noise_floor)), table("Rungs", ["model", "position: fitted", "held out", "torque %: fitted", "held out", "free", "BIC", "Δ", "what changed"], result.rungs.map((own) => [own.model, number(own.rmse_fit), number(own.rmse_validate),
+    return [h("div", { class: "wide" }, fall(result.rungs, result.noise_floor)), [table("Rungs", ["model", "position: fitted", "held out", "torque %: fitted", "held out", "free", "BIC", "Δ", "what changed"], result.rungs.map((own) => [own.model, number(own.rmse_fit), number(own.rmse_validate),
         number(own.torque_percent_fit), number(own.torque_percent_validate), number(own.free_parameters), number(own.bic), number(own.delta_bic), prose(what(own))])),
-    h("p", {}, "Noise of the logs: ", number(result.noise_floor)), result.notes.map((one) => note(prose(one)))];
+    h("p", {}, "Noise of the logs: ", number(result.noise_floor)), result.notes.map((one) => note(prose(one)))]];
 }
 
 async function report(path) {
@@ -65,13 +71,10 @@ export default {
         if (!file(other) || other === chosen) other = path.at(-2) ?? models.find((one) => one.path !== chosen)?.path ?? null;
         // The graph and the table are of the rungs that lead to what is chosen.
         const args = ["ladder", state.experiment, ...path];
-        const test = (own) => own.join("\n") === args.join("\n");
-        let job = state.experiment ? last("ladder", test) : null;
-        if (state.experiment && (!job || (isOver(job) && !isCurrent(job, state.experiment, ...path)))) job = await start(args);
+        const job = state.experiment ? await current(args, state.experiment, ...path) : null;
         const errors = new Map();
         const own = job && isOver(job) ? await detail(job.id) : null;
-        const latest = [...path];
-        own?.result?.rungs.forEach((rung, index) => errors.set(latest[index], { fit: rung.rmse_fit, validate: rung.rmse_validate }));
+        own?.result?.rungs.forEach((rung, index) => errors.set(path[index], { fit: rung.rmse_fit, validate: rung.rmse_validate }));
         if (job && !own) finished(job.id).then(again, again);
         const pick = (model, isOther) => {
             if (isOther) {
@@ -87,8 +90,12 @@ export default {
         const beside = h("div", {}, note("Shift and click, or this choice, takes the other rung (A):"), choice("choose-other", "A", models.map((one) => one.path).filter((one) => one !== chosen), other, (value) => { other = value; again(); }));
         const two = h("div", {});
         if (other && experiment) act(async () => put(two, await twoRungs(other, chosen, experiment, cleanup)), two);
-        return [h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Lineage" }, h("h2", {}, "Lineage"), h("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Graph" }, graph(models, { chosen: [other, chosen], path, errors, pick })), models.length > 1 ? beside : null),
-            h("section", { class: "card", "aria-label": "Rungs", "aria-busy": job && !own ? "true" : null }, h("h2", {}, `The way to ${chosen}`), own?.result ? rungs(own.result) : note(own?.error ?? "Comparing the rungs on the same runs …"), job ? command(job.command) : null,
-                h("p", { class: "row" }, button("Export the report of this way", () => report(path), { id: "report", class: "main", disabled: !state.experiment }), pages.map((page) => h("a", { href: `api/page?path=${encodeURIComponent(page.path)}`, target: "_blank", rel: "noopener" }, page.path))))), two];
+        const links = pages.map((page) => h("a", { href: `api/page?path=${encodeURIComponent(page.path)}`, target: "_blank", rel: "noopener" }, page.path));
+        const [picture, facts] = own?.result ? rungs(own.result) : [note(own?.error ?? "Comparing the rungs on the same runs …"), null];
+        return [h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Lineage" }, h("h2", {}, "Lineage"),
+            h("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Graph" }, graph(models, { chosen: [other, chosen], path, errors, pick })), models.length > 1 ? beside : null),
+        h("section", { class: "card", "aria-label": "Error", "aria-busy": job && !own ? "true" : null }, h("h2", {}, `The way to ${chosen}`), picture,
+            h("p", { class: "row" }, button("Export the report of this way", () => report(path), { id: "report", class: "main", disabled: !state.experiment }), links))),
+        h("section", { class: "card", "aria-label": "Rungs" }, facts, job ? command(job.command) : null), two];
     },
 };

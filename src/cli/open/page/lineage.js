@@ -20,7 +20,7 @@ export function pathTo(models, path) {
     return way.map((one) => one.path);
 }
 
-const WIDTH = 180;
+const WIDTH = 200;
 const HEIGHT = 62;
 
 /** The graph: generations go down, branches to the right. `errors` has {fit, validate} by path. */
@@ -45,7 +45,7 @@ export function graph(models, { chosen, path, errors, pick }) {
     const nodes = models.map((one) => {
         const [x, y] = corner(places.get(one.path) ?? [0, 0]);
         const error = errors.get(one.path);
-        const said = error ? `fitted ${digits(error.fit, 3)} · held out ${digits(error.validate, 3)}` : "";
+        const said = error ? `held out ${digits(error.validate)}` : "";
         const mark = chosen.indexOf(one.path);
         return svg("g", { class: `rung${path.includes(one.path) ? " on-path" : ""}${mark >= 0 ? " chosen" : ""}`, id: `rung-${one.path}`, tabindex: 0, role: "button", "aria-pressed": String(mark >= 0), "aria-label": `${one.path}${one.parent ? `, ${one.how ?? "from"} ${one.parent}` : ""}${said ? `, error ${said}` : ""}`,
             onclick: (event) => pick(one.path, event.shiftKey), onkeydown: (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); pick(one.path, event.shiftKey); } } },

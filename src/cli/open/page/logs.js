@@ -226,7 +226,7 @@ function trace(experiment, run, again) {
     if (marked) charts.spans = [[...marked, "--select"]];
     const unit = (joint) => free.get(joint)?.unit ?? "rad";
     charts.panel({ label: "position", unit: unit(run.free[0]), series: [...series("q"), ...series("ref").map((own) => ({ ...own, dash: [2, 3] }))], tall: true });
-    charts.panel({ label: "torque", unit: unit(run.free[0]) === "m" ? "N" : "N·m", series: series("tau") });
+    charts.panel({ label: "torque", unit: free.get(run.free[0])?.command_unit ?? "N*m", series: series("tau") });
     return { charts, element: h("section", { class: "card", "aria-label": "Trace" }, h("h2", {}, run.label ?? run.file),
         note(`This run is ${run.role === "fit" ? "fitted" : "held out"}. Drag over the trace, or give two times, to ${other === "validate" ? "hold a part of it out" : "fit a part of it"}.`), form, charts.element) };
 }
@@ -247,8 +247,8 @@ export default {
         const run = experiment.runs.find((one) => one.run === state.run) ?? experiment.runs[0];
         const { charts, element } = trace(experiment, run, again);
         cleanup(() => charts.close());
-        return [h("section", { class: "card", "aria-label": "Runs" }, h("h2", {}, `${experiment.device.name}: ${experiment.runs.length} runs`), runs(experiment),
-            h("p", { class: "row" }, h("button", { type: "button", class: "main", id: "to-check", onclick: () => go({ view: "check" }) }, "Check these logs"))), element, ...parts, own];
+        return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Runs" }, h("h2", {}, `${experiment.device.name}: ${experiment.runs.length} runs`), runs(experiment),
+            h("p", { class: "row" }, h("button", { type: "button", class: "main", id: "to-check", onclick: () => go({ view: "check" }) }, "Check these logs"))), element), h("div", {}, parts.filter(Boolean), own));
     },
 };
 

@@ -96,7 +96,8 @@ export async function finished(id) {
         });
     }
     const own = await detail(id);
-    if (!own.result && own.state !== "done") throw new Error(own.error ?? (own.state === "stopped" ? `Stopped: ${own.command}` : `${own.command} failed.`));
+    // That a job was stopped is said where it is stopped.
+    if (!own.result && own.state !== "done") throw Object.assign(new Error(own.error ?? `${own.command}: no answer`), { isQuiet: own.state === "stopped" });
     return own;
 }
 
@@ -111,7 +112,21 @@ export const stop = (id) => post(`api/jobs/${id}/stop`, {});
 export const last = (verb, test = () => true) => [...jobs.values()].filter((job) => job.args[0] === verb && test(job.args)).pop();
 
 /** Whether a job began after these files were last changed. */
-export const isCurrent = (job, ...paths) => paths.every((path) => !path || (file(path)?.modified ?? 0) <= job.began + 1000 * (job.seconds ?? 0));
+export const isCurrent = (job, ...paths) => paths.every((path) => !path || (file(path)?.modified ?? 0) <= job.began);
+
+/** Whether a job has these arguments and no others, but for the effects that the server adds. */
+export const alike = (args) => (own) => args.every((word, index) => word === own[index]) && (own.length === args.length || own[args.length] === "--effects");
+
+const begun = new Map();
+/** The last job with these arguments, or a new one where it is older than the files: one for each state of them. */
+export async function current(args, ...paths) {
+    const key = JSON.stringify([args, changed(...paths)]);
+    const known = last(args[0], alike(args));
+    if (known && (!isOver(known) || begun.get(key) === known.id || isCurrent(known, ...paths))) return known;
+    const job = await start(args);
+    begun.set(key, job.id);
+    return job;
+}
 
 /** What an option was given in a job's arguments. */
 export const option = (args, key) => (args.includes(key) ? args[args.indexOf(key) + 1] : null);

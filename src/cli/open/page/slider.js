@@ -19,7 +19,8 @@ export function slider(own, onmove, onend) {
     const { isLog, low, high } = ends({ ...own, value: own.origin ?? own.value });
     const STEPS = 2000;
     const place = (value) => Math.round(STEPS * (isLog ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low)));
-    const at = (step) => (isLog ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);
+    const within = (value) => Math.min(Math.max(value, own.lower ?? value), own.upper ?? value);
+    const at = (step) => within(isLog ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);
     const said = (value) => `${digits(value)} ${own.unit ?? ""}`;
     const range = h("input", { type: "range", id: `slide-${own.name}`, min: 0, max: STEPS, step: 1, value: place(own.value), "aria-label": `${own.name}, ${said(low)} to ${said(high)}`, "aria-valuetext": said(own.value), list: `marks-${own.name}` });
     const field = h("input", { type: "text", inputmode: "decimal", class: "short", id: `value-${own.name}`, "aria-label": `${own.name} in ${own.unit || "its unit"}`, value: digits(own.value, 6), title: String(own.value) });
@@ -33,9 +34,10 @@ export function slider(own, onmove, onend) {
     field.addEventListener("change", () => {
         const value = Number(field.value.replaceAll("−", "-"));
         if (!Number.isFinite(value)) return show(at(Number(range.value)));
-        range.value = place(value);
-        show(value);
-        onmove(value);
+        const kept = within(value);
+        range.value = place(kept);
+        show(kept);
+        onmove(kept);
         onend();
     });
     const bound = (value, end, words) => h("span", { class: "bound", title: value === end ? `${words} of the model` : `${words} of this slider` }, value === end ? "▏" : "", digits(end, 3));

@@ -1,22 +1,21 @@
 // Wall: a virtual wall under a simulated hand, drawn while its gains, rules and sample rate are moved.
 
-import { button, choice, command, h, line, note, number, put } from "./dom.js";
+import { button, choice, command, h, line, number, put } from "./dom.js";
 import { Charts } from "./chart.js";
 import { files, fresh, post, readFolder } from "./server.js";
 import { slider } from "./slider.js";
 import { state } from "./state.js";
 
-const own = { wall: "pd", setting: "", speed: "", hand: 0, changes: {} };
+const own = { wall: "pd", setting: "", speed: "", hand: "", changes: {} };
 
 export default {
     title: "Wall",
     async render({ cleanup, again }) {
-        let answer = null;
         const facts = h("dl", { class: "facts", "aria-live": "polite" });
         const felt = { settled_position: "settled at", peak_to_peak: "swing", chatter_rms: "chatter RMS", frequency: "frequency [Hz]", energy_out: "energy out", stiffness: "stiffness", outside: "time outside" };
+        const body = () => ({ model: state.model, setting: own.setting || null, wall: own.wall, changes: own.changes, ...(own.hand === "" ? {} : { hand: Number(own.hand) }), ...(own.speed ? { speed: own.speed } : {}) });
         const ask = async () => {
-            const body = { model: state.model, setting: own.setting || null, wall: own.wall, changes: own.changes, hand: own.hand, ...(own.speed ? { speed: own.speed } : {}) };
-            answer = await post("api/wall", body);
+            const answer = await post("api/wall", body());
             const entries = [["deepest", answer.depth_max], ["chatter", answer.chatter], ...Object.entries(felt).map(([key, words]) => [words, (answer.felt?.measures ?? answer.felt)?.[key]])];
             facts.replaceChildren(...entries.filter(([, value]) => value !== undefined).flatMap(([words, value]) => [h("dt", {}, words), h("dd", {}, number(value))]));
             return answer;
@@ -35,20 +34,23 @@ export default {
         const walls = [...new Set([...(first.walls ?? ["pd", "fuzzy"]), ...files("wall").map(({ path }) => path)])];
         const speeds = first.speeds ?? ["slow", "medium", "fast"];
         const set = (changes) => { Object.assign(own, changes); again(); };
-        const knobs = first.changes.map((one) => slider({ ...one, name: one.key, label: one.key, value: own.changes[one.key] ?? one.value, origin: one.value }, (value) => { own.changes[one.key] = value; charts.reload(); }, () => {}).element);
-        const save = async (text, stem) => {
-            if (!text) throw new Error("The server did not say how this is written.");
-            const path = fresh(`${stem}.toml`);
-            await post("api/write", { path, text, replaces: null });
+        const knob = (one) => h("li", {}, slider({ ...one, name: one.key, label: one.key.split(".").at(-1), value: own.changes[one.key] ?? one.value, origin: one.value },
+            (value) => { own.changes[one.key] = value; charts.reload(); }, () => {}).element);
+        const rules = Object.entries(Object.groupBy(first.changes.filter(({ key }) => key.startsWith("rules.")), ({ key }) => key.split(".")[1]));
+        const save = async () => {
+            const path = fresh("wall.toml");
+            await post("api/wall", { ...body(), out: path });
             await readFolder();
-            put(saved, command(line(["wall", "run", "--wall", stem === "wall" ? path : own.wall, ...(own.setting || stem === "setting" ? ["--setting", stem === "setting" ? path : own.setting] : []), ...(state.model ? ["--model", state.model] : []), "--hand", String(own.hand), ...(own.speed ? ["--speed", own.speed] : [])])));
+            const options = [["--setting", own.setting], ["--model", state.model], ["--hand", own.hand], ["--speed", own.speed]].filter(([, value]) => value !== "" && value !== null);
+            put(saved, command(line(["wall", "run", "--wall", path, ...options.flat()])));
         };
         const saved = h("div", {});
         return h("div", { class: "beside" }, h("section", { class: "card sliders", "aria-label": "Wall" }, h("h2", {}, "Wall"),
             h("div", { class: "row" }, choice("wall", "Wall", walls, own.wall, (wall) => set({ wall, changes: {} })), choice("wall-setting", "Setting", [["", "the program's own"], ...files("setting").map(({ path }) => path)], own.setting, (setting) => set({ setting, changes: {} })),
-                choice("wall-speed", "Approach", speeds, own.speed || speeds[0], (speed) => set({ speed })), h("label", { class: "field" }, h("span", {}, "Hand"), h("input", { type: "number", class: "short", id: "wall-hand", min: 0, max: 99, value: own.hand, onchange: (event) => set({ hand: Number(event.target.value) || 0 }) }))),
-            h("ul", {}, knobs.map((knob) => h("li", {}, knob))), knobs.length ? null : note("This wall has nothing that can be moved."),
-            h("p", { class: "row" }, h("button", { type: "button", id: "wall-reset", onclick: () => set({ changes: {} }) }, "Reset"), button("Write this wall", () => save(answer.wall_text, "wall"), { id: "wall-save" }), button("Write this setting", () => save(answer.setting_text, "setting"))), saved),
+                choice("wall-speed", "Approach", speeds, own.speed || speeds[0], (speed) => set({ speed })), h("label", { class: "field" }, h("span", {}, "Hand"), h("input", { type: "number", class: "short", id: "wall-hand", min: 0, value: own.hand, placeholder: "typical", onchange: (event) => set({ hand: event.target.value }) }))),
+            h("ul", {}, first.changes.filter(({ key }) => !key.startsWith("rules.")).map(knob)),
+            rules.length ? [h("h3", {}, "Rules: torque at each set of the position"), rules.map(([row, list]) => h("details", {}, h("summary", {}, `speed ${row}`), h("ul", {}, list.map(knob))))] : null,
+            h("p", { class: "row" }, h("button", { type: "button", id: "wall-reset", onclick: () => set({ changes: {} }) }, "Reset"), button("Write this wall", save, { id: "wall-save" })), saved),
         h("section", { class: "card", "aria-label": "Contact" }, h("h2", {}, "Under the hand"), facts, charts.element));
     },
 };

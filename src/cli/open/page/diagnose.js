@@ -12,43 +12,48 @@ let picked = null;
 
 /** A candidate's place in words, as progress lines and results both can tell it. */
 const words = (one) => `\`${one.effect}\` ${one.from === undefined || one.from === null ? `at joint ${one.joint}` : `from joint ${one.from} to joint ${one.joint}`}`;
-const place = (key) => key.match(/`[^`]+` (?:at joint \d+|from joint \d+ to joint \d+)/g)?.pop() ?? null;
+/** Of a progress line's key: how many effects with it, and which it is about. */
+function place(key) {
+    const found = key.match(/^step (\d+)\..*?(`[^`]+` (?:at joint \d+|from joint \d+ to joint \d+))/);
+    return found ? { depth: Number(found[1]), words: found[2] } : null;
+}
 
 /** What the progress lines of a diagnosis have told so far. */
 class Race {
     constructor(samples) {
-        Object.assign(this, { samples, base: null, candidates: new Map(), said: "Beginning …" });
+        Object.assign(this, { samples, steps: [], base: null, said: "Beginning …" });
     }
 
     take(one) {
-        const said = { fitting_model: () => "Fitting the model as it is …", asking: () => `Asking ${one.candidates} candidates what they would add …`, comparing: () => `Fitting the ${one.candidates} most promising …` };
+        const said = { fitting_model: () => "Fitting the model as it is …", asking: () => `Asking ${one.candidates} candidates what they would add …`,
+            comparing: () => `Fitting the ${one.candidates} most promising …` };
         if (said[one.progress]) this.said = said[one.progress]();
         if (one.progress !== "searched" || one.cost === null) return;
         if (one.candidate === "base") this.base ??= one.cost;
-        const key = place(one.candidate);
-        if (!key) return;
-        const own = this.candidates.get(key) ?? { key, costs: [] };
-        own.costs.push(one.cost);
-        own.best = Math.min(...own.costs);
-        own.isFinal ||= one.candidate.includes("final");
-        this.candidates.set(key, own);
+        const of = place(one.candidate);
+        if (!of) return;
+        const step = (this.steps[of.depth - 1] ??= new Map());
+        step.set(of.words, Math.min(one.cost, step.get(of.words) ?? Infinity));
     }
 
-    /** The one-step error with a candidate over that without, from the mean log likelihood of a sample. */
-    left(own) {
-        return this.base === null ? 1 : Math.min(1, Math.exp((own.best - this.base) / this.samples));
-    }
-
+    /** Candidates of each step, the best first, with the one-step error that each leaves of what the step before left. */
     bars() {
-        const all = [...this.candidates.values()].sort((a, b) => a.best - b.best);
-        return h("ol", { class: "bars" }, all.map((own) => {
-            const share = this.left(own);
-            const bar = h("span", { class: "bar-fill" });
-            bar.style.setProperty("inline-size", `${100 * share}%`);
-            return h("li", {}, h("button", { type: "button", id: `candidate-${own.key}`, class: "bar", "aria-pressed": String(picked === own.key), onclick: () => { picked = own.key; this.onpick?.(); } },
-                h("span", { class: "bar-name" }, prose(own.key)), h("span", { class: "bar-track" }, bar),
-                h("span", { class: "number", title: `cost ${own.best}${this.base === null ? "" : `, without it ${this.base}`}` }, `${digits(100 * share, 3)} %`)));
-        }));
+        let before = this.base;
+        return this.steps.filter(Boolean).map((step, index) => {
+            const all = [...step].sort((a, b) => a[1] - b[1]);
+            const from = before;
+            before = Math.min(before ?? Infinity, all[0]?.[1] ?? Infinity);
+            const bar = ([key, cost]) => {
+                // The mean log likelihood of a sample is minus the logarithm of its error.
+                const share = from === null ? 1 : Math.min(1, Math.exp((cost - from) / this.samples));
+                const fill = h("span", { class: "bar-fill" });
+                fill.style.setProperty("inline-size", `${100 * share}%`);
+                return h("li", {}, h("button", { type: "button", id: `candidate-${index}-${key}`, class: "bar", "aria-pressed": String(picked === key), onclick: () => { picked = key; this.onpick?.(); } },
+                    h("span", { class: "bar-name" }, prose(key)), h("span", { class: "bar-track" }, fill),
+                    h("span", { class: "number", title: `minus log likelihood ${cost}, without it ${from}` }, `${digits(100 * share, 3)} %`)));
+            };
+            return [h("h3", {}, index ? `Effect ${index + 1}, on top of the best before` : "One effect"), h("ol", { class: "bars" }, all.map(bar))];
+        });
     }
 }
 
@@ -140,9 +145,9 @@ export default {
         return h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Candidates" }, h("h2", {}, "Which effect is missing?"),
             result ? result.sentences.map((one) => h("p", { class: "lead" }, prose(one))) : isOver(own) ? h("p", { class: "bad-word" }, own.error ?? "The diagnosis was stopped; the same command goes on from what is fitted.") : said,
             isOld ? note("Experiment or model changed since: diagnose again.") : null,
-            race.candidates.size ? note("One-step error that is left with each, of what the model leaves without it:") : null, bars,
+            note("How much each leaves of the one-step error:"), bars,
             result?.screening.length ? h("details", {}, h("summary", {}, `All ${result.screening.length} that promised something`), table("Change of −2 log L that one step promises", ["effect", "change"], result.screening.map((one) => [prose(words(one)), number(one.position)]))) : null,
             result?.refused.length ? h("details", {}, h("summary", {}, "Refused"), h("ul", {}, result.refused.map((one) => h("li", {}, prose(one.what ?? JSON.stringify(one)))))) : null,
-            command(own.command), isOver(own) ? head("Diagnose again") : button("Stop and keep what is fitted", () => stop(job.id), { id: "stop-diagnose" })), detailed);
+            isOver(own) ? head("Diagnose again") : [command(own.command), button("Stop and keep what is fitted", () => stop(job.id), { id: "stop-diagnose" })]), detailed);
     },
 };

@@ -10,6 +10,7 @@ import { slider } from "./slider.js";
 /** Values and their past, kept while one model is looked at. */
 let own = { key: "", parameters: [], values: {}, past: [], future: [], ticked: new Set() };
 let refresh = () => {};
+const opened = new Map();
 
 async function open() {
     const key = `${state.experiment} ${state.model} ${changed(state.experiment, state.model)}`;
@@ -117,6 +118,7 @@ export default {
         charts.panel({ label: "residual: measured − simulated", unit, series: [{ name: `residual:${joint}`, label: "residual", color: "--series-1" }] });
 
         const sliders = new Map();
+        const isOpen = (effect, list) => opened.get(effect) ?? (own.parameters.length < 16 || list[0].joint === joint);
         const groups = Map.groupBy?.(own.parameters, (one) => one.effect) ?? new Map([["parameters", own.parameters]]);
         const knob = (one) => {
             const tool = slider({ ...one, origin: own.first[one.name], value: own.values[one.name], label: one.name.split(".").slice(-1)[0] }, (value) => { own.values[one.name] = value; charts.reload(); }, settle);
@@ -131,11 +133,11 @@ export default {
             charts.reload();
         };
         const panel = h("section", { class: "card sliders", "aria-label": "Parameters" }, h("h2", {}, "Parameters"), tools,
-            [...groups].map(([effect, list]) => h("fieldset", {}, h("legend", {}, `${effect}${list[0].joint === null || list[0].joint === undefined || String(effect).includes("joint") ? "" : `, joint ${list[0].joint}`}`), h("ul", {}, list.map(knob)))));
+            [...groups].map(([effect, list]) => h("details", { open: isOpen(effect, list), ontoggle: (event) => opened.set(effect, event.target.open) }, h("summary", {}, effect), h("ul", {}, list.map(knob)))));
         refresh();
         const job = [...jobs.values()].filter((one) => one.args[0] === "fit" && one.args[1] === state.experiment).at(-1);
         const pick = (id, label, list, value, key) => choice(id, label, list, value, (chosen) => go({ [key]: Number(chosen) }));
-        return h("div", { class: "beside" }, panel, h("div", {}, h("section", { class: "card", "aria-label": "Picture" }, h("div", { class: "row" }, pick("try-run", "Run", experiment.runs.map((one) => [one.run, one.label ?? one.file]), run.run, "run"), pick("try-joint", "Joint", run.free.map((one) => [one, `joint ${one}`]), joint, "joint"), errors), charts.element),
+        return h("div", { class: "beside" }, panel, h("div", { class: "stays" }, h("section", { class: "card", "aria-label": "Picture" }, h("div", { class: "row" }, pick("try-run", "Run", experiment.runs.map((one) => [one.run, one.label ?? one.file]), run.run, "run"), pick("try-joint", "Joint", run.free.map((one) => [one, `joint ${one}`]), joint, "joint"), errors), charts.element),
             job ? await fitting(job, cleanup) : null));
     },
 };

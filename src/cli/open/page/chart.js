@@ -37,7 +37,7 @@ export class Charts {
         const tool = (words, title, work) => h("button", { type: "button", class: "plain", title, "aria-label": `${title}: ${label}`, onclick: work }, words);
         this.shown = h("button", { type: "button", class: "plain", "aria-expanded": "false", onclick: () => this.showValues() }, "Values");
         this.bar = h("div", { class: "chart-bar" }, this.readout, h("span", { class: "row" }, tool("+", "Zoom in", () => this.zoomBy(0.5)), tool("−", "Zoom out", () => this.zoomBy(2)),
-            tool("Whole", "Show all", () => this.reset()), this.shown));
+            tool("Whole", "Whole range", () => this.reset()), this.shown));
         this.element = h("section", { class: "charts", "aria-label": label }, this.bar, this.values);
         this.observer = new ResizeObserver(() => { this.reload(); this.draw(); });
         this.observer.observe(this.element);
@@ -307,6 +307,20 @@ export class Charts {
             for (let i = to - 1; i >= from; i -= 1) pen.lineTo(x(own.t[i]), y(own.high[i]));
             pen.fill();
             pen.globalAlpha = 1;
+        }
+        let covered = 0;
+        for (let i = from; i < to; i += 1) covered += y(own.low[i]) - y(own.high[i]);
+        if (kind !== "quartiles" && covered > 8 * (to - from)) {
+            // Where columns hide whole oscillations, a line would be dashes upon dashes, and slow: what it covers is one area.
+            pen.globalAlpha = 0.75;
+            for (let i = from; i < to; i += 1) {
+                if (own.low[i] === null) continue;
+                const [left, top] = [Math.round(x(own.t[i])), Math.floor(y(Math.max(own.high[i], own.low[i - 1] ?? -Infinity)))];
+                const right = i + 1 < own.t.length ? Math.round(x(own.t[i + 1])) : left + 1;
+                pen.fillRect(left, top, Math.max(1, right - left), Math.ceil(y(Math.min(own.low[i], own.high[i - 1] ?? Infinity))) - top + 1);
+            }
+            pen.globalAlpha = 1;
+            return;
         }
         pen.beginPath();
         let [isDown, before] = [false, 0];

@@ -42,7 +42,7 @@ export async function residuals(models, runIndex, joint) {
 /** Chips of what was found, each of which marks its samples. */
 function chips(findings, charts, run, joint) {
     const marks = () => {
-        charts.spans = findings.filter((own, index) => picked.has(index) && own.run === run.run).flatMap((own) => own.spans.map(([from, to]) => [from, to, own.joint === joint ? "--span" : "--span-other"]));
+        charts.spans = findings.filter((own, index) => picked.has(index) && own.run === run.run).flatMap((own) => (own.spans.length ? own.spans : [charts.whole]).map(([from, to]) => [from, to, own.joint === joint ? "--span" : "--span-other"]));
         charts.draw();
     };
     const chip = (own, index) => h("button", { type: "button", class: "chip", id: `finding-${index}`, "aria-pressed": String(picked.has(index)), onclick: (event) => {

@@ -57,9 +57,12 @@ class Race {
     }
 }
 
+/** What the model is called with an effect more. */
+const withEffect = (one) => `${name(state.model ?? "default").replace(/-fitted$/, "")}-${one.effect}-${one.joint}`;
+
 /** Adds an effect, fits the model with it, and goes there. */
 async function add(one) {
-    const base = `${name(state.model ?? "default")}-${one.effect}-${one.joint}`;
+    const base = withEffect(one);
     const [better, fitted] = [fresh(`${base}.toml`), fresh(`${base}-fitted.toml`)];
     await work(["add", one.effect, "--joint", String(one.joint), ...(one.from === undefined || one.from === null ? [] : ["--from", String(one.from)]), "--model", state.model, "--out", better]);
     await work(["fit", state.experiment, "--model", better, "--out", fitted]);
@@ -83,8 +86,7 @@ async function chosen(result, experiment, cleanup, better) {
     if (!key) return null;
     const [, effect, from, joint] = key.match(/`([^`]+)` (?:at joint|from joint (\d+) to joint) (\d+)/);
     const wish = { effect, joint: Number(joint), from: from === undefined ? null : Number(from) };
-    const base = `${name(state.model ?? "default")}-${effect}-${joint}-fitted.toml`;
-    const withIt = file(base)?.path ?? (one && one === result.ranking[0] ? file(better)?.path : null);
+    const withIt = file(`${withEffect(wish)}-fitted.toml`)?.path ?? (one && one === result.ranking[0] ? file(better)?.path : null);
     const screened = result?.screening.find((own) => words(own) === key);
     const list = (title, all, kind) => (all?.length ? [h("h3", {}, title), h("ul", { class: kind }, all.map((own) => h("li", {}, prose(own))))] : null);
     const free = [...new Set(experiment.runs.flatMap((run) => run.free))];
@@ -93,7 +95,7 @@ async function chosen(result, experiment, cleanup, better) {
             h("dt", {}, "times the noise, with it"), h("dd", {}, number(one.worst_ratio_after))),
         list("Speaks for it", one.evidence_for, "for"), list("Speaks against it", one.evidence_against, "against"),
         list("Cannot be told from", one.confounded_with.map(words)), one.experiment ? [h("h3", {}, "The experiment that decides"), h("p", {}, prose(one.experiment)), decisive(one.typed_experiment, experiment.device.id, free)] : null,
-        one.parameters.length ? table("Its parameters", ["parameter", "value", "±", ""], one.parameters.map((own) => [h("code", {}, own.name), number(own.value), number(own.std_error), [own.at_bound ? "at its bound" : "", own.identifiable ? "" : "not identifiable"].filter(Boolean).join(", ")])) : null,
+        one.parameters.length ? table("Its parameters", ["parameter", "value", "±", "remark"], one.parameters.map((own) => [h("code", {}, own.name), number(own.value), number(own.std_error), [own.at_bound ? "at its bound" : "", own.identifiable ? "" : "not identifiable"].filter(Boolean).join(", ")])) : null,
     ] : note(result ? "It is not among what explains the logs: another explains them better, or it does not pay for its parameters." : "Its evidence is told when the diagnosis is over.");
     const overlay = h("div", {});
     if (withIt) {

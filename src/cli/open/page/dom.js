@@ -96,7 +96,7 @@ export function command(line) {
         await navigator.clipboard.writeText(line);
         toast("Copied.");
     };
-    return h("div", { class: "command" }, h("code", {}, line), button("Copy", copy, { class: "plain", "aria-label": `Copy: ${line}` }));
+    return h("div", { class: "command" }, h("code", { tabindex: 0, role: "group", "aria-label": "Command line" }, line), button("Copy", copy, { class: "plain", "aria-label": `Copy: ${line}` }));
 }
 
 /** A word as the program's shell lines quote it. */

@@ -96,6 +96,6 @@ export default {
             h("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Graph" }, graph(models, { chosen: [other, chosen], path, errors, pick })), models.length > 1 ? beside : null),
         h("section", { class: "card", "aria-label": "Error", "aria-busy": job && !own ? "true" : null }, h("h2", {}, `The way to ${chosen}`), picture,
             h("p", { class: "row" }, button("Export the report of this way", () => report(path), { id: "report", class: "main", disabled: !state.experiment }), links))),
-        h("section", { class: "card", "aria-label": "Rungs" }, facts, job ? command(job.command) : null), two];
+        h("section", { class: "card", "aria-label": "Numbers" }, facts, job ? command(job.command) : null), two];
     },
 };

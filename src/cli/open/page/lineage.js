@@ -47,7 +47,7 @@ export function graph(models, { chosen, path, errors, pick }) {
         const error = errors.get(one.path);
         const said = error ? `held out ${digits(error.validate)}` : "";
         const mark = chosen.indexOf(one.path);
-        return svg("g", { class: `rung${path.includes(one.path) ? " on-path" : ""}${mark >= 0 ? " chosen" : ""}`, id: `rung-${one.path}`, tabindex: 0, role: "button", "aria-pressed": String(mark >= 0), "aria-label": `${one.path}${one.parent ? `, ${one.how ?? "from"} ${one.parent}` : ""}${said ? `, error ${said}` : ""}`,
+        return svg("g", { class: `rung${path.includes(one.path) ? " on-path" : ""}${mark >= 0 ? " chosen" : ""}`, id: `rung-${one.path}`, tabindex: 0, role: "button", "aria-pressed": String(mark >= 0), "aria-label": [short(name(one.path)), (one.how ?? "").replaceAll("_", " "), said, "AB"[mark], one.path, one.parent ? `from ${one.parent}` : ""].filter(Boolean).join(" "),
             onclick: (event) => pick(one.path, event.shiftKey), onkeydown: (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); pick(one.path, event.shiftKey); } } },
         svg("title", {}, one.path), svg("rect", { x, y, width: WIDTH, height: HEIGHT, rx: 6 }), svg("text", { x: x + 10, y: y + 20, class: "rung-name" }, short(name(one.path))),
         svg("text", { x: x + 10, y: y + 37 }, (one.how ?? "").replaceAll("_", " ")), svg("text", { x: x + 10, y: y + 53 }, said),

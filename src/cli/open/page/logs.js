@@ -2,7 +2,7 @@
 
 import { act, ask, bytes, button, choice, command, digits, h, note, number, prose, table, toast } from "./dom.js";
 import { Charts, byName, look } from "./chart.js";
-import { changed, file, files, folder, fresh, get, jobs, last, detail, optional, post, read, readFolder, start, finished, upload, work } from "./server.js";
+import { changed, file, files, folder, fresh, get, jobs, last, detail, post, read, readFolder, start, finished, upload, work } from "./server.js";
 import { go, state } from "./state.js";
 
 const ENDINGS = /\.(csv|tsv|txt|parquet|mcap)$/i;
@@ -69,8 +69,9 @@ async function robots() {
     return [...own, ...(await devices)];
 }
 
-async function beginning(again) {
-    const known = await robots();
+function beginning(again) {
+    const known = h("datalist", { id: "devices" });
+    robots().then((all) => known.replaceChildren(...all.map((own) => h("option", { value: own }))));
     const logs = files("log");
     const chosen = () => logs.map(({ path }) => path).filter((path) => ticked.has(path));
     const begin = async () => {
@@ -85,7 +86,7 @@ async function beginning(again) {
             h("input", { type: "checkbox", id: `tick-${path}`, checked: ticked.has(path), onchange: (event) => { ticked[event.target.checked ? "add" : "delete"](path); } }), " ", path, h("span", { class: "soft" }, ` ${bytes(size)}`)))))
             : note("No log is here yet."),
         h("div", { class: "row" }, h("label", { class: "field" }, h("span", {}, "Robot"), h("input", { id: "device", list: "devices", value: deviceWish, placeholder: "robot.urdf, freedom6s, …", oninput: (event) => { deviceWish = event.target.value; } })),
-            h("datalist", { id: "devices" }, known.map((own) => h("option", { value: own }))),
+            known,
             button("New experiment from the ticked logs", begin, { id: "new", class: "main" })));
 }
 
@@ -142,9 +143,12 @@ function failed(own) {
             input("free", "or: free joints, as 0,1"), button("Again", again, { id: "new-again", class: "main" })), command(own.command));
 }
 
+const blocksOf = (text) => text.split(/^(?=[ \t]*\[\[\s*run\s*\]\])/m);
+const rowsOf = (text, run) => blocksOf(text)[run + 1]?.match(/^[ \t]*rows[ \t]*=[ \t]*\[\s*(\d+)\s*,\s*(\d+)\s*\]/m)?.slice(1).map(Number);
+
 /** The [[run]] of the experiment's text with parts of its rows as runs of their own. */
 export function cut(text, run, parts) {
-    const blocks = text.split(/^(?=[ \t]*\[\[\s*run\s*\]\])/m);
+    const blocks = blocksOf(text);
     const block = blocks[run + 1];
     if (block === undefined) throw new Error("The runs of this experiment are not written as [[run]]: edit it as text.");
     const set = (own, key, value) => {
@@ -166,16 +170,14 @@ async function write(text, digest, words) {
 }
 
 async function holdOut(experiment, run, from, to, role) {
-    const first = run.rows?.[0] ?? 0;
-    const end = run.rows?.[1] ?? first + run.samples;
-    const asked = await optional(post("api/rows", { experiment: state.experiment, run: run.run, from, to }));
+    const { text, digest } = await read(state.experiment);
+    const [first, end] = rowsOf(text, run.run) ?? [0, run.samples];
     const rowOf = (t) => first + Math.round((t - run.t0) * run.rate_hz);
-    let [a, b] = asked?.rows ?? [rowOf(from), rowOf(to)];
+    let [a, b] = "rows" in run ? (await post("api/rows", { experiment: state.experiment, run: run.run, from, to })).rows : [rowOf(from), rowOf(to)];
     // A rest of a few rows is no run.
     [a, b] = [a - first < 20 ? first : a, end - b < 20 ? end : b];
     if (b - a < 20) throw new Error("Mark at least 20 rows.");
     const parts = [{ rows: [first, a], role: run.role }, { rows: [a, b], role, isLater: a > first }, { rows: [b, end], role: run.role, isLater: true }].filter(({ rows }) => rows[1] > rows[0]);
-    const { text, digest } = await read(state.experiment);
     await write(cut(text, run.run, parts), digest, `Rows ${a} to ${b} of \`${run.file}\` are ${role === "validate" ? "held out" : "fitted"} now.`);
     marked = null;
 }
@@ -241,13 +243,14 @@ export default {
     title: "Logs",
     grounds: () => [files("log").map(({ path, modified }) => path + modified), last("new")?.id, last("new")?.state],
     async render({ cleanup, again }) {
-        const parts = [await beginning(again), await guesses()];
-        if (!state.experiment) return [...parts, note("No experiment is chosen: drop logs and make one.")];
-        const [experiment, own] = [await readExperiment(), await editor()];
+        const begin = beginning(again);
+        if (!state.experiment) return [begin, await guesses(), note("No experiment is chosen: drop logs and make one.")];
+        const [experiment, own, guessed] = await Promise.all([readExperiment(), editor(), guesses()]);
+        const parts = [begin, guessed];
         const run = experiment.runs.find((one) => one.run === state.run) ?? experiment.runs[0];
         const { charts, element } = trace(experiment, run, again);
         cleanup(() => charts.close());
-        return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Runs" }, h("h2", {}, `${experiment.device.name}: ${experiment.runs.length} runs`), runs(experiment),
+        return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Runs" }, h("h2", {}, `${experiment.device.name}: ${experiment.runs.length === 1 ? "one run" : `${experiment.runs.length} runs`}`), runs(experiment),
             h("p", { class: "row" }, h("button", { type: "button", class: "main", id: "to-check", onclick: () => go({ view: "check" }) }, "Check these logs"))), element), h("div", {}, parts.filter(Boolean), own));
     },
 };

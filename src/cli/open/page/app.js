@@ -1,7 +1,7 @@
 // The window: header, tabs, keys; what is shown follows the address, the files and the jobs.
 
 import { act, choice, h, put, waiting } from "./dom.js";
-import { changed, file, files, folder, listen, on, readFolder } from "./server.js";
+import { changed, file, files, folder, isOver, listen, on, readFolder } from "./server.js";
 import { go, state, watch } from "./state.js";
 import { showJobs } from "./jobs.js";
 import check from "./check.js";
@@ -119,6 +119,7 @@ act(async () => {
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
     on("link", (isThere) => put(document.getElementById("link"), isThere ? "" : "no connection to dynid; waiting for it"));
     let timer = null;
+    on("job", (job) => { if (isOver(job)) act(() => show()); });
     on("folder", () => { timer ??= setTimeout(() => { timer = null; act(folderChanged); }, 500); });
     await readFolder();
     await listen();

@@ -99,18 +99,22 @@ async function make(args) {
 
 /** What the last `new` guessed of this experiment, with a way to correct each guess. */
 async function guesses() {
-    const job = [...jobs.values()].filter((own) => own.args[0] === "new").at(-1);
-    if (!job) return null;
-    const own = await detail(job.id);
-    if (!own.result) return own.error ? failed(own) : null;
+    const all = await Promise.all([...jobs.values()].filter((job) => job.args[0] === "new").map(({ id }) => detail(id)));
+    const own = all.filter(({ result }) => result?.written.includes(state.experiment)).at(-1);
+    return [all.at(-1)?.error ? failed(all.at(-1)) : null, own ? await columnsOf(own) : null];
+}
+
+async function columnsOf(own) {
     const { columns, unused, remarks, findings, written } = own.result;
-    if (!written.includes(state.experiment)) return null;
+    // The factors as they stand in the file now, which may have been changed since.
+    const factors = (await read(state.experiment)).text.split(/^\[scale\]/m)[1]?.split(/^\s*\[/m)[0] ?? "";
+    const factorOf = (column) => factors.match(new RegExp(`^[ \\t]*${column.logical}[ \\t]*=[ \\t]*([^\\s#]+)`, "m"))?.[1] ?? String(column.scale);
     const names = [...new Set([...columns.map(({ name }) => name), ...unused.map((one) => one.name ?? one)])];
     const wishes = new Map();
     const scales = new Map();
     const rows = columns.map((column) => [h("code", {}, column.logical),
         choice(`column-${column.logical}`, h("span", { class: "unseen" }, `column of ${column.logical}`), names, column.name, (value) => wishes.set(column.logical, value)),
-        h("input", { class: "short", id: `scale-${column.logical}`, "aria-label": `factor of ${column.logical}`, value: String(column.scale), inputmode: "decimal", onchange: (event) => scales.set(column.logical, Number(event.target.value)) }),
+        h("input", { class: "short", id: `scale-${column.logical}`, "aria-label": `factor of ${column.logical}`, value: factorOf(column), inputmode: "decimal", onchange: (event) => scales.set(column.logical, Number(event.target.value)) }),
         [column.what, ...column.factors.map(({ what, factor }) => `${digits(factor)}: ${what}`), ...(column.turn ? [`encoder turns at ${digits(column.turn)}`] : [])].join("; ")]);
     const apply = async () => {
         if ([...scales.values()].some((value) => !Number.isFinite(value) || value === 0)) throw new Error("A factor is a number that is not 0.");
@@ -155,7 +159,7 @@ export function cut(text, run, parts) {
         const end = own.slice(2).search(/^[ \t]*\[/m);
         const [top, rest] = end < 0 ? [own, ""] : [own.slice(0, end + 2), own.slice(end + 2)];
         const known = new RegExp(`^([ \\t]*${key}[ \\t]*=).*$`, "m");
-        return (known.test(top) ? top.replace(known, `$1 ${value}`) : top.replace(/\n/, `\n${key} = ${value}\n`)) + rest;
+        return (known.test(top) ? top.replace(known, `$1 ${value}`) : top.replace(/^([ \t]*file[ \t]*=.*\n)/m, `$1${key} = ${value}\n`)) + rest;
     };
     const whole = block.endsWith("\n") ? block : `${block}\n`;
     blocks[run + 1] = parts.map(({ rows, role, isLater }) => set(set(isLater ? set(whole, "moving", "true") : whole, "rows", `[${rows.join(", ")}]`), "role", `"${role}"`).trimEnd()).join("\n\n") + (run + 2 < blocks.length ? "\n\n" : "\n");
@@ -244,9 +248,9 @@ export default {
     grounds: () => [files("log").map(({ path, modified }) => path + modified), last("new")?.id, last("new")?.state],
     async render({ cleanup, again }) {
         const begin = beginning(again);
-        if (!state.experiment) return [begin, await guesses(), note("No experiment is chosen: drop logs and make one.")];
+        if (!state.experiment) return [begin, ...(await guesses()).filter(Boolean), note("No experiment is chosen: drop logs and make one.")];
         const [experiment, own, guessed] = await Promise.all([readExperiment(), editor(), guesses()]);
-        const parts = [begin, guessed];
+        const parts = [begin, ...guessed];
         const run = experiment.runs.find((one) => one.run === state.run) ?? experiment.runs[0];
         const { charts, element } = trace(experiment, run, again);
         cleanup(() => charts.close());

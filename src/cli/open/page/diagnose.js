@@ -12,12 +12,6 @@ let picked = null;
 
 /** A candidate's place in words, as progress lines and results both can tell it. */
 const words = (one) => `\`${one.effect}\` ${one.from === undefined || one.from === null ? `at joint ${one.joint}` : `from joint ${one.from} to joint ${one.joint}`}`;
-/** Of a progress line's key: how many effects with it, and which it is about. */
-function place(key) {
-    const found = key.match(/^step (\d+)\..*?(`[^`]+` (?:at joint \d+|from joint \d+ to joint \d+))/);
-    return found ? { depth: Number(found[1]), words: found[2] } : null;
-}
-
 /** What the progress lines of a diagnosis have told so far. */
 class Race {
     constructor(samples) {
@@ -28,31 +22,33 @@ class Race {
         const said = { fitting_model: () => "Fitting the model as it is …", asking: () => `Asking ${one.candidates} candidates what they would add …`,
             comparing: () => `Fitting the ${one.candidates} most promising …` };
         if (said[one.progress]) this.said = said[one.progress]();
+        if (one.progress === "screened") {
+            this.steps.push(new Map(one.candidates.filter(({ gain }) => gain > 0).map(({ candidate, gain }) => [candidate, { gain, cost: null }])));
+        }
         if (one.progress !== "searched" || one.cost === null) return;
-        if (one.candidate === "base") this.base ??= one.cost;
-        const of = place(one.candidate);
-        if (!of) return;
-        const step = (this.steps[of.depth - 1] ??= new Map());
-        step.set(of.words, Math.min(one.cost, step.get(of.words) ?? Infinity));
+        if (!this.steps.length) this.base ??= one.cost;
+        const step = this.steps[Number(one.search.match(/^step (\d+)/)?.[1]) - 1];
+        const known = step?.get(one.candidate);
+        if (step && one.candidate) step.set(one.candidate, { gain: known?.gain ?? 0, cost: Math.min(one.cost, known?.cost ?? Infinity) });
     }
 
     /** Candidates of each step, the best first, with the one-step error that each leaves of what the step before left. */
     bars() {
-        let before = this.base;
-        return this.steps.filter(Boolean).map((step, index) => {
-            const all = [...step].sort((a, b) => a[1] - b[1]);
+        let before = this.base ?? 0;
+        return this.steps.map((step, index) => {
             const from = before;
-            before = Math.min(before ?? Infinity, all[0]?.[1] ?? Infinity);
-            const bar = ([key, cost]) => {
-                // The mean log likelihood of a sample is minus the logarithm of its error.
-                const share = from === null ? 1 : Math.min(1, Math.exp((cost - from) / this.samples));
-                const fill = h("span", { class: "bar-fill" });
-                fill.style.setProperty("inline-size", `${100 * share}%`);
+            // The mean log likelihood of a sample is minus the logarithm of its error.
+            const share = ({ cost, gain }) => Math.min(1, Math.exp((cost === null ? -gain : cost - from) / this.samples));
+            const all = [...step].sort(([, a], [, b]) => (a.cost === null) - (b.cost === null) || share(a) - share(b));
+            before = Math.min(before, ...all.map(([, { cost }]) => cost ?? Infinity));
+            const bar = ([key, own]) => {
+                const fill = h("span", { class: own.cost === null ? "bar-fill promised" : "bar-fill" });
+                fill.style.setProperty("inline-size", `${100 * share(own)}%`);
+                const title = own.cost === null ? `promises ${own.gain} of log likelihood; not fitted` : `minus log likelihood ${own.cost}, without it ${from}`;
                 return h("li", {}, h("button", { type: "button", id: `candidate-${index}-${key}`, class: "bar", "aria-pressed": String(picked === key), onclick: () => { picked = key; this.onpick?.(); } },
-                    h("span", { class: "bar-name" }, prose(key)), h("span", { class: "bar-track" }, fill),
-                    h("span", { class: "number", title: `minus log likelihood ${cost}, without it ${from}` }, `${digits(100 * share, 3)} %`)));
+                    h("span", { class: "bar-name" }, prose(key)), h("span", { class: "bar-track" }, fill), h("span", { class: "number", title }, `${own.cost === null ? "≈ " : ""}${digits(100 * share(own), 3)} %`)));
             };
-            return [h("h3", {}, index ? `Effect ${index + 1}, on top of the best before` : "One effect"), h("ol", { class: "bars" }, all.map(bar))];
+            return [h("h3", {}, index ? `Effect ${index + 1}, on top of the best before` : "One effect"), h("ol", { class: "bars" }, all.slice(0, 20).map(bar))];
         });
     }
 }
@@ -147,7 +143,7 @@ export default {
         return h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Candidates" }, h("h2", {}, "Which effect is missing?"),
             result ? result.sentences.map((one) => h("p", { class: "lead" }, prose(one))) : isOver(own) ? h("p", { class: "bad-word" }, own.error ?? "The diagnosis was stopped; the same command goes on from what is fitted.") : said,
             isOld ? note("Experiment or model changed since: diagnose again.") : null,
-            note("How much each leaves of the one-step error:"), bars,
+            note("How much each leaves of the one-step error; ≈ and hollow: as screened, not fitted."), bars,
             result?.screening.length ? h("details", {}, h("summary", {}, `All ${result.screening.length} that promised something`), table("Change of −2 log L that one step promises", ["effect", "change"], result.screening.map((one) => [prose(words(one)), number(one.position)]))) : null,
             result?.refused.length ? h("details", {}, h("summary", {}, "Refused"), h("ul", {}, result.refused.map((one) => h("li", {}, prose(one.what ?? JSON.stringify(one)))))) : null,
             isOver(own) ? head("Diagnose again") : [command(own.command), button("Stop and keep what is fitted", () => stop(job.id), { id: "stop-diagnose" })]), detailed);

@@ -1,7 +1,7 @@
 // The window: header, tabs, keys; what is shown follows the address, the files and the jobs.
 
 import { act, choice, h, put, waiting } from "./dom.js";
-import { changed, file, files, folder, isOver, listen, on, readFolder } from "./server.js";
+import { changed, file, files, folder, hear, isOver, on, readFolder } from "./server.js";
 import { go, state, watch } from "./state.js";
 import { showJobs } from "./jobs.js";
 import check from "./check.js";
@@ -117,12 +117,12 @@ act(async () => {
     document.addEventListener("keydown", keys);
     // A file that is dropped beside the zone for logs must not take the page away.
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
-    on("link", (isThere) => put(document.getElementById("link"), isThere ? "" : "no connection to dynid; waiting for it"));
+    on("link", (isThere) => put(document.getElementById("link"), isThere ? "" : "No connection to dynid. If it was started anew, open the address that it printed."));
     let timer = null;
     on("job", (job) => { if (isOver(job)) act(() => show()); });
     on("folder", () => { timer ??= setTimeout(() => { timer = null; act(folderChanged); }, 500); });
     await readFolder();
-    await listen();
+    await hear();
     showJobs(document.getElementById("jobs"));
     choose();
     watch(() => show());

@@ -29,6 +29,7 @@ export class Charts {
     constructor({ label, x = { label: "time", unit: "s" }, range, load, onselect = null, onrange = null, view = null }) {
         Object.assign(this, { label, x, whole: range, view: [...(view ?? range)], load, onselect, onrange });
         this.panels = [];
+        this.keys = [];
         this.spans = [];
         this.data = {};
         this.cursor = null;
@@ -42,8 +43,9 @@ export class Charts {
         this.observer = new ResizeObserver(() => { this.reload(); this.draw(); });
         this.observer.observe(this.element);
         this.scheme = matchMedia("(prefers-color-scheme: dark)");
-        this.onscheme = () => this.draw();
+        this.onscheme = () => { this.areKeysDrawn = false; this.draw(); };
         this.scheme.addEventListener("change", this.onscheme);
+        this.areKeysDrawn = false;
     }
 
     /** Adds a panel: {label, unit, series: [{name, label, color, dash, kind, thick}], band (half width about 0), tall}. */
@@ -59,13 +61,13 @@ export class Charts {
     }
 
     key(series) {
-        const dash = series.dash ?? [];
         const own = h("canvas", { class: "key", width: 52, height: 16, "aria-hidden": "true" });
-        requestAnimationFrame(() => {
+        this.keys.push(() => {
             const pen = own.getContext("2d");
-            pen.scale(2, 2);
+            pen.setTransform(2, 0, 0, 2, 0, 0);
+            pen.clearRect(0, 0, 26, 8);
             Object.assign(pen, { strokeStyle: getComputedStyle(own).getPropertyValue(series.color), lineWidth: series.thick ? 4 : 2 });
-            pen.setLineDash(dash);
+            pen.setLineDash(series.dash ?? []);
             pen.beginPath();
             pen.moveTo(0, 4);
             pen.lineTo(26, 4);
@@ -179,6 +181,8 @@ export class Charts {
     draw() {
         this.frame ??= requestAnimationFrame(() => {
             this.frame = null;
+            if (!this.areKeysDrawn && this.element.isConnected) this.keys.forEach((draw) => draw());
+            this.areKeysDrawn = this.element.isConnected;
             this.panels.forEach((panel, index) => this.drawPanel(panel, index === this.panels.length - 1));
             this.read();
         });
@@ -259,7 +263,7 @@ export class Charts {
             line([at, 6], [at, bottom]);
             if (isLast) pen.fillText(digits(value, 7), at, bottom + 11);
         }
-        if (isLast) pen.fillText(`${this.x.label} [${this.x.unit}]`, LEFT + (width - LEFT - RIGHT) / 2, bottom + 27);
+        if (isLast) pen.fillText(`${this.x.label}${this.x.unit && ` [${this.x.unit}]`}`, LEFT + (width - LEFT - RIGHT) / 2, bottom + 27);
 
         pen.save();
         pen.beginPath();

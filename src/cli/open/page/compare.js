@@ -53,7 +53,7 @@ function chips(findings, charts, run, joint) {
     } }, prose(own.sentence));
     const [here, elsewhere] = [true, false].map((isHere) => findings.map((own, index) => ((own.run === run.run && own.joint === joint) === isHere ? h("li", {}, isHere ? null : h("span", { class: "soft" }, `run ${own.run + 1}, joint ${own.joint}: `), chip(own, index)) : null)).filter(Boolean));
     marks();
-    return h("section", { class: "card", "aria-label": "Where" }, h("h2", {}, "Where model and logs part"),
+    return h("section", { class: "where", "aria-label": "Where model and logs part" },
         here.length ? h("ul", { class: "chips" }, here) : note("Nothing differs from chance in this run and joint."),
         elsewhere.length ? h("details", {}, h("summary", {}, `${elsewhere.length} in other runs and joints`), h("ul", { class: "chips" }, elsewhere)) : null);
 }
@@ -129,8 +129,7 @@ export default {
             h("div", { class: "row" }, choice("choose-run", "Run", answer.runs.map((one) => [one.run, `${one.file}${one.role === "fit" ? "" : " (held out)"}`]), run.run, (value) => go({ run: Number(value) })),
                 choice("choose-joint", "Joint", run.joints.map((one) => [one.joint, `joint ${one.joint}`]), joint, (value) => go({ joint: Number(value) })),
                 h("p", {}, "error ", number(own.rmse, own.unit), ", noise ", number(own.noise, own.unit), run.lost ? h("strong", {}, " · the simulation drifts away from this log: judge by the torque error") : "")),
-            charts.element), await scatter(answer, run, joint, cleanup)), h("div", {}, chips(answer.findings, charts, run, joint),
-        h("section", { class: "card", "aria-label": "Numbers" }, h("h2", {}, "Numbers"), numbers(answer, run, joint), said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(args)),
+            chips(answer.findings, charts, run, joint), charts.element), await scatter(answer, run, joint, cleanup)), h("div", {}, h("section", { class: "card", "aria-label": "Numbers" }, h("h2", {}, "Numbers"), numbers(answer, run, joint), said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(args)),
             h("p", { class: "row" }, h("button", { type: "button", id: "to-diagnose", class: "main", onclick: () => go({ view: "diagnose" }) }, "Ask what is missing"), h("button", { type: "button", onclick: () => go({ view: "try" }) }, "Try values by hand")))));
     },
 };

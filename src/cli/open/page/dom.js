@@ -34,7 +34,7 @@ export function digits(value, significant = 4) {
 
 /** A number to read, with all of it in its title. */
 export function number(value, unit = "") {
-    const after = unit ? ` ${unit}` : "";
+    const after = unit && unit !== "1" ? ` ${unit}` : "";
     const full = value === null || value === undefined ? "no value" : `${value}${after}`;
     return h("span", { class: "number", title: full, "data-value": String(value ?? "") }, digits(value) + (value === null || value === undefined ? "" : after));
 }

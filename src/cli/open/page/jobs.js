@@ -15,7 +15,7 @@ function words(line) {
 function entry(job) {
     const isLive = !isOver(job);
     const counted = job.last?.progress === "count" ? job.last : null;
-    const seconds = h("span", { class: "number", "data-since": isLive && job.state === "running" ? job.began : null }, job.seconds === null ? "" : `${digits(job.seconds, 3)} s`);
+    const seconds = h("span", { class: "number", "data-since": isLive && job.state === "running" ? job.began : null }, job.seconds === null ? "" : `${job.seconds.toFixed(1)} s`);
     return h("li", { class: `job ${job.state}`, id: `job-${job.id}` }, h("span", { class: "state" }, job.state),
         isLive ? h("progress", { "aria-label": `${job.args[0]}: how far`, ...(counted?.of ? { max: counted.of, value: counted.done } : {}) }) : null,
         seconds, h("span", { class: "said" }, isLive ? words(job.last).replaceAll("`", "") : ""), command(job.command),
@@ -49,5 +49,5 @@ export function showJobs(place) {
         soon();
     });
     on("folder", soon);
-    setInterval(() => document.querySelectorAll("[data-since]").forEach((own) => { own.textContent = `${digits((Date.now() - Number(own.dataset.since)) / 1000, 3)} s`; }), 500);
+    setInterval(() => document.querySelectorAll("[data-since]").forEach((own) => { own.textContent = `${((Date.now() - Number(own.dataset.since)) / 1000).toFixed(1)} s`; }), 500);
 }

@@ -1,5 +1,7 @@
 // What the page asks of the server, and what the server tells by itself: files that changed, jobs, their progress.
 
+import { listen } from "./events.js";
+
 const listeners = { folder: new Set(), job: new Set(), progress: new Set(), link: new Set() };
 
 /** Calls back on an event; returns what ends that. */
@@ -132,26 +134,26 @@ export async function current(args, ...paths) {
 export const option = (args, key) => (args.includes(key) ? args[args.indexOf(key) + 1] : null);
 
 /** Listens, for as long as the page is there. */
-export async function listen() {
-    (await get("api/jobs")).forEach((job) => jobs.set(job.id, job));
-    const source = new EventSource("api/events");
+export async function hear() {
     let wasLost = false;
-    source.onopen = () => {
-        tell("link", true);
-        if (wasLost) {
+    const heard = async (kind, data) => {
+        if (kind === "job") jobs.set(data.id, data);
+        if (kind === "link") {
             // A server that began anew counts its jobs anew.
-            jobs.clear();
-            details.clear();
-            get("api/jobs").then((all) => { all.forEach((job) => jobs.set(job.id, job)); tell("folder", { paths: [] }); });
+            if (data && wasLost) {
+                jobs.clear();
+                details.clear();
+                (await get("api/jobs")).forEach((job) => jobs.set(job.id, job));
+                tell("folder", { paths: [] });
+            }
+            wasLost = !data;
         }
-        wasLost = false;
+        tell(kind, data);
     };
-    source.onerror = () => { wasLost = true; tell("link", false); };
-    source.addEventListener("folder", (event) => tell("folder", JSON.parse(event.data)));
-    source.addEventListener("progress", (event) => tell("progress", JSON.parse(event.data)));
-    source.addEventListener("job", (event) => {
-        const job = JSON.parse(event.data);
-        jobs.set(job.id, job);
-        tell("job", job);
-    });
+    if (globalThis.SharedWorker) {
+        const worker = new SharedWorker("events.js", { type: "module" });
+        worker.port.onmessage = ({ data: [kind, data] }) => heard(kind, data);
+    } else listen(heard);
+    // What came meanwhile is newer.
+    (await get("api/jobs")).filter((job) => !jobs.has(job.id)).forEach((job) => jobs.set(job.id, job));
 }

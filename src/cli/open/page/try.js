@@ -42,8 +42,8 @@ async function fitting(job, cleanup) {
     const place = h("section", { class: "card", "aria-label": "Fit" });
     const costs = [];
     const said = h("p", { class: "lead", role: "status" });
-    const charts = new Charts({ label: "Cost", x: { label: "iteration", unit: "1" }, range: [0, 1], load: () => ({ cost: { t: costs.map((one) => one.iteration), low: costs.map((one) => one.cost), high: costs.map((one) => one.cost) } }) });
-    charts.panel({ label: "cost", unit: "1", series: [{ name: "cost", label: "cost", color: "--series-1" }] });
+    const charts = new Charts({ label: "Cost", x: { label: "iteration", unit: "" }, range: [0, 1], load: () => ({ cost: { t: costs.map((one) => one.iteration), low: costs.map((one) => one.cost), high: costs.map((one) => one.cost) } }) });
+    charts.panel({ label: "cost", unit: "", series: [{ name: "cost", label: "cost", color: "--series-1" }] });
     cleanup(() => charts.close());
     const take = (one) => {
         if (one.progress !== "iteration" || one.cost === null) return;

@@ -59,12 +59,14 @@ function head() {
     const choose = (key, label) => {
         const known = files(key).map((own) => own.path);
         const none = known.length ? "— choose —" : "— none yet —";
-        const own = choice(`choose-${key}`, label, [["", key === "model" ? "the device's default" : none], ...known], state[key] ?? "", (value) => go({ [key]: value || null, ...(key === "experiment" ? { run: 0, joint: null } : {}) }));
+        const own = choice(`choose-${key}`, label, [["", key === "model" ? "the device's default" : none], ...known], state[key] ?? "",
+            (value) => go({ [key]: value || null, ...(key === "experiment" ? { run: 0, joint: null } : {}) }));
         return own;
     };
     put(document.getElementById("chosen"), choose("experiment", "Experiment"), choose("model", "Model"));
     put(tabs, Object.entries(VIEWS).map(([key, view], index) => h("button", {
-        type: "button", role: "tab", id: `tab-${key}`, "aria-selected": String(key === state.view), "aria-controls": "view", "aria-keyshortcuts": String(index + 1),
+        type: "button", role: "tab", id: `tab-${key}`, "aria-selected": String(key === state.view), "aria-controls": "view",
+            "aria-keyshortcuts": String(index + 1),
         tabindex: key === state.view ? 0 : -1, onclick: () => go({ view: key }),
     }, view.title, h("kbd", { "aria-hidden": "true" }, index + 1))));
 }
@@ -74,7 +76,8 @@ function choose() {
     const changes = {};
     if (!state.experiment || !file(state.experiment)) changes.experiment = (file(folder.experiment)?.path ?? files("experiment")[0]?.path) || null;
     if (state.model && !file(state.model)) changes.model = null;
-    if (!shown && !state.model) changes.model = file(folder.model)?.path ?? [...files("model")].sort((a, b) => b.modified - a.modified)[0]?.path ?? null;
+    if (!shown && !state.model) changes.model = file(folder.model)?.path ?? [...files("model")].sort((a,
+        b) => b.modified - a.modified)[0]?.path ?? null;
     if (!(state.view in VIEWS)) changes.view = "logs";
     go(changes);
 }
@@ -102,11 +105,14 @@ function keys(event) {
 }
 
 function help() {
-    const all = [["1 to 7", "the views"], ["← → ↑ ↓", "in Compare: runs and joints"], ["Ctrl+Z, Ctrl+Shift+Z", "in Try: undo, redo"], ["drag over a chart", "zoom (in Logs: mark a part)"],
-        ["Shift and drag, or Shift and wheel", "move along"], ["Ctrl and wheel, or the wheel after a click", "zoom at the pointer"], ["double click", "show all"],
+    const all = [["1 to 7", "the views"], ["← → ↑ ↓", "in Compare: runs and joints"], ["Ctrl+Z, Ctrl+Shift+Z", "in Try: undo, redo"],
+        ["drag over a chart", "zoom (in Logs: mark a part)"],
+        ["Shift and drag, or Shift and wheel", "move along"], ["Ctrl and wheel, or the wheel after a click", "zoom at the pointer"],
+            ["double click", "show all"],
         ["on a chart: ← → + − Home", "move, zoom, show all"], ["on a chart: , and .", "move the cursor and read the values"], ["?", "this list"]];
     const dialog = h("dialog", { "aria-label": "Keys", onclose: () => dialog.remove() }, h("h2", {}, "Keys"),
-        h("dl", {}, all.map(([key, what]) => [h("dt", {}, key), h("dd", {}, what)])), h("form", { method: "dialog" }, h("button", { autofocus: true }, "Close")));
+        h("dl", {}, all.map(([key, what]) => [h("dt", {}, key), h("dd", {}, what)])),
+            h("form", { method: "dialog" }, h("button", { autofocus: true }, "Close")));
     document.body.append(dialog);
     dialog.showModal();
 }
@@ -117,7 +123,8 @@ act(async () => {
     document.addEventListener("keydown", keys);
     // A file that is dropped beside the zone for logs must not take the page away.
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
-    on("link", (isThere) => put(document.getElementById("link"), isThere ? "" : "No connection to dynid. If it was started anew, open the address that it printed."));
+    on("link", (isThere) => put(document.getElementById("link"), isThere ? ""
+        : "No connection to dynid. If it was started anew, open the address that it printed."));
     let timer = null;
     on("job", (job) => { if (isOver(job)) act(() => show()); });
     on("folder", () => { timer ??= setTimeout(() => { timer = null; act(folderChanged); }, 500); });

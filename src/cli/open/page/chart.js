@@ -18,7 +18,8 @@ function ticks(from, to, pixels, room) {
     const step = power * ([1, 2, 5].find((own) => own * power >= rough) ?? 10);
     if (!(step > 0) || !Number.isFinite(step)) return [];
     const first = Math.ceil(from / step - 1e-9);
-    return Array.from({ length: Math.min(50, Math.floor(to / step + 1e-9) - first + 1) }, (_, index) => Number(((first + index) * step).toPrecision(12)));
+    return Array.from({ length: Math.min(50, Math.floor(to / step + 1e-9) - first + 1) },
+        (_, index) => Number(((first + index) * step).toPrecision(12)));
 }
 
 export class Charts {
@@ -35,9 +36,11 @@ export class Charts {
         this.cursor = null;
         this.readout = h("output", { class: "readout" }, "\u00a0");
         this.values = h("div", { class: "values", hidden: true });
-        const tool = (words, title, work) => h("button", { type: "button", class: "plain", title, "aria-label": `${title}: ${label}`, onclick: work }, words);
+        const tool = (words, title, work) => h("button", { type: "button", class: "plain", title, "aria-label": `${title}: ${label}`, onclick: work },
+            words);
         this.shown = h("button", { type: "button", class: "plain", "aria-expanded": "false", onclick: () => this.showValues() }, "Values");
-        this.bar = h("div", { class: "chart-bar" }, this.readout, h("span", { class: "row" }, tool("+", "Zoom in", () => this.zoomBy(0.5)), tool("−", "Zoom out", () => this.zoomBy(2)),
+        this.bar = h("div", { class: "chart-bar" }, this.readout, h("span", { class: "row" }, tool("+", "Zoom in", () => this.zoomBy(0.5)),
+            tool("−", "Zoom out", () => this.zoomBy(2)),
             tool("Whole", "Whole range", () => this.reset()), this.shown));
         this.element = h("section", { class: "charts", "aria-label": label }, this.bar, this.values);
         this.observer = new ResizeObserver(() => { this.reload(); this.draw(); });
@@ -111,7 +114,8 @@ export class Charts {
             else this.zoomBy(Math.exp(event.deltaY / 400), at(event));
         }, { passive: false });
         canvas.addEventListener("keydown", (event) => {
-            const moves = { ArrowLeft: () => this.panBy(-0.2), ArrowRight: () => this.panBy(0.2), "+": () => this.zoomBy(0.5), "=": () => this.zoomBy(0.5), "-": () => this.zoomBy(2),
+            const moves = { ArrowLeft: () => this.panBy(-0.2), ArrowRight: () => this.panBy(0.2), "+": () => this.zoomBy(0.5),
+                "=": () => this.zoomBy(0.5), "-": () => this.zoomBy(2),
                 Home: () => this.reset(), 0: () => this.reset(), ",": () => this.step(-1), ".": () => this.step(1) };
             if (event.ctrlKey || event.metaKey || event.altKey || !moves[event.key]) return;
             event.preventDefault();
@@ -134,7 +138,8 @@ export class Charts {
         this.reload();
     }
     reset() { this.show(...this.whole); }
-    zoomBy(factor, about = (this.view[0] + this.view[1]) / 2) { this.show(about - (about - this.view[0]) * factor, about + (this.view[1] - about) * factor); }
+    zoomBy(factor, about = (this.view[0] + this.view[1]) / 2) { this.show(about - (about - this.view[0]) * factor,
+        about + (this.view[1] - about) * factor); }
     panBy(share) {
         const step = share * (this.view[1] - this.view[0]);
         this.show(this.view[0] + step, this.view[1] + step);
@@ -367,10 +372,12 @@ export class Charts {
             const said = panel.series.map((series) => {
                 const own = this.data[series.name];
                 if (!own?.t.length) return `${series.label}: no values`;
-                const numbers = (list) => list.filter((value) => value !== null);
-                return `${series.label} from ${digits(numbers(own.low).reduce((a, b) => Math.min(a, b), Infinity))} to ${digits(numbers(own.high).reduce((a, b) => Math.max(a, b), -Infinity))} ${panel.unit}`;
+                const least = own.low.reduce((a, b) => (b === null ? a : Math.min(a, b)), Infinity);
+                const most = own.high.reduce((a, b) => (b === null ? a : Math.max(a, b)), -Infinity);
+                return `${series.label} from ${digits(least)} to ${digits(most)} ${panel.unit}`;
             });
-            panel.canvas.setAttribute("aria-label", `${panel.label}, ${this.x.label} ${digits(this.view[0])} to ${digits(this.view[1])} ${this.x.unit}: ${said.join("; ")}`);
+            panel.canvas.setAttribute("aria-label",
+                `${panel.label}, ${this.x.label} ${digits(this.view[0])} to ${digits(this.view[1])} ${this.x.unit}: ${said.join("; ")}`);
         }
         if (!this.values.hidden) this.fillValues();
     }
@@ -382,12 +389,15 @@ export class Charts {
     }
 
     fillValues() {
-        const all = this.panels.flatMap((panel) => panel.series.map((series) => ({ ...series, unit: panel.unit, own: this.data[series.name] }))).filter(({ own }) => own?.t.length);
+        const all = this.panels.flatMap((panel) => panel.series.map((series) => ({ ...series, unit: panel.unit,
+            own: this.data[series.name] }))).filter(({ own }) => own?.t.length);
         if (!all.length) return;
         const { t } = all[0].own;
         const stride = Math.max(1, Math.ceil(t.length / 100));
-        const rows = t.filter((_, index) => index % stride === 0).map((time, index) => [digits(time, 7), ...all.map(({ own }) => kindly(own.low[index * stride], own.high[index * stride]))]);
-        this.values.replaceChildren(table(`${this.label}: every ${stride === 1 ? "" : `${stride}th `}value shown`, [`${this.x.label} [${this.x.unit}]`, ...all.map((own) => `${own.label} [${own.unit}]`)], rows));
+        const rows = t.filter((_, index) => index % stride === 0).map((time, index) => [digits(time, 7),
+            ...all.map(({ own }) => kindly(own.low[index * stride], own.high[index * stride]))]);
+        this.values.replaceChildren(table(`${this.label}: every ${stride === 1 ? "" : `${stride}th `}value shown`,
+            [`${this.x.label} [${this.x.unit}]`, ...all.map((own) => `${own.label} [${own.unit}]`)], rows));
     }
 
     close() {

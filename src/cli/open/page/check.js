@@ -18,7 +18,8 @@ const QUESTIONS = [
 export const checkArgs = () => ["check", state.experiment, ...(state.model ? ["--model", state.model] : [])];
 const same = (args) => alike(checkArgs())(args);
 
-const item = (kind, title, ...more) => h("li", { class: `item ${kind}` }, h("span", { class: "mark", "aria-hidden": "true" }, { good: "✓", bad: "✗", open: "?" }[kind]),
+const item = (kind, title, ...more) => h("li", { class: `item ${kind}` },
+    h("span", { class: "mark", "aria-hidden": "true" }, { good: "✓", bad: "✗", open: "?" }[kind]),
     h("div", {}, h("strong", {}, title), h("span", { class: "unseen" }, { good: ": yes", bad: ": no", open: ": open" }[kind]), more));
 
 /** A command that is offered as a remedy, with a button that runs it. */
@@ -39,11 +40,14 @@ function list(result) {
         own.forEach((finding) => seen.add(finding));
         return item(own.length ? "bad" : "good", title, own.map((finding) => h("p", {}, h("code", {}, finding.run), ": ", prose(finding.what))));
     });
-    const others = result.findings.filter((finding) => !seen.has(finding)).map((finding) => item("bad", finding.run, h("p", {}, prose(finding.what))));
-    const runs = result.quality.map((own) => item(own.warnings.length ? "bad" : "good", `${own.run}: ${digits(own.duration_s)} s at ${digits(own.rate_hz)} Hz`, own.warnings.map((one) => h("p", {}, prose(one)))));
+    const others = result.findings.filter((finding) => !seen.has(finding)).map((finding) => item("bad", finding.run,
+        h("p", {}, prose(finding.what))));
+    const runs = result.quality.map((own) => item(own.warnings.length ? "bad" : "good",
+        `${own.run}: ${digits(own.duration_s)} s at ${digits(own.rate_hz)} Hz`, own.warnings.map((one) => h("p", {}, prose(one)))));
     const open = result.unanswered.map((own) => item("open", own));
     const play = result.suggestions.map((own) => item("open", `To be played: ${own.what}`, remedy(own.command)));
-    return [h("h3", {}, "Is something wrong in the logs?"), h("ul", { class: "list" }, questions, others, runs), h("h3", {}, "What do they leave open?"),
+    return [h("h3", {}, "Is something wrong in the logs?"), h("ul", { class: "list" }, questions, others, runs),
+        h("h3", {}, "What do they leave open?"),
         h("ul", { class: "list" }, open.length ? open : item("good", "Nothing: every parameter is excited"), play)];
 }
 
@@ -60,7 +64,8 @@ function offer(result) {
         warnings: "A fit can be had. What is marked above stays uncertain, or bends its result.",
         nothing_to_learn: "No fit: these logs answer nothing. No joint moves, or every run is too short." }[result.verdict];
     return h("section", { class: `card ${isHopeless ? "bad" : "good"}`, "aria-label": "Fit" }, h("h2", {}, "Fit"), h("p", {}, words),
-        h("p", { class: "row" }, button("Fit", fit, { id: "fit", class: "main", disabled: isHopeless }), state.model ? null : note("It starts from the device's default model.")));
+        h("p", { class: "row" }, button("Fit", fit, { id: "fit", class: "main", disabled: isHopeless }),
+            state.model ? null : note("It starts from the device's default model.")));
 }
 
 export default {
@@ -74,13 +79,17 @@ export default {
             return [h("section", { class: "card", "aria-busy": "true" }, h("h2", {}, "Check"), waiting("Looking at the logs …"))];
         }
         const own = await detail(job.id);
-        if (!own.result) return h("section", { class: "card bad", role: "alert" }, h("h2", {}, "Check"), h("p", {}, prose(own.error ?? "The check was stopped.")), command(line(checkArgs())), button("Check again", () => start(checkArgs()).then(again)));
+        if (!own.result) return h("section", { class: "card bad", role: "alert" }, h("h2", {}, "Check"),
+            h("p", {}, prose(own.error ?? "The check was stopped.")), command(line(checkArgs())),
+            button("Check again", () => start(checkArgs()).then(again)));
         const { result } = own;
         const known = result.identifiability?.parameters ?? [];
         return [h("section", { class: "card", "aria-label": "Check" }, h("h2", {}, "Check"), h("p", { class: "lead" }, result.what),
             isCurrent(job, ...files("log").map(({ path }) => path)) ? null : note("A log changed since: check again."), list(result),
-            h("p", { class: "row" }, button("Check again", () => start(checkArgs()).then(again), { id: "check-again" })), command(own.command)), offer(result),
-            known.length ? h("details", { class: "card" }, h("summary", {}, "How well each parameter would be known"), table("Errors to be expected of a fit", ["parameter", "value", "±", "open"],
+            h("p", { class: "row" }, button("Check again", () => start(checkArgs()).then(again), { id: "check-again" })), command(own.command)),
+                offer(result),
+            known.length ? h("details", { class: "card" }, h("summary", {}, "How well each parameter would be known"),
+                table("Errors to be expected of a fit", ["parameter", "value", "±", "open"],
                 known.map((one) => [h("code", {}, one.name), number(one.value), number(one.std_error), one.is_open ? "open" : ""]))) : null];
     },
 };

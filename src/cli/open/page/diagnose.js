@@ -11,7 +11,8 @@ const same = (own) => own.slice(0, args().length).join("\n") === args().join("\n
 let picked = null;
 
 /** A candidate's place in words, as progress lines and results both can tell it. */
-const words = (one) => `\`${one.effect}\` ${one.from === undefined || one.from === null ? `at joint ${one.joint}` : `from joint ${one.from} to joint ${one.joint}`}`;
+const words = (one) => `\`${one.effect}\` ${(one.from ?? null) === null ? "at" : `from joint ${one.from} to`} joint ${one.joint}`;
+
 /** What the progress lines of a diagnosis have told so far. */
 class Race {
     constructor(samples) {
@@ -44,11 +45,15 @@ class Race {
             const bar = ([key, own]) => {
                 const fill = h("span", { class: own.cost === null ? "bar-fill promised" : "bar-fill" });
                 fill.style.setProperty("inline-size", `${100 * share(own)}%`);
-                const title = own.cost === null ? `promises ${own.gain} of log likelihood; not fitted` : `minus log likelihood ${own.cost}, without it ${from}`;
-                return h("li", {}, h("button", { type: "button", id: `candidate-${index}-${key}`, class: "bar", "aria-pressed": String(picked === key), onclick: () => { picked = key; this.onpick?.(); } },
-                    h("span", { class: "bar-name" }, prose(key)), h("span", { class: "bar-track" }, fill), h("span", { class: "number", title }, `${own.cost === null ? "≈ " : ""}${digits(100 * share(own), 3)} %`)));
+                const title = own.cost === null ? `promises ${own.gain} of log likelihood; not fitted`
+                    : `minus log likelihood ${own.cost}, without it ${from}`;
+                return h("li", {}, h("button", { type: "button", id: `candidate-${index}-${key}`, class: "bar",
+                    "aria-pressed": String(picked === key), onclick: () => { picked = key; this.onpick?.(); } },
+                    h("span", { class: "bar-name" }, prose(key)), h("span", { class: "bar-track" }, fill),
+                        h("span", { class: "number", title }, `${own.cost === null ? "≈ " : ""}${digits(100 * share(own), 3)} %`)));
             };
-            return [h("h3", {}, index ? `Effect ${index + 1}, on top of the best before` : "One effect"), h("ol", { class: "bars" }, all.slice(0, 20).map(bar))];
+            return [h("h3", {}, index ? `Effect ${index + 1}, on top of the best before` : "One effect"),
+                h("ol", { class: "bars" }, all.slice(0, 20).map(bar))];
         });
     }
 }
@@ -60,7 +65,8 @@ const withEffect = (one) => `${name(state.model ?? "default").replace(/-fitted$/
 async function add(one) {
     const base = withEffect(one);
     const [better, fitted] = [fresh(`${base}.toml`), fresh(`${base}-fitted.toml`)];
-    await work(["add", one.effect, "--joint", String(one.joint), ...(one.from === undefined || one.from === null ? [] : ["--from", String(one.from)]), "--model", state.model, "--out", better]);
+    await work(["add", one.effect, "--joint", String(one.joint), ...(one.from === undefined || one.from === null ? [] : ["--from", String(one.from)]),
+        "--model", state.model, "--out", better]);
     await work(["fit", state.experiment, "--model", better, "--out", fitted]);
     go({ model: fitted, view: "ladder" });
 }
@@ -71,7 +77,8 @@ function decisive(own, device, free) {
     const joints = free.filter((joint) => !own.locked.includes(joint));
     const played = joints.includes(own.joint) ? joints : [own.joint];
     const out = fresh(`decide-${own.joint}.csv`);
-    const play = ["excite", ...(state.model ? ["--model", state.model] : [device]), "--free", played.join(","), "--signal", "cosine", "--amplitude", played.map((joint) => (joint === own.joint ? own.amplitude : 0)).join(","),
+    const play = ["excite", ...(state.model ? ["--model", state.model] : [device]), "--free", played.join(","), "--signal", "cosine", "--amplitude",
+        played.map((joint) => (joint === own.joint ? own.amplitude : 0)).join(","),
         "--frequency", String(own.frequency_hz), "--duration", String(own.duration_s), "--as", "torque", "--out", out];
     return h("div", { class: "remedy" }, command(line(play)), button("Write this file", () => work(play), { id: "decide" }));
 }
@@ -84,15 +91,21 @@ async function chosen(result, experiment, cleanup, better) {
     const wish = { effect, joint: Number(joint), from: from === undefined ? null : Number(from) };
     const withIt = file(`${withEffect(wish)}-fitted.toml`)?.path ?? (one && one === result.ranking[0] ? file(better)?.path : null);
     const screened = result?.screening.find((own) => words(own) === key);
-    const list = (title, all, kind) => (all?.length ? [h("h3", {}, title), h("ul", { class: kind }, all.map((own) => h("li", {}, prose(own))))] : null);
+    const list = (title, all, kind) => (all?.length ? [h("h3", {}, title), h("ul", { class: kind }, all.map((own) => h("li", {}, prose(own))))]
+        : null);
     const free = [...new Set(experiment.runs.flatMap((run) => run.free))];
     const parts = one ? [
-        h("dl", { class: "facts" }, h("dt", {}, "held-out error"), h("dd", {}, number(one.rmse_validate_before), " → ", number(one.rmse_validate_after)), h("dt", {}, "Δ BIC"), h("dd", {}, number(one.delta_bic)),
+        h("dl", { class: "facts" }, h("dt", {}, "held-out error"), h("dd", {}, number(one.rmse_validate_before), " → ",
+            number(one.rmse_validate_after)), h("dt", {}, "Δ BIC"), h("dd", {}, number(one.delta_bic)),
             h("dt", {}, "times the noise, with it"), h("dd", {}, number(one.worst_ratio_after))),
         list("Speaks for it", one.evidence_for, "for"), list("Speaks against it", one.evidence_against, "against"),
-        list("Cannot be told from", one.confounded_with.map(words)), one.experiment ? [h("h3", {}, "The experiment that decides"), h("p", {}, prose(one.experiment)), decisive(one.typed_experiment, experiment.device.id, free)] : null,
-        one.parameters.length ? table("Its parameters", ["parameter", "value", "±", "remark"], one.parameters.map((own) => [h("code", {}, own.name), number(own.value), number(own.std_error), [own.at_bound ? "at its bound" : "", own.identifiable ? "" : "not identifiable"].filter(Boolean).join(", ")])) : null,
-    ] : note(result ? "It is not among what explains the logs: another explains them better, or it does not pay for its parameters." : "Its evidence is told when the diagnosis is over.");
+        list("Cannot be told from", one.confounded_with.map(words)), one.experiment ? [h("h3", {}, "The experiment that decides"),
+            h("p", {}, prose(one.experiment)), decisive(one.typed_experiment, experiment.device.id, free)] : null,
+        one.parameters.length ? table("Its parameters", ["parameter", "value", "±", "remark"],
+            one.parameters.map((own) => [h("code", {}, own.name), number(own.value), number(own.std_error),
+            [own.at_bound ? "at its bound" : "", own.identifiable ? "" : "not identifiable"].filter(Boolean).join(", ")])) : null,
+    ] : note(result ? "It is not among what explains the logs: another explains them better, or it does not pay for its parameters."
+        : "Its evidence is told when the diagnosis is over.");
     const overlay = h("div", {});
     if (withIt) {
         act(async () => {
@@ -102,8 +115,10 @@ async function chosen(result, experiment, cleanup, better) {
             overlay.replaceChildren(h("h3", {}, "Its residual over the model's"), charts.element);
         }, overlay);
     }
-    return h("section", { class: "card", "aria-label": "Candidate" }, h("h2", {}, prose(key)), screened ? h("p", {}, "One step promises a change of −2 log L by ", number(screened.position), ".") : null, parts, overlay,
-        h("p", { class: "row" }, button("Add it and fit: the next rung", () => add(wish), { id: "add", class: "main", disabled: !state.model }), state.model ? null : note("Choose a model to add it to: fit first.")));
+    return h("section", { class: "card", "aria-label": "Candidate" }, h("h2", {}, prose(key)),
+        screened ? h("p", {}, "One step promises a change of −2 log L by ", number(screened.position), ".") : null, parts, overlay,
+        h("p", { class: "row" }, button("Add it and fit: the next rung", () => add(wish), { id: "add", class: "main", disabled: !state.model }),
+            state.model ? null : note("Choose a model to add it to: fit first.")));
 }
 
 export default {
@@ -120,7 +135,9 @@ export default {
             again();
         };
         const head = (words) => h("p", { class: "row" }, button(words, begin, { id: "diagnose", class: "main" }), command(line(args())));
-        if (!job) return h("section", { class: "card" }, h("h2", {}, "Which effect is missing?"), h("p", {}, "Every effect of the library is asked at every joint what it would explain; the most promising are fitted."), head("Diagnose"));
+        if (!job) return h("section", { class: "card" }, h("h2", {}, "Which effect is missing?"),
+            h("p", {}, "Every effect of the library is asked at every joint what it would explain; the most promising are fitted."),
+            head("Diagnose"));
         const own = await detail(job.id);
         const samples = experiment.runs.filter((run) => run.role === "fit").reduce((sum, run) => sum + run.samples * run.free.length, 0);
         const race = new Race(Math.max(1, samples));
@@ -141,11 +158,16 @@ export default {
         put(detailed, await chosen(result, experiment, cleanup, option(job.args, "--out")));
         const isOld = isOver(own) && !isCurrent(job, state.experiment, state.model);
         return h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Candidates" }, h("h2", {}, "Which effect is missing?"),
-            result ? result.sentences.map((one) => h("p", { class: "lead" }, prose(one))) : isOver(own) ? h("p", { class: "bad-word" }, own.error ?? "The diagnosis was stopped; the same command goes on from what is fitted.") : said,
+            result ? result.sentences.map((one) => h("p", { class: "lead" }, prose(one))) : isOver(own) ? h("p", { class: "bad-word" },
+                own.error ?? "The diagnosis was stopped; the same command goes on from what is fitted.") : said,
             isOld ? note("Experiment or model changed since: diagnose again.") : null,
             note("How much each leaves of the one-step error; ≈ and hollow: as screened, not fitted."), bars,
-            result?.screening.length ? h("details", {}, h("summary", {}, `All ${result.screening.length} that promised something`), table("Change of −2 log L that one step promises", ["effect", "change"], result.screening.map((one) => [prose(words(one)), number(one.position)]))) : null,
-            result?.refused.length ? h("details", {}, h("summary", {}, "Refused"), h("ul", {}, result.refused.map((one) => h("li", {}, prose(one.what ?? JSON.stringify(one)))))) : null,
-            isOver(own) ? head("Diagnose again") : [command(own.command), button("Stop and keep what is fitted", () => stop(job.id), { id: "stop-diagnose" })]), detailed);
+            result?.screening.length ? h("details", {}, h("summary", {}, `All ${result.screening.length} that promised something`),
+                table("Change of −2 log L that one step promises", ["effect", "change"],
+                result.screening.map((one) => [prose(words(one)), number(one.position)]))) : null,
+            result?.refused.length ? h("details", {}, h("summary", {}, "Refused"),
+                h("ul", {}, result.refused.map((one) => h("li", {}, prose(one.what ?? JSON.stringify(one)))))) : null,
+            isOver(own) ? head("Diagnose again") : [command(own.command),
+                button("Stop and keep what is fitted", () => stop(job.id), { id: "stop-diagnose" })]), detailed);
     },
 };

@@ -36,7 +36,8 @@ export function digits(value, significant = 4) {
 export function number(value, unit = "") {
     const after = unit && unit !== "1" ? ` ${unit}` : "";
     const full = value === null || value === undefined ? "no value" : `${value}${after}`;
-    return h("span", { class: "number", title: full, "data-value": String(value ?? "") }, digits(value) + (value === null || value === undefined ? "" : after));
+    return h("span", { class: "number", title: full, "data-value": String(value ?? "") },
+        digits(value) + (value === null || value === undefined ? "" : after));
 }
 
 export const bytes = (count) => (count < 1e3 ? `${count} B` : count < 1e6 ? `${digits(count / 1e3, 3)} kB` : `${digits(count / 1e6, 3)} MB`);
@@ -46,7 +47,8 @@ export const prose = (text) => String(text).split("`").map((part, index) => (ind
 
 /** Rows of cells below heads; a cell is text or nodes, a row of the form {cells, ...properties} has properties. */
 export function table(caption, heads, rows) {
-    const row = (cells, properties) => h("tr", properties, cells.map((cell, index) => h(index === 0 ? "th" : "td", index === 0 ? { scope: "row" } : {}, cell)));
+    const row = (cells, properties) => h("tr", properties, cells.map((cell, index) => h(index === 0 ? "th" : "td",
+        index === 0 ? { scope: "row" } : {}, cell)));
     return h("div", { class: "wide", tabindex: 0, role: "region", "aria-label": caption },
         h("table", {}, h("caption", {}, caption), h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))),
             h("tbody", {}, rows.map((own) => (Array.isArray(own) ? row(own) : row(own.cells, own.properties))))));
@@ -56,7 +58,8 @@ export function table(caption, heads, rows) {
 export function choice(id, label, options, value, onchange) {
     const all = options.map((option) => (Array.isArray(option) ? option : [option, option]));
     return h("label", { class: "field" }, h("span", {}, label),
-        h("select", { id, value: value ?? "", onchange: (event) => onchange(event.target.value) }, all.map(([own, words]) => h("option", { value: own }, words))));
+        h("select", { id, value: value ?? "", onchange: (event) => onchange(event.target.value) },
+            all.map(([own, words]) => h("option", { value: own }, words))));
 }
 
 /** A button whose work may take a while: busy until it is done, and what goes wrong is said. */
@@ -96,7 +99,8 @@ export function command(line) {
         await navigator.clipboard.writeText(line);
         toast("Copied.");
     };
-    return h("div", { class: "command" }, h("code", { tabindex: 0, role: "group", "aria-label": "Command line" }, line), button("Copy", copy, { class: "plain", "aria-label": `Copy: ${line}` }));
+    return h("div", { class: "command" }, h("code", { tabindex: 0, role: "group", "aria-label": "Command line" }, line),
+        button("Copy", copy, { class: "plain", "aria-label": `Copy: ${line}` }));
 }
 
 /** A word as the program's shell lines quote it. */
@@ -111,7 +115,8 @@ export function ask(question, yes, no = "Cancel") {
     return new Promise((resolve) => {
         const dialog = h("dialog", { "aria-label": question, onclose: () => { resolve(dialog.returnValue === "yes"); dialog.remove(); } },
             h("p", {}, prose(question)),
-            h("form", { method: "dialog", class: "row" }, h("button", { value: "no", autofocus: true }, no), h("button", { value: "yes", class: "main" }, yes)));
+            h("form", { method: "dialog", class: "row" }, h("button", { value: "no", autofocus: true }, no),
+                h("button", { value: "yes", class: "main" }, yes)));
         document.body.append(dialog);
         dialog.showModal();
     });

@@ -40,10 +40,14 @@ async function take(all, again) {
 }
 
 function zone(again) {
-    const picker = (id, properties) => h("input", { type: "file", id, multiple: true, class: "hidden-input", onchange: (event) => { const all = [...event.target.files]; soon(() => take(all, again)); }, ...properties });
-    const [some, whole] = [picker("pick-files", { accept: ".csv,.tsv,.txt,.parquet,.mcap,.urdf,.xml,.mjcf,.toml", "aria-label": "Choose files" }), picker("pick-folder", { webkitdirectory: true, "aria-label": "Choose a folder" })];
-    const own = h("div", { class: "zone", id: "zone", role: "group", "aria-label": "Drop logs here" }, h("p", {}, "Drop logs here: CSV, Parquet or MCAP, or a folder of them"),
-        h("p", { class: "row" }, h("button", { type: "button", id: "choose-files", onclick: () => some.click() }, "Choose files"), h("button", { type: "button", id: "choose-folder", onclick: () => whole.click() }, "Choose a folder")), some, whole);
+    const picker = (id, properties) => h("input", { type: "file", id, multiple: true, class: "hidden-input",
+        onchange: (event) => { const all = [...event.target.files]; soon(() => take(all, again)); }, ...properties });
+    const [some, whole] = [picker("pick-files", { accept: ".csv,.tsv,.txt,.parquet,.mcap,.urdf,.xml,.mjcf,.toml", "aria-label": "Choose files" }),
+        picker("pick-folder", { webkitdirectory: true, "aria-label": "Choose a folder" })];
+    const own = h("div", { class: "zone", id: "zone", role: "group", "aria-label": "Drop logs here" },
+        h("p", {}, "Drop logs here: CSV, Parquet or MCAP, or a folder of them"),
+        h("p", { class: "row" }, h("button", { type: "button", id: "choose-files", onclick: () => some.click() }, "Choose files"),
+            h("button", { type: "button", id: "choose-folder", onclick: () => whole.click() }, "Choose a folder")), some, whole);
     const soon = (doing) => act(doing, own);
     own.addEventListener("dragover", () => own.classList.add("over"));
     own.addEventListener("dragleave", () => own.classList.remove("over"));
@@ -83,9 +87,13 @@ function beginning(again) {
     return h("section", { class: "card", "aria-label": "A new experiment" }, h("h2", {}, "Logs of the folder"),
         zone(again),
         logs.length ? h("ul", { class: "ticks" }, logs.map(({ path, bytes: size }) => h("li", {}, h("label", {},
-            h("input", { type: "checkbox", id: `tick-${path}`, checked: ticked.has(path), onchange: (event) => { ticked[event.target.checked ? "add" : "delete"](path); } }), " ", path, h("span", { class: "soft" }, ` ${bytes(size)}`)))))
+            h("input", { type: "checkbox", id: `tick-${path}`, checked: ticked.has(path),
+                onchange: (event) => { ticked[event.target.checked ? "add" : "delete"](path); } }), " ", path,
+                h("span", { class: "soft" }, ` ${bytes(size)}`)))))
             : note("No log is here yet."),
-        h("div", { class: "row" }, h("label", { class: "field" }, h("span", {}, "Robot"), h("input", { id: "device", list: "devices", value: deviceWish, placeholder: "robot.urdf, freedom6s, …", oninput: (event) => { deviceWish = event.target.value; } })),
+        h("div", { class: "row" }, h("label", { class: "field" }, h("span", {}, "Robot"),
+            h("input", { id: "device", list: "devices", value: deviceWish, placeholder: "robot.urdf, freedom6s, …",
+            oninput: (event) => { deviceWish = event.target.value; } })),
             known,
             button("New experiment from the ticked logs", begin, { id: "new", class: "main" })));
 }
@@ -113,19 +121,25 @@ async function columnsOf(own) {
     const wishes = new Map();
     const scales = new Map();
     const rows = columns.map((column) => [h("code", {}, column.logical),
-        choice(`column-${column.logical}`, h("span", { class: "unseen" }, `column of ${column.logical}`), names, column.name, (value) => wishes.set(column.logical, value)),
-        h("input", { class: "short", id: `scale-${column.logical}`, "aria-label": `factor of ${column.logical}`, value: factorOf(column), inputmode: "decimal", onchange: (event) => scales.set(column.logical, Number(event.target.value)) }),
-        [column.what, ...column.factors.map(({ what, factor }) => `${digits(factor)}: ${what}`), ...(column.turn ? [`encoder turns at ${digits(column.turn)}`] : [])].join("; ")]);
+        choice(`column-${column.logical}`, h("span", { class: "unseen" }, `column of ${column.logical}`), names, column.name,
+            (value) => wishes.set(column.logical, value)),
+        h("input", { class: "short", id: `scale-${column.logical}`, "aria-label": `factor of ${column.logical}`, value: factorOf(column),
+            inputmode: "decimal", onchange: (event) => scales.set(column.logical, Number(event.target.value)) }),
+        [column.what, ...column.factors.map(({ what, factor }) => `${digits(factor)}: ${what}`),
+            ...(column.turn ? [`encoder turns at ${digits(column.turn)}`] : [])].join("; ")]);
     const apply = async () => {
         if ([...scales.values()].some((value) => !Number.isFinite(value) || value === 0)) throw new Error("A factor is a number that is not 0.");
         if (wishes.size) {
-            if (!(await ask(`Write \`${written.join("`, `")}\` anew with these columns? What was changed in them by hand is lost.`, "Write anew"))) return;
-            const before = own.args.filter((one, index) => one !== "--force" && !(one === "--column" && wishes.has(own.args[index + 1].split("=")[0])) && !(own.args[index - 1] === "--column" && wishes.has(one.split("=")[0])));
+            if (!(await ask(`Write \`${written.join("`, `")}\` anew with these columns? What was changed in them by hand is lost.`,
+                "Write anew"))) return;
+            const before = own.args.filter((one, index) => one !== "--force" && !(one === "--column" && wishes.has(own.args[index + 1].split("=")[0]))
+                && !(own.args[index - 1] === "--column" && wishes.has(one.split("=")[0])));
             await make([...before, ...[...wishes].flatMap(([ours, theirs]) => ["--column", `${ours}=${theirs}`]), "--force"]);
         }
         if (scales.size) {
             const { digest } = await read(state.experiment);
-            await post("api/edit", { path: state.experiment, replaces: digest, changes: [...scales].map(([key, value]) => ({ keys: ["scale", key], value })) });
+            await post("api/edit", { path: state.experiment, replaces: digest,
+                changes: [...scales].map(([key, value]) => ({ keys: ["scale", key], value })) });
         }
         if (!wishes.size && !scales.size) toast("Nothing was changed.");
     };
@@ -140,10 +154,14 @@ function failed(own) {
     const names = [...own.error.matchAll(/`([^`]+)`/g)].map((one) => one[1]).filter((one) => !one.startsWith("--"));
     const ours = own.error.match(/--column (\w+)=/)?.[1] ?? "";
     const fields = { ours, theirs: "", free: "" };
-    const input = (id, label, list) => h("label", { class: "field" }, h("span", {}, label), h("input", { id, list, value: fields[id], oninput: (event) => { fields[id] = event.target.value; } }));
-    const again = () => make([...own.args, ...(fields.ours && fields.theirs ? ["--column", `${fields.ours}=${fields.theirs}`] : []), ...(fields.free ? ["--free", fields.free] : [])]);
-    return h("section", { class: "card bad", "aria-label": "What the logs do not tell" }, h("h2", {}, "What the logs do not tell"), h("p", {}, prose(own.error)),
-        h("div", { class: "row" }, input("ours", "ours, as tau4"), input("theirs", "column of the log", "theirs-names"), h("datalist", { id: "theirs-names" }, names.map((one) => h("option", { value: one }))),
+    const input = (id, label, list) => h("label", { class: "field" }, h("span", {}, label),
+        h("input", { id, list, value: fields[id], oninput: (event) => { fields[id] = event.target.value; } }));
+    const again = () => make([...own.args, ...(fields.ours && fields.theirs ? ["--column", `${fields.ours}=${fields.theirs}`] : []),
+        ...(fields.free ? ["--free", fields.free] : [])]);
+    return h("section", { class: "card bad", "aria-label": "What the logs do not tell" }, h("h2", {}, "What the logs do not tell"),
+        h("p", {}, prose(own.error)),
+        h("div", { class: "row" }, input("ours", "ours, as tau4"), input("theirs", "column of the log", "theirs-names"),
+            h("datalist", { id: "theirs-names" }, names.map((one) => h("option", { value: one }))),
             input("free", "or: free joints, as 0,1"), button("Again", again, { id: "new-again", class: "main" })), command(own.command));
 }
 
@@ -162,14 +180,16 @@ export function cut(text, run, parts) {
         return (known.test(top) ? top.replace(known, `$1 ${value}`) : top.replace(/^([ \t]*file[ \t]*=.*\n)/m, `$1${key} = ${value}\n`)) + rest;
     };
     const whole = block.endsWith("\n") ? block : `${block}\n`;
-    blocks[run + 1] = parts.map(({ rows, role, isLater }) => set(set(isLater ? set(whole, "moving", "true") : whole, "rows", `[${rows.join(", ")}]`), "role", `"${role}"`).trimEnd()).join("\n\n") + (run + 2 < blocks.length ? "\n\n" : "\n");
+    blocks[run + 1] = parts.map(({ rows, role, isLater }) => set(set(isLater ? set(whole, "moving", "true") : whole, "rows", `[${rows.join(", ")}]`),
+        "role", `"${role}"`).trimEnd()).join("\n\n") + (run + 2 < blocks.length ? "\n\n" : "\n");
     return blocks.join("");
 }
 
 async function write(text, digest, words) {
     const before = await read(state.experiment);
     const after = await post("api/write", { path: state.experiment, text, replaces: digest });
-    const undo = button("Undo", async () => { await post("api/write", { path: state.experiment, text: before.text, replaces: after.digest }); undo.parentElement.remove(); });
+    const undo = button("Undo", async () => { await post("api/write", { path: state.experiment, text: before.text,
+        replaces: after.digest }); undo.parentElement.remove(); });
     toast(words, "good", undo);
 }
 
@@ -181,7 +201,8 @@ async function holdOut(experiment, run, from, to, role) {
     // A rest of a few rows is no run.
     [a, b] = [a - first < 20 ? first : a, end - b < 20 ? end : b];
     if (b - a < 20) throw new Error("Mark at least 20 rows.");
-    const parts = [{ rows: [first, a], role: run.role }, { rows: [a, b], role, isLater: a > first }, { rows: [b, end], role: run.role, isLater: true }].filter(({ rows }) => rows[1] > rows[0]);
+    const parts = [{ rows: [first, a], role: run.role }, { rows: [a, b], role, isLater: a > first },
+        { rows: [b, end], role: run.role, isLater: true }].filter(({ rows }) => rows[1] > rows[0]);
     await write(cut(text, run.run, parts), digest, `Rows ${a} to ${b} of \`${run.file}\` are ${role === "validate" ? "held out" : "fitted"} now.`);
     marked = null;
 }
@@ -194,10 +215,14 @@ async function setRole(run, role) {
 function runs(experiment) {
     const rows = experiment.runs.map((run) => ({
         properties: { class: run.run === state.run ? "chosen" : "" },
-        cells: [h("button", { type: "button", id: `run-${run.run}`, class: "plain", "aria-pressed": String(run.run === state.run), onclick: () => { marked = null; go({ run: run.run }); } }, run.label ?? run.file),
-            choice(`role-${run.run}`, h("span", { class: "unseen" }, `role of ${run.label}`), [["fit", "fitted"], ["validate", "held out"]], run.role, (value) => act(() => setRole(run, value))),
-            run.free.join(", "), number(run.samples), number(run.t1 - run.t0, "s"), number(run.rate_hz, "Hz"), run.closed_loop ? "closed loop" : "open loop",
-            run.quality.length ? h("ul", { class: "findings" }, run.quality.map((own) => h("li", {}, prose(own)))) : h("span", { class: "good-word" }, "✓ nothing wrong")],
+        cells: [h("button", { type: "button", id: `run-${run.run}`, class: "plain", "aria-pressed": String(run.run === state.run),
+            onclick: () => { marked = null; go({ run: run.run }); } }, run.label ?? run.file),
+            choice(`role-${run.run}`, h("span", { class: "unseen" }, `role of ${run.label}`), [["fit", "fitted"], ["validate", "held out"]], run.role,
+                (value) => act(() => setRole(run, value))),
+            run.free.join(", "), number(run.samples), number(run.t1 - run.t0, "s"), number(run.rate_hz, "Hz"),
+                run.closed_loop ? "closed loop" : "open loop",
+            run.quality.length ? h("ul", { class: "findings" }, run.quality.map((own) => h("li", {}, prose(own)))) : h("span", { class: "good-word" },
+                "✓ nothing wrong")],
     }));
     return table(`Runs of ${state.experiment}`, ["run", "role", "free joints", "samples", "length", "rate", "loop", "quality"], rows);
 }
@@ -206,15 +231,19 @@ function trace(experiment, run, again) {
     const free = new Map(experiment.device.joints.map((joint) => [joint.number, joint]));
     const names = { q: [], tau: [], ref: [] };
     for (const joint of run.free) for (const kind of Object.keys(names)) if (run.columns.includes(`${kind}${joint}`)) names[kind].push(joint);
-    const series = (kind) => names[kind].map((joint, index) => ({ name: `${kind}${joint}`, label: `${kind}${joint} ${free.get(joint)?.name ?? ""}`, ...look(index) }));
+    const series = (kind) => names[kind].map((joint, index) => ({ name: `${kind}${joint}`, label: `${kind}${joint} ${free.get(joint)?.name ?? ""}`,
+        ...look(index) }));
     const form = h("div", { class: "row", role: "group", "aria-label": "Part of the run" });
     const other = run.role === "fit" ? "validate" : "fit";
     const charts = new Charts({
         label: run.label ?? run.file, range: [run.t0, run.t1],
-        load: async (from, to, width) => byName(await post("api/series", { of: { experiment: state.experiment, run: run.run }, names: [...series("q"), ...series("tau"), ...series("ref")].map(({ name }) => name), from, to, width })),
+        load: async (from, to, width) => byName(await post("api/series",
+            { of: { experiment: state.experiment, run: run.run }, names: [...series("q"), ...series("tau"), ...series("ref")].map(({ name }) => name),
+            from, to, width })),
         onselect: (from, to) => mark(Math.max(from, run.t0), Math.min(to, run.t1)),
     });
-    const field = (id, label, index) => h("label", { class: "field" }, h("span", {}, label), h("input", { id, type: "number", step: "any", class: "short", value: marked ? marked[index].toFixed(3) : "", onchange: (event) => {
+    const field = (id, label, index) => h("label", { class: "field" }, h("span", {}, label),
+        h("input", { id, type: "number", step: "any", class: "short", value: marked ? marked[index].toFixed(3) : "", onchange: (event) => {
         const ends = marked ?? [run.t0, run.t1];
         ends[index] = Number(event.target.value);
         mark(...ends);
@@ -226,21 +255,26 @@ function trace(experiment, run, again) {
         fill();
     };
     const fill = () => form.replaceChildren(field("part-from", "from [s]", 0), field("part-to", "to [s]", 1),
-        button(other === "validate" ? "Hold this part out" : "Fit this part", () => holdOut(experiment, run, ...(marked ?? [run.t0, run.t1]), other), { id: "hold-out", disabled: !marked }),
+        button(other === "validate" ? "Hold this part out" : "Fit this part", () => holdOut(experiment, run, ...(marked ?? [run.t0, run.t1]), other),
+            { id: "hold-out", disabled: !marked }),
         h("button", { type: "button", id: "zoom-part", disabled: !marked, onclick: () => charts.show(...marked) }, "Zoom to it"));
     fill();
     if (marked) charts.spans = [[...marked, "--select"]];
     const unit = (joint) => free.get(joint)?.unit ?? "rad";
-    charts.panel({ label: "position", unit: unit(run.free[0]), series: [...series("q"), ...series("ref").map((own) => ({ ...own, dash: [2, 3] }))], tall: true });
+    charts.panel({ label: "position", unit: unit(run.free[0]), series: [...series("q"), ...series("ref").map((own) => ({ ...own, dash: [2, 3] }))],
+        tall: true });
     charts.panel({ label: "torque", unit: free.get(run.free[0])?.command_unit ?? "N*m", series: series("tau") });
     return { charts, element: h("section", { class: "card", "aria-label": "Trace" }, h("h2", {}, run.label ?? run.file),
-        note(`This run is ${run.role === "fit" ? "fitted" : "held out"}. Drag over the trace, or give two times, to ${other === "validate" ? "hold a part of it out" : "fit a part of it"}.`), form, charts.element) };
+        note(`This run is ${run.role === "fit" ? "fitted" : "held out"}. Drag over the trace, or give two times, to `,
+            other === "validate" ? "hold a part of it out." : "fit a part of it."), form, charts.element) };
 }
 
 async function editor() {
     const { text, digest } = await read(state.experiment);
-    const area = h("textarea", { id: "experiment-text", rows: Math.min(30, text.split("\n").length + 1), spellcheck: "false", "aria-label": state.experiment, value: text });
-    return h("details", { class: "card" }, h("summary", {}, `${state.experiment} as text`), area, h("p", { class: "row" }, button("Save", () => write(area.value, digest, `\`${state.experiment}\` is written.`), { id: "save-experiment" })));
+    const area = h("textarea", { id: "experiment-text", rows: Math.min(30, text.split("\n").length + 1), spellcheck: "false",
+        "aria-label": state.experiment, value: text });
+    return h("details", { class: "card" }, h("summary", {}, `${state.experiment} as text`), area,
+        h("p", { class: "row" }, button("Save", () => write(area.value, digest, `\`${state.experiment}\` is written.`), { id: "save-experiment" })));
 }
 
 export default {
@@ -254,8 +288,11 @@ export default {
         const run = experiment.runs.find((one) => one.run === state.run) ?? experiment.runs[0];
         const { charts, element } = trace(experiment, run, again);
         cleanup(() => charts.close());
-        return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Runs" }, h("h2", {}, `${experiment.device.name}: ${experiment.runs.length === 1 ? "one run" : `${experiment.runs.length} runs`}`), runs(experiment),
-            h("p", { class: "row" }, h("button", { type: "button", class: "main", id: "to-check", onclick: () => go({ view: "check" }) }, "Check these logs"))), element), h("div", {}, parts.filter(Boolean), own));
+        return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Runs" },
+            h("h2", {}, `${experiment.device.name}: ${experiment.runs.length === 1 ? "one run" : `${experiment.runs.length} runs`}`),
+            runs(experiment),
+            h("p", { class: "row" }, h("button", { type: "button", class: "main", id: "to-check", onclick: () => go({ view: "check" }) },
+                "Check these logs"))), element), h("div", {}, parts.filter(Boolean), own));
     },
 };
 

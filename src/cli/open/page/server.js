@@ -99,7 +99,8 @@ export async function finished(id) {
     }
     const own = await detail(id);
     // That a job was stopped is said where it is stopped.
-    if ((!own.result || own.state === "stopped") && own.state !== "done") throw Object.assign(new Error(own.error ?? `${own.command}: no answer`), { isQuiet: own.state === "stopped" });
+    if ((!own.result || own.state === "stopped") && own.state !== "done") throw Object.assign(new Error(own.error ?? `${own.command}: no answer`),
+        { isQuiet: own.state === "stopped" });
     return own;
 }
 
@@ -117,7 +118,8 @@ export const last = (verb, test = () => true) => [...jobs.values()].filter((job)
 export const isCurrent = (job, ...paths) => paths.every((path) => !path || (file(path)?.modified ?? 0) <= job.began);
 
 /** Whether a job has these arguments and no others, but for the effects that the server adds. */
-export const alike = (args) => (own) => args.every((word, index) => word === own[index]) && (own.length === args.length || own[args.length] === "--effects");
+export const alike = (args) => (own) => args.every((word, index) => word === own[index])
+    && (own.length === args.length || own[args.length] === "--effects");
 
 const begun = new Map();
 /** The last job with these arguments, or a new one where it is older than the files: one for each state of them. */

@@ -22,8 +22,10 @@ export function slider(own, onmove, onend) {
     const within = (value) => Math.min(Math.max(value, own.lower ?? value), own.upper ?? value);
     const at = (step) => within(isLog ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);
     const said = (value) => `${digits(value)} ${own.unit ?? ""}`;
-    const range = h("input", { type: "range", id: `slide-${own.name}`, min: 0, max: STEPS, step: 1, value: place(own.value), "aria-label": `${own.name}, ${said(low)} to ${said(high)}`, "aria-valuetext": said(own.value), list: `marks-${own.name}` });
-    const field = h("input", { type: "text", inputmode: "decimal", class: "short", id: `value-${own.name}`, "aria-label": `${own.name} in ${own.unit || "its unit"}`, value: digits(own.value, 6), title: String(own.value) });
+    const range = h("input", { type: "range", id: `slide-${own.name}`, min: 0, max: STEPS, step: 1, value: place(own.value),
+        "aria-label": `${own.name}, ${said(low)} to ${said(high)}`, "aria-valuetext": said(own.value), list: `marks-${own.name}` });
+    const field = h("input", { type: "text", inputmode: "decimal", class: "short", id: `value-${own.name}`,
+        "aria-label": `${own.name} in ${own.unit || "its unit"}`, value: digits(own.value, 6), title: String(own.value) });
     const show = (value) => {
         field.value = digits(value, 6);
         field.title = String(value);
@@ -40,9 +42,12 @@ export function slider(own, onmove, onend) {
         onmove(kept);
         onend();
     });
-    const bound = (value, end, words) => h("span", { class: "bound", title: value === end ? `${words} of the model` : `${words} of this slider` }, value === end ? "▏" : "", digits(end, 3));
+    const bound = (value, end, words) => h("span", { class: "bound", title: value === end ? `${words} of the model` : `${words} of this slider` },
+        value === end ? "▏" : "", digits(end, 3));
     const error = own.std_error ? h("span", { class: "soft", title: "standard error of the fit" }, "± ", number(own.std_error)) : null;
-    const element = h("div", { class: "slider" }, h("label", { class: "name", for: range.id, title: own.meaning ?? own.name }, own.label ?? own.name), field, h("span", { class: "soft" }, own.unit ?? ""), error,
-        h("div", { class: "track" }, bound(own.lower, low, "lower bound"), range, bound(own.upper, high, "upper bound"), h("datalist", { id: `marks-${own.name}` }, h("option", { value: place(own.origin ?? own.value) }))));
+    const element = h("div", { class: "slider" }, h("label", { class: "name", for: range.id, title: own.meaning ?? own.name }, own.label ?? own.name),
+        field, h("span", { class: "soft" }, own.unit ?? ""), error,
+        h("div", { class: "track" }, bound(own.lower, low, "lower bound"), range, bound(own.upper, high, "upper bound"),
+            h("datalist", { id: `marks-${own.name}` }, h("option", { value: place(own.origin ?? own.value) }))));
     return { element, set(value) { range.value = place(value); show(value); } };
 }

@@ -17,7 +17,8 @@ async function open() {
     if (own.key === key) return;
     const { parameters } = await post("api/parameters", { experiment: state.experiment, ...(state.model ? { model: state.model } : {}) });
     const values = Object.fromEntries(parameters.map((one) => [one.name, one.value]));
-    own = { key, parameters, values, first: { ...values }, settled: { ...values }, past: [], future: [], ticked: new Set(parameters.filter((one) => !one.fixed).map((one) => one.name)) };
+    own = { key, parameters, values, first: { ...values }, settled: { ...values }, past: [], future: [],
+        ticked: new Set(parameters.filter((one) => !one.fixed).map((one) => one.name)) };
 }
 
 function settle() {
@@ -42,7 +43,8 @@ async function fitting(job, cleanup) {
     const place = h("section", { class: "card", "aria-label": "Fit" });
     const costs = [];
     const said = h("p", { class: "lead", role: "status" });
-    const charts = new Charts({ label: "Cost", x: { label: "iteration", unit: "" }, range: [0, 1], load: () => ({ cost: { t: costs.map((one) => one.iteration), low: costs.map((one) => one.cost), high: costs.map((one) => one.cost) } }) });
+    const charts = new Charts({ label: "Cost", x: { label: "iteration", unit: "" }, range: [0, 1],
+        load: () => ({ cost: { t: costs.map((one) => one.iteration), low: costs.map((one) => one.cost), high: costs.map((one) => one.cost) } }) });
     charts.panel({ label: "cost", unit: "", series: [{ name: "cost", label: "cost", color: "--series-1" }] });
     cleanup(() => charts.close());
     const take = (one) => {
@@ -60,9 +62,13 @@ async function fitting(job, cleanup) {
         const out = option(job.args, "--out");
         put(place, h("h2", {}, `Fit: ${now.state}`), said, charts.element, command(now.command), h("p", { class: "row" },
             isOver(now) ? null : button("Stop and keep what is there", () => stop(job.id), { id: "stop-fit" }),
-            now.result?.out && file(out) ? h("button", { type: "button", class: "main", id: "open-fit", onclick: () => go({ model: out, view: "compare" }) }, `Compare ${out}`) : null,
-            now.state === "stopped" ? button("Go on with it", () => start([...job.args.filter((one) => one !== "--resume"), "--resume"])) : null, now.error ? h("p", { class: "bad-word" }, now.error) : null),
-        now.result?.parameters ? table("What the fit moved", ["parameter", "from", "to", "±"], now.result.parameters.map((one) => [h("code", {}, one.name), number(one.start), number(one.value, one.unit), number(one.std_error)])) : null);
+            now.result?.out && file(out) ? h("button", { type: "button", class: "main", id: "open-fit",
+                onclick: () => go({ model: out, view: "compare" }) }, `Compare ${out}`) : null,
+            now.state === "stopped" ? button("Go on with it", () => start([...job.args.filter((one) => one !== "--resume"), "--resume"])) : null,
+                now.error ? h("p", { class: "bad-word" }, now.error) : null),
+        now.result?.parameters ? table("What the fit moved", ["parameter", "from", "to", "±"],
+            now.result.parameters.map((one) => [h("code", {}, one.name), number(one.start), number(one.value, one.unit), number(one.std_error)]))
+            : null);
     };
     cleanup(on("progress", (one) => { if (one.job === job.id) take(one); }));
     cleanup(on("job", (one) => { if (one.id === job.id && isOver(one)) act(async () => { await readFolder(); await draw(); }); }));
@@ -82,7 +88,8 @@ async function fit() {
         await readFolder();
     }
     const all = own.parameters.filter((one) => !one.fixed).every((one) => own.ticked.has(one.name));
-    await start(["fit", state.experiment, ...(model ? ["--model", model] : []), ...(all ? [] : ["--only", names.join(",")]), "--out", fresh(`${base}-fitted.toml`)]);
+    await start(["fit", state.experiment, ...(model ? ["--model", model] : []), ...(all ? [] : ["--only", names.join(",")]), "--out",
+        fresh(`${base}-fitted.toml`)]);
 }
 
 export default {
@@ -107,37 +114,52 @@ export default {
         let measured = { key: "", answer: null };
         const charts = new Charts({ label: `${run.label ?? run.file}, joint ${joint}`, range: [run.t0, run.t1], load: async (from, to, width) => {
             const key = `${from} ${to} ${width}`;
-            const body = { experiment: state.experiment, ...(state.model ? { model: state.model } : {}), run: run.run, values: own.values, from, to, width };
-            const [tried, log] = await Promise.all([post("api/try", body), measured.key === key ? measured.answer : post("api/series", { of: { experiment: state.experiment, run: run.run }, names: [`q${joint}`], from, to, width })]);
+            const body = { experiment: state.experiment, ...(state.model ? { model: state.model } : {}), run: run.run, values: own.values, from, to,
+                width };
+            const [tried, log] = await Promise.all([post("api/try", body),
+                measured.key === key ? measured.answer : post("api/series",
+                { of: { experiment: state.experiment, run: run.run }, names: [`q${joint}`], from, to, width })]);
             measured = { key, answer: log };
-            errors.replaceChildren(...tried.rmse.flatMap((one) => [`joint ${one.joint}: error `, number(one.rmse), one.noise ? ` (${digits(one.rmse / one.noise, 3)} times the noise)  ` : "  "]));
+            errors.replaceChildren(...tried.rmse.flatMap((one) => [`joint ${one.joint}: error `, number(one.rmse),
+                one.noise ? ` (${digits(one.rmse / one.noise, 3)} times the noise)  ` : "  "]));
             return Object.fromEntries([...tried.series, ...log.series].map((one) => [one.name, one]));
         } });
         cleanup(() => charts.close());
-        charts.panel({ label: "position", unit, tall: true, series: [{ name: `q${joint}`, label: "measured", color: "--measured", thick: true }, { name: `simulated:${joint}`, label: "simulated", color: "--series-0", dash: [7, 4] }] });
-        charts.panel({ label: "residual: measured − simulated", unit, series: [{ name: `residual:${joint}`, label: "residual", color: "--series-1" }] });
+        charts.panel({ label: "position", unit, tall: true, series: [{ name: `q${joint}`, label: "measured", color: "--measured", thick: true },
+            { name: `simulated:${joint}`, label: "simulated", color: "--series-0", dash: [7, 4] }] });
+        charts.panel({ label: "residual: measured − simulated", unit, series: [{ name: `residual:${joint}`, label: "residual",
+            color: "--series-1" }] });
 
         const sliders = new Map();
         const isOpen = (effect, list) => opened.get(effect) ?? (own.parameters.length < 16 || list[0].joint === joint);
         const groups = Map.groupBy?.(own.parameters, (one) => one.effect) ?? new Map([["parameters", own.parameters]]);
         const knob = (one) => {
-            const tool = slider({ ...one, origin: own.first[one.name], value: own.values[one.name], label: one.name.split(".").slice(-1)[0] }, (value) => { own.values[one.name] = value; charts.reload(); }, settle);
+            const tool = slider({ ...one, origin: own.first[one.name], value: own.values[one.name], label: one.name.split(".").slice(-1)[0] },
+                (value) => { own.values[one.name] = value; charts.reload(); }, settle);
             sliders.set(one.name, tool);
-            return h("li", {}, h("input", { type: "checkbox", id: `fit-${one.name}`, "aria-label": `fit ${one.name}`, title: one.fixed ? "The model fixes it" : "a fit may move it", disabled: one.fixed, checked: own.ticked.has(one.name), onchange: (event) => { own.ticked[event.target.checked ? "add" : "delete"](one.name); } }), tool.element);
+            return h("li", {}, h("input", { type: "checkbox", id: `fit-${one.name}`, "aria-label": `fit ${one.name}`,
+                title: one.fixed ? "The model fixes it" : "a fit may move it", disabled: one.fixed, checked: own.ticked.has(one.name),
+                onchange: (event) => { own.ticked[event.target.checked ? "add" : "delete"](one.name); } }), tool.element);
         };
         const tools = h("p", { class: "row" });
         refresh = () => {
             for (const [key, tool] of sliders) tool.set(own.values[key]);
-            put(tools, h("button", { type: "button", id: "undo", disabled: !own.past.length, onclick: undo }, "Undo"), h("button", { type: "button", id: "redo", disabled: !own.future.length, onclick: redo }, "Redo"),
-                h("button", { type: "button", id: "reset", onclick: () => { own.values = { ...own.first }; settle(); } }, "Reset"), button("Fit these", fit, { id: "fit-these", class: "main" }));
+            put(tools, h("button", { type: "button", id: "undo", disabled: !own.past.length, onclick: undo }, "Undo"),
+                h("button", { type: "button", id: "redo", disabled: !own.future.length, onclick: redo }, "Redo"),
+                h("button", { type: "button", id: "reset", onclick: () => { own.values = { ...own.first }; settle(); } }, "Reset"),
+                    button("Fit these", fit, { id: "fit-these", class: "main" }));
             charts.reload();
         };
         const panel = h("section", { class: "card sliders", "aria-label": "Parameters" }, h("h2", {}, "Parameters"), tools,
-            [...groups].map(([effect, list]) => h("details", { open: isOpen(effect, list), ontoggle: (event) => opened.set(effect, event.target.open) }, h("summary", {}, effect), h("ul", {}, list.map(knob)))));
+            [...groups].map(([effect, list]) => h("details", { open: isOpen(effect, list),
+                ontoggle: (event) => opened.set(effect, event.target.open) }, h("summary", {}, effect), h("ul", {}, list.map(knob)))));
         refresh();
         const job = [...jobs.values()].filter((one) => one.args[0] === "fit" && one.args[1] === state.experiment).at(-1);
         const pick = (id, label, list, value, key) => choice(id, label, list, value, (chosen) => go({ [key]: Number(chosen) }));
-        return h("div", { class: "beside" }, panel, h("div", { class: "stays" }, h("section", { class: "card", "aria-label": "Picture" }, h("div", { class: "row" }, pick("try-run", "Run", experiment.runs.map((one) => [one.run, one.label ?? one.file]), run.run, "run"), pick("try-joint", "Joint", run.free.map((one) => [one, `joint ${one}`]), joint, "joint"), errors), charts.element),
+        return h("div", { class: "beside" }, panel, h("div", { class: "stays" },
+            h("section", { class: "card", "aria-label": "Picture" }, h("div", { class: "row" },
+            pick("try-run", "Run", experiment.runs.map((one) => [one.run, one.label ?? one.file]), run.run, "run"),
+            pick("try-joint", "Joint", run.free.map((one) => [one, `joint ${one}`]), joint, "joint"), errors), charts.element),
             job ? await fitting(job, cleanup) : null));
     },
 };

@@ -13,12 +13,16 @@ export default {
     title: "Wall",
     async render({ cleanup, again }) {
         const facts = h("dl", { class: "facts", "aria-live": "polite" });
-        const felt = { settled_position: "settled at", peak_to_peak: "swing", chatter_rms: "chatter RMS", frequency: "frequency [Hz]", energy_out: "energy out", stiffness: "stiffness", outside: "time outside" };
-        const body = () => ({ model: state.model, setting: own.setting || null, wall: own.wall, changes: own.changes, ...(own.hand === "" ? {} : { hand: Number(own.hand) }), ...(own.speed ? { speed: own.speed } : {}) });
+        const felt = { settled_position: "settled at", peak_to_peak: "swing", chatter_rms: "chatter RMS", frequency: "frequency [Hz]",
+            energy_out: "energy out", stiffness: "stiffness", outside: "time outside" };
+        const body = () => ({ model: state.model, setting: own.setting || null, wall: own.wall, changes: own.changes,
+            ...(own.hand === "" ? {} : { hand: Number(own.hand) }), ...(own.speed ? { speed: own.speed } : {}) });
         const ask = async () => {
             const answer = await post("api/wall", body());
-            const entries = [["deepest", answer.depth_max], ...Object.entries(felt).map(([key, words]) => [words, (answer.felt?.measures ?? answer.felt)?.[key]])];
-            facts.replaceChildren(...entries.filter(([, value]) => value !== undefined).flatMap(([words, value]) => [h("dt", {}, words), h("dd", {}, number(value))]));
+            const entries = [["deepest", answer.depth_max], ...Object.entries(felt).map(([key, words]) => [words,
+                (answer.felt?.measures ?? answer.felt)?.[key]])];
+            facts.replaceChildren(...entries.filter(([, value]) => value !== undefined).flatMap(([words, value]) => [h("dt", {}, words),
+                h("dd", {}, number(value))]));
             return answer;
         };
         const first = await ask();
@@ -30,11 +34,13 @@ export default {
             return { position: flat(now.position), torque: flat(now.torque), wall: flat(now.t.map(() => now.wall)) };
         } });
         cleanup(() => charts.close());
-        charts.panel({ label: "position", unit: "rad", tall: true, series: [{ name: "position", label: "handle", color: "--series-0" }, { name: "wall", label: "wall: it is below this line", color: "--ink", dash: [7, 4] }] });
+        charts.panel({ label: "position", unit: "rad", tall: true, series: [{ name: "position", label: "handle", color: "--series-0" },
+            { name: "wall", label: "wall: it is below this line", color: "--ink", dash: [7, 4] }] });
         charts.panel({ label: "torque of the wall", unit: "N*m", series: [{ name: "torque", label: "torque", color: "--series-1" }] });
         const walls = [...SHIPPED, ...files("wall").map(({ path }) => path)];
         const set = (changes) => { Object.assign(own, changes); again(); };
-        const knob = (one) => h("li", {}, slider({ ...one, name: one.key, label: one.key.split(".").at(-1), value: own.changes[one.key] ?? one.value, origin: one.value },
+        const knob = (one) => h("li", {}, slider({ ...one, name: one.key, label: one.key.split(".").at(-1), value: own.changes[one.key] ?? one.value,
+            origin: one.value },
             (value) => { own.changes[one.key] = value; charts.reload(); }, () => {}).element);
         const rules = Object.entries(Object.groupBy(first.changes.filter(({ key }) => key.startsWith("rules.")), ({ key }) => key.split(".")[1]));
         const save = async () => {
@@ -47,16 +53,24 @@ export default {
             }
             await post("api/wall", { ...body(), out: path });
             await readFolder();
-            const options = [["--setting", own.setting], ["--model", state.model], ["--hand", own.hand], ["--speed", own.speed]].filter(([, value]) => value !== "" && value !== null);
+            const options = [["--setting", own.setting], ["--model", state.model], ["--hand", own.hand],
+                ["--speed", own.speed]].filter(([, value]) => value !== "" && value !== null);
             put(saved, command(line(["wall", "run", "--wall", path, ...options.flat()])));
         };
         const saved = h("div", {});
         return h("div", { class: "beside" }, h("section", { class: "card sliders", "aria-label": "Wall" }, h("h2", {}, "Wall"),
-            h("div", { class: "row" }, choice("wall", "Wall", walls, own.wall, (wall) => set({ wall, changes: {} })), choice("wall-setting", "Setting", [["", "the program's own"], ...files("setting").map(({ path }) => path)], own.setting, (setting) => set({ setting, changes: {} })),
-                choice("wall-speed", "Approach", [["", "the first"], "slow", "medium", "fast"], own.speed, (speed) => set({ speed })), h("label", { class: "field" }, h("span", {}, "Hand"), h("input", { type: "number", class: "short", id: "wall-hand", min: 0, value: own.hand, placeholder: "typical", onchange: (event) => set({ hand: event.target.value }) }))),
+            h("div", { class: "row" }, choice("wall", "Wall", walls, own.wall, (wall) => set({ wall, changes: {} })),
+                choice("wall-setting", "Setting", [["", "the program's own"], ...files("setting").map(({ path }) => path)], own.setting,
+                (setting) => set({ setting, changes: {} })),
+                choice("wall-speed", "Approach", [["", "the first"], "slow", "medium", "fast"], own.speed, (speed) => set({ speed })),
+                    h("label", { class: "field" }, h("span", {}, "Hand"),
+                    h("input", { type: "number", class: "short", id: "wall-hand", min: 0, value: own.hand, placeholder: "typical",
+                    onchange: (event) => set({ hand: event.target.value }) }))),
             h("ul", {}, first.changes.filter(({ key }) => !key.startsWith("rules.")).map(knob)),
-            rules.length ? [h("h3", {}, "Rules: torque at each set of the position"), rules.map(([row, list]) => h("details", {}, h("summary", {}, `speed ${row}`), h("ul", {}, list.map(knob))))] : null,
-            h("p", { class: "row" }, h("button", { type: "button", id: "wall-reset", onclick: () => set({ changes: {} }) }, "Reset"), button("Write this wall", save, { id: "wall-save" })), saved),
+            rules.length ? [h("h3", {}, "Rules: torque at each set of the position"),
+                rules.map(([row, list]) => h("details", {}, h("summary", {}, `speed ${row}`), h("ul", {}, list.map(knob))))] : null,
+            h("p", { class: "row" }, h("button", { type: "button", id: "wall-reset", onclick: () => set({ changes: {} }) }, "Reset"),
+                button("Write this wall", save, { id: "wall-save" })), saved),
         h("section", { class: "card", "aria-label": "Contact" }, h("h2", {}, "Under the hand"), facts, charts.element));
     },
 };

@@ -1,17 +1,26 @@
 // The models of the folder as a graph: which came from which.
 
 import { digits, svg } from "./dom.js";
-import { files, get, name, optional, read } from "./server.js";
+import { file, files, get, jobs, name, option, optional, read } from "./server.js";
 
-/** Models with `parent` (a path or null). Where the server does not tell it: the one before, in time, that a [fit] may stand on. */
+/** What a job of this session says of where a model comes from. */
+function made(path) {
+    const job = [...jobs.values()].filter(({ args }) => option(args, "--out") === path && option(args, "--model")).pop();
+    const how = { add: "added", fit: "fitted", diagnose: "added and fitted" }[job?.args[0]];
+    if (how) return { parent: option(job.args, "--model"), how };
+    // Values tried by hand are written beside what they were tried on.
+    const tried = path.match(/^(.*)-tried(-\d+)?\.toml$/);
+    return tried && file(`${tried[1]}.toml`) ? { parent: `${tried[1]}.toml`, how: "tried" } : null;
+}
+
+/** Models with `parent` (a path or null), the oldest first. Where the server does not tell it, a fit stands on the model before it. */
 export async function lineage() {
     const told = await optional(get("api/lineage"));
-    if (told) return told.models;
-    const all = [...files("model")].sort((a, b) => a.modified - b.modified);
-    const texts = await Promise.all(all.map(({ path }) => read(path)));
-    const isFitted = texts.map(({ text }) => /^\s*\[fit\]/m.test(text));
-    return all.map(({ path }, index) => ({ path, parent: index > 0 && (isFitted[index] || isFitted.some((own, before) => own && before < index))
-        ? all[index - 1].path : null, how: isFitted[index] ? "fitted" : null }));
+    const known = told?.models ?? await Promise.all([...files("model")].sort((a, b) => a.modified - b.modified).map(async ({ path }, index, all) => {
+        const isFitted = /^\s*\[fit\]/m.test((await read(path)).text);
+        return { path, parent: isFitted && index ? all[index - 1].path : null, how: isFitted ? "fitted" : null };
+    }));
+    return known.map((one) => (one.parent && told ? one : { ...one, ...made(one.path) }));
 }
 
 /** From the first ancestor down to a model. */
@@ -44,7 +53,7 @@ export function graph(models, { chosen, path, errors, pick }) {
         return svg("path", { class: `edge${path.includes(one.path) && path.includes(one.parent) ? " on-path" : ""}`,
             d: `M${a + WIDTH / 2} ${b + HEIGHT}C${a + WIDTH / 2} ${b + HEIGHT + 18} ${x + WIDTH / 2} ${y - 18} ${x + WIDTH / 2} ${y}` });
     });
-    const short = (text) => (text.length > 24 ? `${text.slice(0, 11)}…${text.slice(-12)}` : text);
+    const short = (text) => (text.length > 22 ? `${text.slice(0, 9)}…${text.slice(-12)}` : text);
     const nodes = models.map((one) => {
         const [x, y] = corner(places.get(one.path) ?? [0, 0]);
         const error = errors.get(one.path);

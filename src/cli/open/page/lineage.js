@@ -76,7 +76,7 @@ export function graph(models, { chosen, path, errors, pick }) {
 
 /** Errors of the rungs on a logarithmic scale: circles are fitted runs, squares are held out. */
 export function fall(rungs, noise) {
-    const [width, height, left] = [Math.max(360, rungs.length * 120 + 80), 240, 64];
+    const [width, height, left] = [Math.max(520, rungs.length * 130 + 80), 240, 64];
     const all = [...rungs.flatMap((own) => [own.rmse_fit, own.rmse_validate]), noise].filter((value) => value > 0);
     if (!all.length) return null;
     const [low, high] = [Math.floor(Math.log10(Math.min(...all))), Math.ceil(Math.log10(Math.max(...all)) + 1e-9)];
@@ -91,7 +91,7 @@ export function fall(rungs, noise) {
                 svg("title", {}, `${model}: ${value}`)))];
     };
     const said = rungs.map((own) => `${own.model}: fitted ${digits(own.rmse_fit)}, held out ${digits(own.rmse_validate)}`).join("; ");
-    return svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "fall-chart", role: "img",
+    return svg("svg", { viewBox: `0 0 ${width} ${height}`, width, class: "fall-chart", role: "img",
         "aria-label": `Position error of each rung. ${said}. Noise of the logs: ${digits(noise)}` },
         decades.map((value) => [svg("line", { class: "grid", x1: left, x2: width - 8, y1: y(value), y2: y(value) }),
             svg("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end" }, digits(value))]),

@@ -80,7 +80,7 @@ export function fall(rungs, noise) {
     const all = [...rungs.flatMap((own) => [own.rmse_fit, own.rmse_validate]), noise].filter((value) => value > 0);
     if (!all.length) return null;
     const [low, high] = [Math.floor(Math.log10(Math.min(...all))), Math.ceil(Math.log10(Math.max(...all)) + 1e-9)];
-    const x = (index) => left + 50 + index * ((width - left - 90) / Math.max(1, rungs.length - 1));
+    const x = (index) => left + 50 + index * ((width - left - 120) / Math.max(1, rungs.length - 1));
     const y = (value) => 14 + (height - 60) * (1 - (Math.log10(value) - low) / Math.max(1, high - low));
     const decades = Array.from({ length: high - low + 1 }, (_, index) => 10 ** (low + index));
     const line = (key, kind) => {

@@ -78,6 +78,8 @@ export const isOver = (job) => ["done", "failed", "stopped"].includes(job.state)
 export async function detail(id) {
     if (details.has(id)) return details.get(id);
     const own = await get(`api/jobs/${id}`);
+    // What a stopped job prints says only where it can go on.
+    if (own.state === "stopped") own.result = null;
     if (isOver(own)) details.set(id, own);
     return own;
 }
@@ -99,7 +101,7 @@ export async function finished(id) {
     }
     const own = await detail(id);
     // That a job was stopped is said where it is stopped.
-    if ((!own.result || own.state === "stopped") && own.state !== "done") throw Object.assign(new Error(own.error ?? `${own.command}: no answer`),
+    if (!own.result && own.state !== "done") throw Object.assign(new Error(own.error ?? `${own.command}: no answer`),
         { isQuiet: own.state === "stopped" });
     return own;
 }

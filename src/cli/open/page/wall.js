@@ -71,6 +71,6 @@ export default {
                 rules.map(([row, list]) => h("details", {}, h("summary", {}, `speed ${row}`), h("ul", {}, list.map(knob))))] : null,
             h("p", { class: "row" }, h("button", { type: "button", id: "wall-reset", onclick: () => set({ changes: {} }) }, "Reset"),
                 button("Write this wall", save, { id: "wall-save" })), saved),
-        h("section", { class: "card", "aria-label": "Contact" }, h("h2", {}, "Under the hand"), facts, charts.element));
+        h("section", { class: "card stays", "aria-label": "Contact" }, h("h2", {}, "Under the hand"), facts, charts.element));
     },
 };

@@ -1,0 +1,95 @@
+// Check: what the logs answer, as a list that turns green, and whether a fit can be had.
+
+import { button, command, digits, h, line, note, prose, table, number, waiting, words } from "./dom.js";
+import { alike, current, detail, file, files, finished, fresh, isCurrent, isOver, last, option, start, stem, work } from "./server.js";
+import { go, state } from "./state.js";
+
+/** What is looked for, by the kinds of findings that speak of it. */
+const QUESTIONS = [
+    ["Time stamps are even and complete", ["gaps", "uneven_sampling", "bunched_samples"]],
+    ["Positions are measured, finely and without jumps", ["encoder_wrap", "repeated_positions", "no_noise", "coarse_quantum"]],
+    ["Commands are there and not cut off", ["zero_torque", "saturated"]],
+    ["Units are right", ["degrees", "thousand"]],
+    ["Signs are right", ["wrong_sign"]],
+    ["Command and position belong to the same time", ["delay", "hold"]],
+    ["Runs agree with each other", ["contradicts"]],
+];
+
+export const checkArgs = () => ["check", state.experiment, ...(state.model ? ["--model", state.model] : [])];
+const same = (args) => alike(checkArgs())(args);
+
+const item = (kind, title, ...more) => h("li", { class: `item ${kind}` },
+    h("span", { class: "mark", "aria-hidden": "true" }, { good: "✓", bad: "✗", open: "?" }[kind]),
+    h("div", {}, h("strong", {}, title), h("span", { class: "unseen" }, { good: ": yes", bad: ": no", open: ": open" }[kind]), more));
+
+/** A command that is offered as a remedy, with a button that runs it. */
+function remedy(line) {
+    const play = async () => {
+        const args = words(line);
+        const at = args.indexOf("--out");
+        if (at >= 0) args[at + 1] = fresh(args[at + 1]);
+        await work(args);
+    };
+    return h("div", { class: "remedy" }, command(line), button("Write this file", play));
+}
+
+function list(result) {
+    const seen = new Set();
+    const questions = QUESTIONS.map(([title, kinds]) => {
+        const own = result.findings.filter((finding) => kinds.includes(finding.kind?.kind ?? finding.kind));
+        own.forEach((finding) => seen.add(finding));
+        return item(own.length ? "bad" : "good", title, own.map((finding) => h("p", {}, h("code", {}, finding.run), ": ", prose(finding.what))));
+    });
+    const others = result.findings.filter((finding) => !seen.has(finding)).map((finding) => item("bad", finding.run,
+        h("p", {}, prose(finding.what))));
+    const runs = result.quality.map((own) => item(own.warnings.length ? "bad" : "good",
+        `${own.run}: ${digits(own.duration_s)} s at ${digits(own.rate_hz)} Hz`, own.warnings.map((one) => h("p", {}, prose(one)))));
+    const open = result.unanswered.map((own) => item("open", own));
+    const play = result.suggestions.map((own) => item("open", `To be played: ${own.what}`, remedy(own.command)));
+    return [h("h3", {}, "Is something wrong in the logs?"), h("ul", { class: "list" }, questions, others, runs),
+        h("h3", {}, "What do they leave open?"),
+        h("ul", { class: "list" }, open.length ? open : item("good", "Nothing: every parameter is excited"), play)];
+}
+
+/** Whether a fit may be had, with its button. */
+function offer(result) {
+    const out = `${stem(state.model ?? "default.toml").replace(/(-fitted)?$/, "-fitted")}.toml`;
+    const fit = async () => {
+        const args = ["fit", state.experiment, ...(state.model ? ["--model", state.model] : []), "--out", fresh(out)];
+        const own = await work(args);
+        if (file(own.result?.out ?? option(args, "--out"))) go({ model: option(args, "--out"), view: "compare" });
+    };
+    const isHopeless = result.verdict === "nothing_to_learn";
+    const words = { nothing_wrong: "Nothing looks wrong, and every parameter is excited: the answer can be had.",
+        warnings: "A fit can be had. What is marked above stays uncertain, or bends its result.",
+        nothing_to_learn: "No fit: these logs answer nothing. No joint moves, or every run is too short." }[result.verdict];
+    return h("section", { class: `card ${isHopeless ? "bad" : "good"}`, "aria-label": "Fit" }, h("h2", {}, "Fit"), h("p", {}, words),
+        h("p", { class: "row" }, button("Fit", fit, { id: "fit", class: "main", disabled: isHopeless }),
+            state.model ? null : note("It starts from the device's default model.")));
+}
+
+export default {
+    title: "Check",
+    grounds: () => [last("check", same)?.id, last("check", same)?.state],
+    async render({ again }) {
+        if (!state.experiment) return note("No experiment is chosen. Make one from logs first.");
+        const job = await current(checkArgs(), state.experiment, state.model);
+        if (!isOver(job)) {
+            finished(job.id).then(again, again);
+            return [h("section", { class: "card", "aria-busy": "true" }, h("h2", {}, "Check"), waiting("Looking at the logs …"))];
+        }
+        const own = await detail(job.id);
+        if (!own.result) return h("section", { class: "card bad", role: "alert" }, h("h2", {}, "Check"),
+            h("p", {}, prose(own.error ?? "The check was stopped.")), command(line(checkArgs())),
+            button("Check again", () => start(checkArgs()).then(again)));
+        const { result } = own;
+        const known = result.identifiability?.parameters ?? [];
+        return [h("section", { class: "card", "aria-label": "Check" }, h("h2", {}, "Check"), h("p", { class: "lead" }, result.what),
+            isCurrent(job, ...files("log").map(({ path }) => path)) ? null : note("A log changed since: check again."), list(result),
+            h("p", { class: "row" }, button("Check again", () => start(checkArgs()).then(again), { id: "check-again" })), command(own.command)),
+                offer(result),
+            known.length ? h("details", { class: "card" }, h("summary", {}, "How well each parameter would be known"),
+                table("Errors to be expected of a fit", ["parameter", "value", "±", "open"],
+                known.map((one) => [h("code", {}, one.name), number(one.value), number(one.std_error), one.is_open ? "open" : ""]))) : null];
+    },
+};

@@ -1,0 +1,175 @@
+// Compare: measured over simulated, what is left of both errors, the torque by term; panels with one range and one cursor.
+
+import { choice, command, digits, h, line, note, number, prose, table } from "./dom.js";
+import { Charts, byName, look } from "./chart.js";
+import { changed, files, post } from "./server.js";
+import { go, state } from "./state.js";
+import { readExperiment } from "./logs.js";
+
+const AGAINST = ["time", "speed", "position", "load", "frequency"];
+const kept = new Map();
+let against = "speed";
+let view = { key: "", range: null };
+const picked = { key: "", numbers: new Set() };
+
+/** The comparison of a model with the chosen experiment, computed once for each state of the files. */
+export async function compared(model, experiment = state.experiment) {
+    const key = `${experiment} ${model} ${changed(experiment, model)} ${files("log").map(({ modified }) => modified)}`;
+    if (!kept.has(key)) {
+        if (kept.size > 8) kept.clear();
+        const wish = post("api/compared", { experiment, ...(model ? { model } : {}) });
+        kept.set(key, wish);
+        wish.catch(() => kept.delete(key));
+    }
+    return kept.get(key);
+}
+
+/** Residuals of several models over each other, for one joint of one run. */
+export async function residuals(models, runIndex, joint) {
+    const all = await Promise.all(models.map((model) => compared(model)));
+    const run = all[0].runs.find((one) => one.run === runIndex) ?? all[0].runs[0];
+    const own = run.joints.find((one) => one.joint === joint) ?? run.joints[0];
+    const experiment = await readExperiment();
+    const { t0, t1 } = experiment.runs.find((one) => one.run === run.run);
+    const charts = new Charts({ label: `Residual of ${run.file}, joint ${own.joint}`, range: [t0, t1], load: async (from, to, width) => {
+        const answers = await Promise.all(all.map(({ key }) => post("api/series",
+            { of: { key, run: run.run }, names: [`residual:${own.joint}`], from, to, width })));
+        return Object.fromEntries(answers.map(({ series }, index) => [`${index}`, series[0]]));
+    } });
+    charts.panel({ label: `measured − simulated, ${run.file}, joint ${own.joint}`, unit: own.unit, band: own.noise, tall: true,
+        series: models.map((model, index) => ({ name: `${index}`, label: model ?? "default", ...look(index) })) });
+    return charts;
+}
+
+/** Chips of what was found, each of which marks its samples. */
+function chips({ key, findings }, charts, run, joint) {
+    // Findings of another comparison have other numbers.
+    if (picked.key !== key) Object.assign(picked, { key, numbers: new Set() });
+    const { numbers: chosen } = picked;
+    const marks = () => {
+        const shown = findings.filter((own, index) => chosen.has(index) && own.run === run.run);
+        charts.spans = shown.flatMap((own) => {
+            const color = own.joint === joint ? "--span" : "--span-other";
+            // What is about all samples has no spans of its own.
+            return (own.spans.length ? own.spans : [charts.whole]).map(([from, to]) => [from, to, color]);
+        });
+        charts.draw();
+    };
+    const pick = (own, index, chip) => {
+        chosen[chosen.has(index) ? "delete" : "add"](index);
+        chip.setAttribute("aria-pressed", String(chosen.has(index)));
+        if (own.run !== run.run || own.joint !== joint) go({ run: own.run, joint: own.joint });
+        else marks();
+    };
+    const [here, elsewhere] = [[], []];
+    findings.forEach((own, index) => {
+        const isHere = own.run === run.run && own.joint === joint;
+        const chip = h("button", { type: "button", class: "chip", id: `finding-${index}`, "aria-pressed": String(chosen.has(index)),
+            onclick: (event) => pick(own, index, event.currentTarget) }, prose(own.sentence));
+        const place = isHere ? null : h("span", { class: "soft" }, `run ${own.run + 1}, joint ${own.joint}: `);
+        (isHere ? here : elsewhere).push(h("li", {}, place, chip));
+    });
+    marks();
+    return h("section", { class: "where", "aria-label": "Where model and logs part" },
+        here.length ? h("ul", { class: "chips" }, here) : note("Nothing differs from chance in this run and joint."),
+        elsewhere.length ? h("details", {}, h("summary", {}, `${elsewhere.length} in other runs and joints`),
+            h("ul", { class: "chips" }, elsewhere)) : null);
+}
+
+async function scatter(answer, run, joint, cleanup) {
+    const place = h("div", {});
+    let charts = null;
+    const fill = async () => {
+        place.setAttribute("aria-busy", "true");
+        const own = await post("api/scatter", { key: answer.key, run: run.run, joint, against, error: "position" });
+        charts?.close();
+        const isSpectrum = own.low === null || own.low[0] === null || own.low[0] === undefined;
+        const data = { residual: isSpectrum ? { t: own.x, low: own.middle, high: own.middle } : { t: own.x, low: own.low, high: own.high,
+            middle: own.middle } };
+        charts = new Charts({ label: `Residual against ${against}`, x: { label: own.x_label, unit: own.x_unit },
+            range: [Math.min(...own.x), Math.max(...own.x)], load: () => data });
+        charts.panel({ label: isSpectrum ? "amplitude of the residual" : "residual: median and quartiles", unit: own.y_unit, tall: true,
+            zero: isSpectrum, series: [{ name: "residual", label: isSpectrum ? "amplitude" : "median, quartiles", color: "--series-0",
+            kind: isSpectrum ? "line" : "quartiles" }] });
+        place.replaceChildren(charts.element);
+        place.removeAttribute("aria-busy");
+    };
+    cleanup(() => charts?.close());
+    const pick = h("div", { class: "row", role: "radiogroup", "aria-label": "Residual against" }, "Residual against",
+        AGAINST.map((own) => h("label", {}, h("input", { type: "radio", name: "against", id: `against-${own}`, value: own, checked: own === against,
+            onchange: () => { against = own; fill().catch((error) => place.replaceChildren(note(error.message))); } }), ` ${own}`)));
+    fill().catch((error) => place.replaceChildren(note(error.message)));
+    return h("section", { class: "card", "aria-label": "Residual against" }, pick, place);
+}
+
+function numbers(answer, chosen, joint) {
+    const rows = answer.runs.flatMap((run) => run.joints.map((own) => ({
+        properties: { class: run === chosen && own.joint === joint ? "chosen" : "" },
+        cells: [h("button", { type: "button", class: "plain", id: `to-${run.run}-${own.joint}`,
+            onclick: () => go({ run: run.run, joint: own.joint }) }, `${run.file}, joint ${own.joint}`), run.role === "fit" ? "fitted" : "held out",
+            number(own.rmse, own.unit), number(own.noise, own.unit), own.rmse && own.noise ? h("span",
+                { class: own.rmse < 1.5 * own.noise ? "good-word" : "" }, `${digits(own.rmse / own.noise, 3)} ×`) : "—",
+                number(own.torque_percent, "%")],
+    })));
+    return table("Errors of each run and joint", ["run and joint", "role", "position error RMS", "noise of the log", "times the noise",
+        "torque error"], rows);
+}
+
+let order = { runs: [], joints: [] };
+
+export default {
+    title: "Compare",
+    grounds: () => files("log").map(({ modified }) => modified),
+    keys(event) {
+        const move = { ArrowLeft: ["runs", -1], ArrowRight: ["runs", 1], ArrowUp: ["joints", -1], ArrowDown: ["joints", 1] }[event.key];
+        if (!move || event.ctrlKey || !order.runs.length) return false;
+        const [list, step] = [order[move[0]], move[1]];
+        const own = move[0] === "runs" ? order.run : order.joint;
+        const next = list[(list.indexOf(own) + step + list.length) % list.length];
+        go(move[0] === "runs" ? { run: next } : { joint: next });
+        return true;
+    },
+    async render({ cleanup }) {
+        if (!state.experiment) return note("No experiment is chosen. Make one from logs first.");
+        const [answer, experiment] = await Promise.all([compared(state.model), readExperiment()]);
+        const run = answer.runs.find((one) => one.run === state.run) ?? answer.runs[0];
+        const own = run.joints.find((one) => one.joint === state.joint) ?? run.joints[0];
+        const { joint } = own;
+        order = { runs: answer.runs.map((one) => one.run), joints: run.joints.map((one) => one.joint), run: run.run, joint };
+        const { t0, t1, label } = experiment.runs.find((one) => one.run === run.run);
+        const has = (name) => !own.series || own.series.includes(name);
+        const names = [...["measured", "simulated", "residual", "torque", "torque_residual"].filter(has),
+            ...own.terms.map((term) => `term:${term}`)].map((name) => `${name}:${joint}`);
+        const key = `${state.experiment} ${run.run}`;
+        if (view.key !== key) view = { key, range: null };
+        const charts = new Charts({
+            label: `${label ?? run.file}, joint ${joint}`, range: [t0, t1], view: view.range, onrange: (range) => { view.range = range; },
+            load: async (from, to, width) => byName(await post("api/series", { of: { key: answer.key, run: run.run }, names, from, to, width })),
+        });
+        cleanup(() => charts.close());
+        charts.panel({ label: "position", unit: own.unit, tall: true, series: [{ name: `measured:${joint}`, label: "measured", color: "--measured",
+            thick: true }, { name: `simulated:${joint}`, label: "simulated", color: "--series-0", dash: [7, 4] }] });
+        charts.panel({ label: "residual: measured − simulated", unit: own.unit, band: own.noise,
+            series: [{ name: `residual:${joint}`, label: "residual", color: "--series-1" }] });
+        charts.panel({ label: "torque by physical term", unit: own.command_unit ?? "N*m", tall: true,
+            series: [...(has("torque") ? [{ name: `torque:${joint}`, label: "commanded", color: "--measured", thick: true }] : []),
+            ...own.terms.map((term, index) => ({ name: `term:${term}:${joint}`, label: term, ...look(index) })),
+                ...(has("torque_residual") ? [{ name: `torque_residual:${joint}`, label: "left", color: "--ink", dash: [1, 2] }] : [])] });
+        const said = answer.json?.runs?.find((one, index) => index === answer.runs.indexOf(run))?.joints.find((one) =>
+            one.joint === joint)?.means ?? [];
+        const args = ["compare", state.experiment, ...(state.model ? ["--model", state.model] : [])];
+        return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Panels" },
+            h("h2", {}, `${state.model ?? "Default model"} against ${label ?? run.file}, joint ${joint}`),
+            h("div", { class: "row" }, choice("choose-run", "Run", answer.runs.map((one) => [one.run,
+                `${one.file}${one.role === "fit" ? "" : " (held out)"}`]), run.run, (value) => go({ run: Number(value) })),
+                choice("choose-joint", "Joint", run.joints.map((one) => [one.joint, `joint ${one.joint}`]), joint,
+                    (value) => go({ joint: Number(value) })),
+                h("p", {}, "error ", number(own.rmse, own.unit), ", noise ", number(own.noise, own.unit),
+                    run.lost ? h("strong", {}, " · the simulation drifts away from this log: judge by the torque error") : "")),
+            chips(answer, charts, run, joint), charts.element), await scatter(answer, run, joint, cleanup)),
+                h("div", {}, h("section", { class: "card", "aria-label": "Numbers" }, h("h2", {}, "Numbers"), numbers(answer, run, joint),
+                said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(args)),
+            h("p", { class: "row" }, h("button", { type: "button", id: "to-diagnose", class: "main", onclick: () => go({ view: "diagnose" }) },
+                "Ask what is missing"), h("button", { type: "button", onclick: () => go({ view: "try" }) }, "Try values by hand")))));
+    },
+};

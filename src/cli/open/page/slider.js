@@ -1,0 +1,53 @@
+// A slider for a number within its bounds: logarithmic where they span decades on one side of zero.
+
+import { digits, h, number } from "./dom.js";
+
+/** Ends of a slider for a value whose bounds may be missing or wide. */
+function ends({ value, lower, upper }) {
+    const size = Math.abs(value) || 1;
+    const isFinite = (own) => own !== null && own !== undefined && Math.abs(own) < 1e6;
+    const low = isFinite(lower) ? lower : value > 0 && lower === 0 ? 0 : value - 2 * size;
+    const high = isFinite(upper) ? upper : value + 2 * size;
+    if (low > 0 && high / low > 50) return { isLog: true, low: Math.max(low, size * 1e-3), high: Math.min(high, size * 1e3) };
+    // Bounds that are far beyond the value would leave it no travel.
+    const reach = 20 * size;
+    return { isLog: false, low: value !== 0 ? Math.max(low, value - reach) : low, high: value !== 0 ? Math.min(high, value + reach) : high };
+}
+
+/** `own` is {name, label, value, lower, upper, unit, std_error, origin}; calls `onmove(value)` while it is dragged and `onend()` after. */
+export function slider(own, onmove, onend) {
+    const { isLog, low, high } = ends({ ...own, value: own.origin ?? own.value });
+    const STEPS = 2000;
+    const place = (value) => Math.round(STEPS * (isLog ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low)));
+    const within = (value) => Math.min(Math.max(value, own.lower ?? value), own.upper ?? value);
+    const at = (step) => within(isLog ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);
+    const said = (value) => `${digits(value)} ${own.unit ?? ""}`;
+    const range = h("input", { type: "range", id: `slide-${own.name}`, min: 0, max: STEPS, step: 1, value: place(own.value),
+        "aria-label": `${own.name}, ${said(low)} to ${said(high)}`, "aria-valuetext": said(own.value), list: `marks-${own.name}` });
+    const field = h("input", { type: "text", inputmode: "decimal", class: "short", id: `value-${own.name}`,
+        "aria-label": `${own.name} in ${own.unit || "its unit"}`, value: digits(own.value, 6), title: String(own.value) });
+    const show = (value) => {
+        field.value = digits(value, 6);
+        field.title = String(value);
+        range.setAttribute("aria-valuetext", said(value));
+    };
+    range.addEventListener("input", () => { const value = at(Number(range.value)); show(value); onmove(value); });
+    range.addEventListener("change", onend);
+    field.addEventListener("change", () => {
+        const value = Number(field.value.replaceAll("−", "-"));
+        if (!Number.isFinite(value)) return show(at(Number(range.value)));
+        const kept = within(value);
+        range.value = place(kept);
+        show(kept);
+        onmove(kept);
+        onend();
+    });
+    const bound = (value, end, words) => h("span", { class: "bound", title: value === end ? `${words} of the model` : `${words} of this slider` },
+        value === end ? "▏" : "", digits(end, 3));
+    const error = own.std_error ? h("span", { class: "soft", title: "standard error of the fit" }, "± ", number(own.std_error)) : null;
+    const element = h("div", { class: "slider" }, h("label", { class: "name", for: range.id, title: own.meaning ?? own.name }, own.label ?? own.name),
+        field, h("span", { class: "soft" }, own.unit ?? ""), error,
+        h("div", { class: "track" }, bound(own.lower, low, "lower bound"), range, bound(own.upper, high, "upper bound"),
+            h("datalist", { id: `marks-${own.name}` }, h("option", { value: place(own.origin ?? own.value) }))));
+    return { element, set(value) { range.value = place(value); show(value); } };
+}

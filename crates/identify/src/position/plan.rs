@@ -83,8 +83,11 @@ impl Evaluator<'_> {
         Plan::new(self.ready.iter().map(of_run).collect())
     }
 
-    /// Whether a plan that was made at `anchor` does at `x`, too.
+    /// Whether a plan that was made at `anchor` does at `x`, too. One that is the same everywhere is made for no motion.
     pub(super) fn holds(&self, resolution: &Resolution, anchor: &[f64], x: &[f64]) -> bool {
+        if resolution.plan == self.uniform(EVERYWHERE) {
+            return true;
+        }
         let (before, after) = (self.simulated(anchor, resolution), self.simulated(x, resolution));
         before.zip(after).is_some_and(|(before, after)| self.apart(&before, &after) <= HOLDS)
     }

@@ -1,8 +1,8 @@
 // Check: what the logs answer, as a list that turns green, and whether a fit can be had.
 
-import { button, command, digits, h, line, note, prose, table, number, waiting, words } from "./dom.js";
-import { alike, current, detail, file, files, finished, fresh, isCurrent, isOver, last, option, start, stem, work } from "./server.js";
-import { go, state } from "./state.js";
+import { button, command, digits, h, line, noExperiment, note, prose, table, number, waiting, words } from "./dom.js";
+import { alike, current, detail, file, files, fresh, isCurrent, isOver, last, option, start, stem, unused, work } from "./server.js";
+import { about, departure, state } from "./state.js";
 
 /** What is looked for, by the kinds of findings that speak of it. */
 const QUESTIONS = [
@@ -15,22 +15,17 @@ const QUESTIONS = [
     ["Runs agree with each other", ["contradicts"]],
 ];
 
-export const checkArgs = () => ["check", state.experiment, ...(state.model ? ["--model", state.model] : [])];
-const same = (args) => alike(checkArgs())(args);
+const same = (args) => alike(about("check"))(args);
 
 const item = (kind, title, ...more) => h("li", { class: `item ${kind}` },
     h("span", { class: "mark", "aria-hidden": "true" }, { good: "✓", bad: "✗", open: "?" }[kind]),
     h("div", {}, h("strong", {}, title), h("span", { class: "unseen" }, { good: ": yes", bad: ": no", open: ": open" }[kind]), more));
 
 /** A command that is offered as a remedy, with a button that runs it. */
-function remedy(line) {
-    const play = async () => {
-        const args = words(line);
-        const at = args.indexOf("--out");
-        if (at >= 0) args[at + 1] = fresh(args[at + 1]);
-        await work(args);
-    };
-    return h("div", { class: "remedy" }, command(line), button("Write this file", play));
+function remedy(text) {
+    const args = words(text);
+    const as = (name) => args.map((own, index) => (args[index - 1] === "--out" ? name(own) : own));
+    return h("div", { class: "remedy" }, command(line(as(unused))), button("Write this file", () => work(as(fresh))));
 }
 
 function list(result) {
@@ -55,9 +50,11 @@ function list(result) {
 function offer(result) {
     const out = `${stem(state.model ?? "default.toml").replace(/(-fitted)?$/, "-fitted")}.toml`;
     const fit = async () => {
-        const args = ["fit", state.experiment, ...(state.model ? ["--model", state.model] : []), "--out", fresh(out)];
+        const args = [...about("fit"), "--out", fresh(out)];
+        const arrive = departure();
         const own = await work(args);
-        if (file(own.result?.out ?? option(args, "--out"))) go({ model: option(args, "--out"), view: "compare" });
+        const made = option(args, "--out");
+        if (file(own.result?.out ?? made)) arrive(`\`${made}\` is fitted.`, { model: made, view: "compare" });
     };
     const isHopeless = result.verdict === "nothing_to_learn";
     const words = { nothing_wrong: "Nothing looks wrong, and every parameter is excited: the answer can be had.",
@@ -71,22 +68,19 @@ function offer(result) {
 export default {
     title: "Check",
     grounds: () => [last("check", same)?.id, last("check", same)?.state],
-    async render({ again }) {
-        if (!state.experiment) return note("No experiment is chosen. Make one from logs first.");
-        const job = await current(checkArgs(), state.experiment, state.model);
-        if (!isOver(job)) {
-            finished(job.id).then(again, again);
-            return [h("section", { class: "card", "aria-busy": "true" }, h("h2", {}, "Check"), waiting("Looking at the logs …"))];
-        }
+    async render() {
+        if (!state.experiment) return noExperiment();
+        const job = await current(about("check"), state.experiment, state.model);
+        if (!isOver(job)) return h("section", { class: "card", "aria-busy": "true" }, h("h2", {}, "Check"), waiting("Looking at the logs …"));
         const own = await detail(job.id);
         if (!own.result) return h("section", { class: "card bad", role: "alert" }, h("h2", {}, "Check"),
-            h("p", {}, prose(own.error ?? "The check was stopped.")), command(line(checkArgs())),
-            button("Check again", () => start(checkArgs()).then(again)));
+            h("p", {}, prose(own.error ?? "The check was stopped.")), command(line(about("check"))),
+            button("Check again", () => start(about("check"))));
         const { result } = own;
         const known = result.identifiability?.parameters ?? [];
         return [h("section", { class: "card", "aria-label": "Check" }, h("h2", {}, "Check"), h("p", { class: "lead" }, result.what),
             isCurrent(job, ...files("log").map(({ path }) => path)) ? null : note("A log changed since: check again."), list(result),
-            h("p", { class: "row" }, button("Check again", () => start(checkArgs()).then(again), { id: "check-again" })), command(own.command)),
+            h("p", { class: "row" }, button("Check again", () => start(about("check")), { id: "check-again" })), command(own.command)),
                 offer(result),
             known.length ? h("details", { class: "card" }, h("summary", {}, "How well each parameter would be known"),
                 table("Errors to be expected of a fit", ["parameter", "value", "±", "open"],

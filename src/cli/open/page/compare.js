@@ -1,9 +1,9 @@
 // Compare: measured over simulated, what is left of both errors, the torque by term; panels with one range and one cursor.
 
-import { choice, command, digits, h, line, note, number, prose, table } from "./dom.js";
+import { choice, command, digits, h, line, noExperiment, note, number, prose, table } from "./dom.js";
 import { Charts, byName, look } from "./chart.js";
 import { changed, files, post } from "./server.js";
-import { go, state } from "./state.js";
+import { about, go, state } from "./state.js";
 import { readExperiment } from "./logs.js";
 
 const AGAINST = ["time", "speed", "position", "load", "frequency"];
@@ -130,7 +130,7 @@ export default {
         return true;
     },
     async render({ cleanup }) {
-        if (!state.experiment) return note("No experiment is chosen. Make one from logs first.");
+        if (!state.experiment) return noExperiment();
         const [answer, experiment] = await Promise.all([compared(state.model), readExperiment()]);
         const run = answer.runs.find((one) => one.run === state.run) ?? answer.runs[0];
         const own = run.joints.find((one) => one.joint === state.joint) ?? run.joints[0];
@@ -157,7 +157,6 @@ export default {
                 ...(has("torque_residual") ? [{ name: `torque_residual:${joint}`, label: "left", color: "--ink", dash: [1, 2] }] : [])] });
         const said = answer.json?.runs?.find((one, index) => index === answer.runs.indexOf(run))?.joints.find((one) =>
             one.joint === joint)?.means ?? [];
-        const args = ["compare", state.experiment, ...(state.model ? ["--model", state.model] : [])];
         return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Panels" },
             h("h2", {}, `${state.model ?? "Default model"} against ${label ?? run.file}, joint ${joint}`),
             h("div", { class: "row" }, choice("choose-run", "Run", answer.runs.map((one) => [one.run,
@@ -168,7 +167,7 @@ export default {
                     run.lost ? h("strong", {}, " · the simulation drifts away from this log: judge by the torque error") : "")),
             chips(answer, charts, run, joint), charts.element), await scatter(answer, run, joint, cleanup)),
                 h("div", {}, h("section", { class: "card", "aria-label": "Numbers" }, h("h2", {}, "Numbers"), numbers(answer, run, joint),
-                said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(args)),
+                said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(about("compare"))),
             h("p", { class: "row" }, h("button", { type: "button", id: "to-diagnose", class: "main", onclick: () => go({ view: "diagnose" }) },
                 "Ask what is missing"), h("button", { type: "button", onclick: () => go({ view: "try" }) }, "Try values by hand")))));
     },

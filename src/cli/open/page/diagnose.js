@@ -1,13 +1,12 @@
 // Diagnose: candidates while they are asked and fitted, what speaks for and against each, and the next rung.
 
-import { act, button, command, digits, h, line, note, number, prose, put, table } from "./dom.js";
-import { detail, file, finished, fresh, isCurrent, isOver, last, name, on, option, readFolder, start, stop, work } from "./server.js";
+import { act, button, command, digits, h, line, noExperiment, note, number, prose, put, table } from "./dom.js";
+import { changed, detail, file, fresh, isCurrent, isOver, last, name, on, option, resume, start, stop, unused, work } from "./server.js";
 import { residuals } from "./compare.js";
-import { go, state } from "./state.js";
+import { about, departure, state } from "./state.js";
 import { readExperiment } from "./logs.js";
 
-const args = () => ["diagnose", state.experiment, ...(state.model ? ["--model", state.model] : [])];
-const same = (own) => own.slice(0, args().length).join("\n") === args().join("\n");
+const same = (own) => own[1] === state.experiment && option(own, "--model") === state.model;
 let picked = null;
 
 /** A candidate's place in words, as progress lines and results both can tell it. */
@@ -64,23 +63,25 @@ const withEffect = (one) => `${name(state.model ?? "default").replace(/-fitted$/
 /** Adds an effect, fits the model with it, and goes there. */
 async function add(one) {
     const base = withEffect(one);
+    const arrive = departure();
+    const { experiment, model } = state;
     const [better, fitted] = [fresh(`${base}.toml`), fresh(`${base}-fitted.toml`)];
     await work(["add", one.effect, "--joint", String(one.joint), ...(one.from === undefined || one.from === null ? [] : ["--from", String(one.from)]),
-        "--model", state.model, "--out", better]);
-    await work(["fit", state.experiment, "--model", better, "--out", fitted]);
-    go({ model: fitted, view: "ladder" });
+        "--model", model, "--out", better]);
+    await work(["fit", experiment, "--model", better, "--out", fitted]);
+    arrive(`\`${fitted}\` is fitted.`, { model: fitted, view: "ladder" });
 }
 
 /** The experiment that decides between two effects, as a command that writes what is to be played. */
 function decisive(own, device, free) {
     if (own?.kind !== "sine") return null;
+    const csv = `decide-${own.joint}.csv`;
     const joints = free.filter((joint) => !own.locked.includes(joint));
     const played = joints.includes(own.joint) ? joints : [own.joint];
-    const out = fresh(`decide-${own.joint}.csv`);
-    const play = ["excite", ...(state.model ? ["--model", state.model] : [device]), "--free", played.join(","), "--signal", "cosine", "--amplitude",
+    const play = (out) => ["excite", ...(state.model ? ["--model", state.model] : [device]), "--free", played.join(","), "--signal", "cosine", "--amplitude",
         played.map((joint) => (joint === own.joint ? own.amplitude : 0)).join(","),
         "--frequency", String(own.frequency_hz), "--duration", String(own.duration_s), "--as", "torque", "--out", out];
-    return h("div", { class: "remedy" }, command(line(play)), button("Write this file", () => work(play), { id: "decide" }));
+    return h("div", { class: "remedy" }, command(line(play(unused(csv)))), button("Write this file", () => work(play(fresh(csv))), { id: "decide" }));
 }
 
 async function chosen(result, experiment, cleanup, better) {
@@ -123,18 +124,20 @@ async function chosen(result, experiment, cleanup, better) {
 
 export default {
     title: "Diagnose",
-    grounds: () => [last("diagnose", same)?.id, last("diagnose", same)?.state],
-    async render({ cleanup, again }) {
-        if (!state.experiment) return note("No experiment is chosen. Make one from logs first.");
+    grounds() {
+        const job = last("diagnose", same);
+        return [job?.id, job?.state, job && changed(option(job.args, "--out"))];
+    },
+    async render({ cleanup }) {
+        if (!state.experiment) return noExperiment();
         const experiment = await readExperiment();
         const job = last("diagnose", same);
         const begin = async () => {
             picked = null;
             const stem = name(state.model ?? "default");
-            await start([...args(), "--save", fresh(`${stem}-diagnosis.json`), "--out", fresh(`${stem}-better.toml`)]);
-            again();
+            await start([...about("diagnose"), "--save", fresh(`${stem}-diagnosis.json`), "--out", fresh(`${stem}-better.toml`)]);
         };
-        const head = (words) => h("p", { class: "row" }, button(words, begin, { id: "diagnose", class: "main" }), command(line(args())));
+        const head = (words) => h("p", { class: "row" }, button(words, begin, { id: "diagnose", class: "main" }), command(line(about("diagnose"))));
         if (!job) return h("section", { class: "card" }, h("h2", {}, "Which effect is missing?"),
             h("p", {}, "Every effect of the library is asked at every joint what it would explain; the most promising are fitted."),
             head("Diagnose"));
@@ -154,12 +157,11 @@ export default {
             race.take(one);
             frame ??= requestAnimationFrame(() => { frame = null; draw(); });
         }));
-        if (!isOver(own)) finished(job.id).then(readFolder).then(again, again);
         put(detailed, await chosen(result, experiment, cleanup, option(job.args, "--out")));
         const isOld = isOver(own) && !isCurrent(job, state.experiment, state.model);
         return h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Candidates" }, h("h2", {}, "Which effect is missing?"),
             result ? result.sentences.map((one) => h("p", { class: "lead" }, prose(one))) : isOver(own) ? h("p", { class: "bad-word" },
-                own.error ?? "The diagnosis was stopped; the same command goes on from what is fitted.") : said,
+                own.error ?? "The diagnosis was stopped; what was fitted until then is kept.") : said,
             isOld ? note("Experiment or model changed since: diagnose again.") : null,
             note("How much each leaves of the one-step error; ≈ and hollow: as screened, not fitted."), bars,
             result?.screening.length ? h("details", {}, h("summary", {}, `All ${result.screening.length} that promised something`),
@@ -167,6 +169,7 @@ export default {
                 result.screening.map((one) => [prose(words(one)), number(one.position)]))) : null,
             result?.refused.length ? h("details", {}, h("summary", {}, "Refused"),
                 h("ul", {}, result.refused.map((one) => h("li", {}, prose(one.what ?? JSON.stringify(one)))))) : null,
+            own.state === "stopped" ? h("p", { class: "row" }, button("Go on with it", () => resume(job), { id: "go-on-diagnose" })) : null,
             isOver(own) ? head("Diagnose again") : [command(own.command),
                 button("Stop and keep what is fitted", () => stop(job.id), { id: "stop-diagnose" })]), detailed);
     },

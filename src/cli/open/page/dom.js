@@ -81,26 +81,28 @@ export async function act(work, element = null) {
     }
 }
 
-/** Says something at the edge of the page; what went wrong stays until it is closed. */
+/** Says something at the edge of the page; what went wrong, and what has a button, stays until it is closed. */
 export function toast(words, kind = "good", ...more) {
     const place = document.getElementById("toasts");
     const same = [...place.children].find((own) => own.dataset.words === words);
-    if (same) return same;
+    // What its button does belongs to the newest.
+    if (same && !more.length) return same;
+    same?.remove();
     const own = h("div", { class: `toast ${kind}`, "data-words": words, role: kind === "bad" ? "alert" : "status" }, h("p", {}, prose(words)), more,
         h("button", { type: "button", class: "plain", "aria-label": "Close this message", onclick: () => own.remove() }, "×"));
     place.append(own);
-    if (kind !== "bad") setTimeout(() => own.remove(), 8000);
+    if (kind !== "bad" && !more.length) setTimeout(() => own.remove(), 8000);
     return own;
 }
 
-/** A command line, with a button that copies it. */
-export function command(line) {
+/** A command line, with a button that copies it; by an id both keep the focus where they are drawn anew. */
+export function command(line, id = null) {
     const copy = async () => {
         await navigator.clipboard.writeText(line);
         toast("Copied.");
     };
-    return h("div", { class: "command" }, h("code", { tabindex: 0, role: "group", "aria-label": "Command line" }, line),
-        button("Copy", copy, { class: "plain", "aria-label": `Copy: ${line}` }));
+    return h("div", { class: "command" }, h("code", { id: id && `${id}-line`, tabindex: 0, role: "group", "aria-label": "Command line" }, line),
+        button("Copy", copy, { id: id && `${id}-copy`, class: "plain", "aria-label": `Copy: ${line}` }));
 }
 
 /** A word as the program's shell lines quote it. */
@@ -124,10 +126,13 @@ export function ask(question, yes, no = "Cancel") {
 
 /** Puts new content into a place; the focus stays on what has the same id. */
 export function put(place, ...content) {
-    const id = place.contains(document.activeElement) ? document.activeElement.id : "";
+    const { id, selectionStart, selectionEnd } = place.contains(document.activeElement) ? document.activeElement : { id: "" };
     place.replaceChildren(...content.flat(Infinity).filter((own) => own !== null && own !== undefined && own !== false));
-    if (id) document.getElementById(id)?.focus({ preventScroll: true });
+    const own = id ? document.getElementById(id) : null;
+    own?.focus({ preventScroll: true });
+    if (selectionStart !== null && own?.type?.startsWith("text")) own.setSelectionRange(selectionStart, selectionEnd);
 }
 
 export const note = (...content) => h("p", { class: "note" }, ...content);
+export const noExperiment = () => note("No experiment is chosen. Make one from logs first.");
 export const waiting = (words) => h("p", { class: "waiting", role: "status" }, words);

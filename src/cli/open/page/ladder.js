@@ -1,7 +1,7 @@
 // Ladder: the lineage as a graph, the error falling rung by rung, two rungs beside each other, and the report of a path.
 
 import { act, button, choice, command, h, note, number, prose, put, table, toast } from "./dom.js";
-import { current, detail, file, files, finished, fresh, isOver, name, read, work } from "./server.js";
+import { current, detail, file, files, fresh, isOver, jobs, name, read, work } from "./server.js";
 import { residuals } from "./compare.js";
 import { fall, graph, lineage, pathTo } from "./lineage.js";
 import { go, state } from "./state.js";
@@ -70,7 +70,8 @@ async function report(path) {
 
 export default {
     title: "Ladder",
-    grounds: () => [files("model").map(({ path, modified }) => path + modified), files("page").map(({ path }) => path)],
+    grounds: () => [files("model").map(({ path, modified }) => path + modified), files("page").map(({ path }) => path),
+        [...jobs.values()].filter(({ args }) => args[0] === "ladder").map(({ id, state: at }) => `${id} ${at}`)],
     async render({ cleanup, again }) {
         const models = await lineage();
         if (!models.length) return note("No model is here yet: fit one.");
@@ -83,7 +84,6 @@ export default {
         const errors = new Map();
         const own = job && isOver(job) ? await detail(job.id) : null;
         own?.result?.rungs.forEach((rung, index) => errors.set(path[index], { fit: rung.rmse_fit, validate: rung.rmse_validate }));
-        if (job && !own) finished(job.id).then(again, again);
         const pick = (model, isOther) => {
             if (isOther) {
                 other = model;
@@ -95,8 +95,7 @@ export default {
         };
         const experiment = state.experiment ? await readExperiment() : null;
         const pages = files("page");
-        const beside = h("div", {}, note("Shift and click, or this choice, takes the other rung (A):"),
-            choice("choose-other", "A", models.map((one) => one.path).filter((one) => one !== chosen), other,
+        const beside = h("div", {}, choice("choose-other", "Beside it (A; also Shift and click)", models.map((one) => one.path).filter((one) => one !== chosen), other,
             (value) => { other = value; again(); }));
         const two = h("div", {});
         if (other && experiment) act(async () => put(two, await twoRungs(other, chosen, experiment, cleanup)), two);

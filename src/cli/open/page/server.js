@@ -34,8 +34,8 @@ async function call(path, options) {
 
 export const get = (path) => call(path, {});
 export const post = (path, body) => call(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
-export const upload = (file) =>
-    call(`api/upload?name=${encodeURIComponent(file.name)}`, { method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file });
+export const upload = (file, name = file.name) =>
+    call(`api/upload?name=${encodeURIComponent(name)}`, { method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file });
 export const read = (path) => get(`api/file?path=${encodeURIComponent(path)}`);
 
 /** An answer, or `null` where this server does not know the question. */
@@ -54,19 +54,23 @@ export const files = (kind) => folder.files.filter((file) => file.kind === kind)
 export const file = (path) => folder.files.find((own) => own.path === path);
 export const changed = (...paths) => paths.map((path) => file(path)?.modified ?? 0).join(" ");
 
-/** A name like this one that no file has yet. */
-export function fresh(name) {
+/** A name like this one that no file has, and that no job writes, or can go on to write. */
+export function unused(name) {
     const [, stem, ending] = name.match(/^(.*?)(\.[^./]*)?$/);
+    const outputs = [...jobs.values()].flatMap(({ args }) => [option(args, "--out"), option(args, "--save")]);
     for (let n = 1; ; n += 1) {
         const own = n === 1 ? name : `${stem}-${n}${ending ?? ""}`;
-        if (!file(own) && !taken.has(own)) {
-            taken.add(own);
-            setTimeout(() => taken.delete(own), 5000);
-            return own;
-        }
+        if (!file(own) && !file(`${own}.checkpoint`) && !taken.has(own) && !outputs.includes(own)) return own;
     }
 }
 const taken = new Set();
+/** The same, kept for who asks until the job that writes it is known. */
+export function fresh(name) {
+    const own = unused(name);
+    taken.add(own);
+    setTimeout(() => taken.delete(own), 5000);
+    return own;
+}
 export const stem = (path) => path.replace(/\.[^./]*$/, "");
 export const name = (path) => stem(path.split("/").pop());
 
@@ -111,6 +115,8 @@ export async function work(args) {
     await readFolder();
     return own;
 }
+/** Goes on with stopped work from its checkpoint. */
+export const resume = ({ args }) => start([...args.filter((one) => one !== "--resume"), "--resume"]);
 export const stop = (id) => post(`api/jobs/${id}/stop`, {});
 
 /** The last job of a verb of which `test(args)` holds. */
@@ -119,9 +125,8 @@ export const last = (verb, test = () => true) => [...jobs.values()].filter((job)
 /** Whether a job began after these files were last changed. */
 export const isCurrent = (job, ...paths) => paths.every((path) => !path || (file(path)?.modified ?? 0) <= job.began);
 
-/** Whether a job has these arguments and no others, but for the effects that the server adds. */
-export const alike = (args) => (own) => args.every((word, index) => word === own[index])
-    && (own.length === args.length || own[args.length] === "--effects");
+/** Whether a job has these arguments and no others. */
+export const alike = (args) => (own) => args.length === own.length && args.every((word, index) => word === own[index]);
 
 const begun = new Map();
 /** The last job with these arguments, or a new one where it is older than the files: one for each state of them. */
@@ -143,10 +148,8 @@ export async function hear() {
     const heard = async (kind, data) => {
         if (kind === "job") jobs.set(data.id, data);
         if (kind === "link") {
-            // A server that began anew counts its jobs anew.
+            // What happened while the connection was broken.
             if (data && wasLost) {
-                jobs.clear();
-                details.clear();
                 (await get("api/jobs")).forEach((job) => jobs.set(job.id, job));
                 tell("folder", { paths: [] });
             }

@@ -1,5 +1,7 @@
 // What is looked at, kept in the address, so that a reload comes back to it.
 
+import { h, toast } from "./dom.js";
+
 export const state = { view: "logs", experiment: null, model: null, run: 0, joint: null };
 const watchers = new Set();
 const NUMBERS = new Set(["run", "joint"]);
@@ -27,6 +29,18 @@ export function go(changes) {
     if (address() === before) return;
     history[changes.view ? "pushState" : "replaceState"](null, "", address());
     watchers.forEach((watcher) => watcher());
+}
+
+/** The beginning of a verb's arguments: the experiment and the model that are chosen. */
+export const about = (verb) => [verb, state.experiment, ...(state.model ? ["--model", state.model] : [])];
+/** The same for a request; without a model it is the device's own. */
+export const asked = () => ({ experiment: state.experiment, model: state.model });
+
+/** What leads to what long work made: at once, or by a button where something else is looked at by then. */
+export function departure() {
+    const before = address();
+    return (words, changes) => (address() === before ? go(changes)
+        : toast(words, "good", h("button", { type: "button", onclick: () => go(changes) }, "Look at it")));
 }
 
 export const watch = (watcher) => watchers.add(watcher);

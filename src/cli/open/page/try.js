@@ -1,9 +1,9 @@
 // Try: a slider for each parameter, the simulation drawn while it is dragged, and a fit of those that are ticked.
 
-import { act, button, choice, command, digits, h, note, number, put, table } from "./dom.js";
+import { act, button, choice, command, digits, h, noExperiment, number, put, table } from "./dom.js";
 import { Charts } from "./chart.js";
-import { changed, detail, file, fresh, isOver, jobs, name, on, option, post, readFolder, start, stop } from "./server.js";
-import { go, state } from "./state.js";
+import { changed, detail, file, fresh, isOver, jobs, name, on, option, post, readFolder, resume, start, stop } from "./server.js";
+import { asked, go, state } from "./state.js";
 import { readExperiment } from "./logs.js";
 import { slider } from "./slider.js";
 
@@ -15,11 +15,14 @@ const opened = new Map();
 async function open() {
     const key = `${state.experiment} ${state.model} ${changed(state.experiment, state.model)}`;
     if (own.key === key) return;
-    const { parameters } = await post("api/parameters", { experiment: state.experiment, ...(state.model ? { model: state.model } : {}) });
+    const { parameters } = await post("api/parameters", asked());
     const values = Object.fromEntries(parameters.map((one) => [one.name, one.value]));
     own = { key, parameters, values, first: { ...values }, settled: { ...values }, past: [], future: [],
         ticked: new Set(parameters.filter((one) => !one.fixed).map((one) => one.name)) };
 }
+
+/** What was changed: with what was not, the model is the one that is compared, to the last digit. */
+const moved = () => Object.fromEntries(Object.entries(own.values).filter(([key, value]) => value !== own.first[key]));
 
 function settle() {
     if (JSON.stringify(own.settled) === JSON.stringify(own.values)) return;
@@ -64,7 +67,7 @@ async function fitting(job, cleanup) {
             isOver(now) ? null : button("Stop and keep what is there", () => stop(job.id), { id: "stop-fit" }),
             now.result?.out && file(out) ? h("button", { type: "button", class: "main", id: "open-fit",
                 onclick: () => go({ model: out, view: "compare" }) }, `Compare ${out}`) : null,
-            now.state === "stopped" ? button("Go on with it", () => start([...job.args.filter((one) => one !== "--resume"), "--resume"])) : null,
+            now.state === "stopped" ? button("Go on with it", () => resume(job)) : null,
                 now.error ? h("p", { class: "bad-word" }, now.error) : null),
         now.result?.parameters ? table("What the fit moved", ["parameter", "from", "to", "±"],
             now.result.parameters.map((one) => [h("code", {}, one.name), number(one.start), number(one.value, one.unit), number(one.std_error)]))
@@ -79,12 +82,11 @@ async function fitting(job, cleanup) {
 async function fit() {
     const names = [...own.ticked];
     if (!names.length) throw new Error("Tick the parameters that the fit may move.");
-    const isTried = JSON.stringify(own.values) !== JSON.stringify(own.first);
+    const values = moved();
     let { model } = state;
     const base = name(state.model ?? "default").replace(/-tried(-\d+)?$/, "");
-    if (isTried) {
-        const changed = Object.fromEntries(Object.entries(own.values).filter(([key, value]) => value !== own.first[key]));
-        model = (await post("api/tried", { ...(state.model ? { model: state.model } : {}), values: changed, out: fresh(`${base}-tried.toml`) })).path;
+    if (Object.keys(values).length) {
+        model = (await post("api/tried", { ...asked(), values, out: fresh(`${base}-tried.toml`) })).path;
         await readFolder();
     }
     const all = own.parameters.filter((one) => !one.fixed).every((one) => own.ticked.has(one.name));
@@ -104,7 +106,7 @@ export default {
         return true;
     },
     async render({ cleanup }) {
-        if (!state.experiment) return note("No experiment is chosen. Make one from logs first.");
+        if (!state.experiment) return noExperiment();
         const [experiment] = await Promise.all([readExperiment(), open()]);
         const run = experiment.runs.find((one) => one.run === state.run) ?? experiment.runs[0];
         const joint = run.free.includes(state.joint) ? state.joint : run.free[0];
@@ -114,8 +116,7 @@ export default {
         let measured = { key: "", answer: null };
         const charts = new Charts({ label: `${run.label ?? run.file}, joint ${joint}`, range: [run.t0, run.t1], load: async (from, to, width) => {
             const key = `${from} ${to} ${width}`;
-            const body = { experiment: state.experiment, ...(state.model ? { model: state.model } : {}), run: run.run, values: own.values, from, to,
-                width };
+            const body = { ...asked(), run: run.run, values: moved(), from, to, width };
             const [tried, log] = await Promise.all([post("api/try", body),
                 measured.key === key ? measured.answer : post("api/series",
                 { of: { experiment: state.experiment, run: run.run }, names: [`q${joint}`], from, to, width })]);
@@ -132,7 +133,7 @@ export default {
 
         const sliders = new Map();
         const isOpen = (effect, list) => opened.get(effect) ?? (own.parameters.length < 16 || list[0].joint === joint);
-        const groups = Map.groupBy?.(own.parameters, (one) => one.effect) ?? new Map([["parameters", own.parameters]]);
+        const groups = Map.groupBy(own.parameters, (one) => one.effect);
         const knob = (one) => {
             const tool = slider({ ...one, origin: own.first[one.name], value: own.values[one.name], label: one.name.split(".").slice(-1)[0] },
                 (value) => { own.values[one.name] = value; charts.reload(); }, settle);

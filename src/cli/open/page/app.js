@@ -1,7 +1,7 @@
 // The window: header, tabs, keys; what is shown follows the address, the files and the jobs.
 
-import { act, choice, h, put, waiting } from "./dom.js";
-import { changed, file, files, folder, hear, isOver, on, readFolder } from "./server.js";
+import { act, choice, h, lifetime, put, toast, waiting } from "./dom.js";
+import { basis, file, files, folder, hear, isOver, on, readFolder } from "./server.js";
 import { go, state, watch } from "./state.js";
 import { showJobs } from "./jobs.js";
 import check from "./check.js";
@@ -15,14 +15,14 @@ import wall from "./wall.js";
 const VIEWS = { logs, check, compare, try: tryView, diagnose, ladder, wall };
 const place = document.getElementById("view");
 const tabs = document.getElementById("tabs");
-let cleanups = [];
+let present = lifetime();
 let turn = 0;
 let shown = "";
 
 /** What a view stands on: it is drawn anew when this changes. */
 function grounds() {
     const { view, experiment, model, run, joint } = state;
-    return JSON.stringify([view, experiment, model, run, joint, changed(experiment, model), VIEWS[view].grounds?.() ?? ""]);
+    return JSON.stringify([view, experiment, model, run, joint, basis(experiment, model), VIEWS[view].grounds?.() ?? ""]);
 }
 
 async function show(isForced = false) {
@@ -35,26 +35,32 @@ async function show(isForced = false) {
     place.setAttribute("aria-labelledby", `tab-${state.view}`);
     document.title = `${view.title} · ${state.experiment ?? "dynid"}`;
     const sign = setTimeout(() => { place.setAttribute("aria-busy", "true"); if (!place.children.length) put(place, waiting("Reading …")); }, 100);
-    const ends = [];
+    const life = lifetime();
     let content;
     try {
-        content = await view.render({ cleanup: (end) => ends.push(end), again: () => show(true) });
+        content = await view.render({ cleanup: life.add, again: () => (VIEWS[state.view] === view ? show(true) : null) });
     } catch (error) {
         content = h("div", { class: "card bad", role: "alert" }, h("h2", {}, view.title), h("p", {}, error.message),
             h("button", { type: "button", onclick: () => show(true) }, "Try again"));
     }
     clearTimeout(sign);
     if (own !== turn) {
-        ends.forEach((end) => end());
+        life.end();
         return;
     }
     place.removeAttribute("aria-busy");
-    cleanups.forEach((end) => end());
-    cleanups = ends;
+    present.end();
+    present = life;
     put(place, content);
 }
 
+let drawn = "";
+/** Draws the head anew where it has changed: a list that is open would be shut. */
 function head() {
+    const now = JSON.stringify([folder.folder, state.view, state.experiment, state.model, ["experiment", "model"].map((kind) =>
+        files(kind).map(({ path }) => path))]);
+    if (drawn === now) return;
+    drawn = now;
     put(document.getElementById("place"), folder.folder);
     const choose = (key, label) => {
         const known = files(key).map((own) => own.path);
@@ -82,16 +88,23 @@ function choose() {
     go(changes);
 }
 
+let reading = null;
+/** Reads the folder again: one at a time, and once more where it changed meanwhile. */
 async function folderChanged() {
-    await readFolder();
-    choose();
-    head();
-    await show();
+    if (reading) {
+        reading.again = true;
+        return;
+    }
+    do {
+        reading = { again: false };
+        await readFolder().then(choose).then(head).then(() => show()).catch((error) => toast(error.message, "bad"));
+    } while (reading.again);
+    reading = null;
 }
 
 function keys(event) {
     const isTyping = event.target.matches("input:not([type=checkbox]):not([type=range]), select, textarea") || document.querySelector("dialog[open]");
-    if (event.altKey || (isTyping && !event.ctrlKey)) return;
+    if (event.altKey || isTyping) return;
     const names = Object.keys(VIEWS);
     if (event.ctrlKey || event.metaKey) {
         if (VIEWS[state.view].keys?.(event)) event.preventDefault();
@@ -101,7 +114,7 @@ function keys(event) {
         document.getElementById(`tab-${state.view}`).focus();
     } else if (names[Number(event.key) - 1]) go({ view: names[Number(event.key) - 1] });
     else if (event.key === "?") help();
-    else if (!event.target.matches("input, [role=tab]") && VIEWS[state.view].keys?.(event)) event.preventDefault();
+    else if (!event.target.matches("input, [role=tab]") && !event.target.closest("[role=region], pre, code") && VIEWS[state.view].keys?.(event)) event.preventDefault();
 }
 
 function help() {
@@ -127,7 +140,7 @@ act(async () => {
         : "No connection to dynid. If it was started anew, open the address that it printed."));
     let timer = null;
     on("job", (job) => { if (isOver(job)) act(() => show()); });
-    on("folder", () => { timer ??= setTimeout(() => { timer = null; act(folderChanged); }, 500); });
+    on("folder", () => { timer ??= setTimeout(() => { timer = null; folderChanged(); }, 500); });
     await readFolder();
     await hear();
     showJobs(document.getElementById("jobs"));

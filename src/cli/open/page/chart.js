@@ -53,7 +53,9 @@ export class Charts {
 
     /** Adds a panel: {label, unit, series: [{name, label, color, dash, kind, thick}], band (half width about 0), tall}. */
     panel(own) {
-        const canvas = h("canvas", { tabindex: 0, role: "img", class: own.tall ? "tall" : "" });
+        const id = `chart-${this.label} ${own.label}`.replace(/\W+/g, "-");
+        const canvas = h("canvas", { id, tabindex: 0, role: "img", "aria-keyshortcuts": "ArrowLeft ArrowRight + - Home , .",
+            "aria-description": "Arrows move along, plus and minus zoom, Home shows all, comma and full stop read the values.", class: own.tall ? "tall" : "" });
         const legend = h("ul", { class: "legend" }, own.series.map((series) => h("li", {}, this.key(series), series.label)),
             own.band ? h("li", {}, h("span", { class: "key-band" }), own.bandLabel ?? `noise ±${digits(own.band)} ${own.unit}`) : null);
         const figure = h("figure", {}, h("figcaption", {}, h("strong", {}, own.label), own.unit ? ` [${own.unit}]` : "", legend), canvas);
@@ -350,6 +352,11 @@ export class Charts {
 
     /** What all series are at the cursor. */
     read() {
+        this.readout.setAttribute("role", this.failure ? "alert" : "status");
+        if (this.failure) {
+            if (this.readout.textContent !== this.failure) this.readout.textContent = this.failure;
+            return;
+        }
         if (this.cursor === null) {
             const wish = `${digits(this.view[0], 5)} to ${digits(this.view[1], 5)} ${this.x.unit}`;
             if (this.readout.textContent !== wish) this.readout.textContent = wish;
@@ -377,7 +384,7 @@ export class Charts {
                 return `${series.label} from ${digits(least)} to ${digits(most)} ${panel.unit}`;
             });
             panel.canvas.setAttribute("aria-label",
-                `${panel.label}, ${this.x.label} ${digits(this.view[0])} to ${digits(this.view[1])} ${this.x.unit}: ${said.join("; ")}`);
+                `${this.failure ? `${this.failure} Before that: ` : ""}${panel.label}, ${this.x.label} ${digits(this.view[0])} to ${digits(this.view[1])} ${this.x.unit}: ${said.join("; ")}`);
         }
         if (!this.values.hidden) this.fillValues();
     }
@@ -396,7 +403,7 @@ export class Charts {
         const stride = Math.max(1, Math.ceil(t.length / 100));
         const rows = t.filter((_, index) => index % stride === 0).map((time, index) => [digits(time, 7),
             ...all.map(({ own }) => kindly(own.low[index * stride], own.high[index * stride]))]);
-        this.values.replaceChildren(table(`${this.label}: every ${stride === 1 ? "" : `${stride}th `}value shown`,
+        this.values.replaceChildren(table(`${this.label}: ${stride === 1 ? "every value shown" : `one of each ${stride} values shown`}`,
             [`${this.x.label} [${this.x.unit}]`, ...all.map((own) => `${own.label} [${own.unit}]`)], rows));
     }
 

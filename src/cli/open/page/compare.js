@@ -1,10 +1,10 @@
 // Compare: measured over simulated, what is left of both errors, the torque by term; panels with one range and one cursor.
 
-import { choice, command, digits, h, line, noExperiment, note, number, prose, table } from "./dom.js";
+import { button, choice, command, digits, h, line, noExperiment, note, number, prose, table } from "./dom.js";
 import { Charts, byName, look } from "./chart.js";
-import { changed, files, post } from "./server.js";
-import { about, go, state } from "./state.js";
-import { readExperiment } from "./logs.js";
+import { basis, post } from "./server.js";
+import { about as args, go, state } from "./state.js";
+import { readExperiment, stampOfLogs } from "./logs.js";
 
 const AGAINST = ["time", "speed", "position", "load", "frequency"];
 const kept = new Map();
@@ -12,16 +12,32 @@ let against = "speed";
 let view = { key: "", range: null };
 const picked = { key: "", numbers: new Set() };
 
-/** The comparison of a model with the chosen experiment, computed once for each state of the files. */
-export async function compared(model, experiment = state.experiment) {
-    const key = `${experiment} ${model} ${changed(experiment, model)} ${files("log").map(({ modified }) => modified)}`;
+const keyOf = (model) => `${state.experiment} ${model} ${basis(state.experiment, model)}`;
+
+/** The comparison of a model with the chosen experiment, computed once for each state of the files, and when it is asked for. */
+export async function compared(model) {
+    await readExperiment();
+    const key = keyOf(model);
     if (!kept.has(key)) {
         if (kept.size > 8) kept.clear();
-        const wish = post("api/compared", { experiment, ...(model ? { model } : {}) });
-        kept.set(key, wish);
+        const wish = post("api/compared", { experiment: state.experiment, model });
+        kept.set(key, { wish, logs: stampOfLogs() });
         wish.catch(() => kept.delete(key));
     }
-    return kept.get(key);
+    return kept.get(key).wish;
+}
+
+/** Whether its logs have grown since: then it is for the user to say when they are compared again. */
+const isOld = () => (kept.get(keyOf(state.model))?.logs ?? stampOfLogs()) !== stampOfLogs();
+
+/** An answer about the comparison of a model; one that the server has forgotten is made again. */
+async function about(model, path, body) {
+    const own = await compared(model);
+    return post(path, body(own.key)).catch(async (error) => {
+        if (error.status !== 404) throw error;
+        if ((await compared(model)) === own) kept.delete(keyOf(model));
+        return post(path, body((await compared(model)).key));
+    });
 }
 
 /** Residuals of several models over each other, for one joint of one run. */
@@ -32,8 +48,8 @@ export async function residuals(models, runIndex, joint) {
     const experiment = await readExperiment();
     const { t0, t1 } = experiment.runs.find((one) => one.run === run.run);
     const charts = new Charts({ label: `Residual of ${run.file}, joint ${own.joint}`, range: [t0, t1], load: async (from, to, width) => {
-        const answers = await Promise.all(all.map(({ key }) => post("api/series",
-            { of: { key, run: run.run }, names: [`residual:${own.joint}`], from, to, width })));
+        const answers = await Promise.all(models.map((model) => about(model, "api/series",
+            (key) => ({ of: { key, run: run.run }, names: [`residual:${own.joint}`], from, to, width }))));
         return Object.fromEntries(answers.map(({ series }, index) => [`${index}`, series[0]]));
     } });
     charts.panel({ label: `measured − simulated, ${run.file}, joint ${own.joint}`, unit: own.unit, band: own.noise, tall: true,
@@ -76,12 +92,14 @@ function chips({ key, findings }, charts, run, joint) {
             h("ul", { class: "chips" }, elsewhere)) : null);
 }
 
-async function scatter(answer, run, joint, cleanup) {
+function scatter(run, joint, cleanup) {
     const place = h("div", {});
-    let charts = null;
+    let [charts, turn] = [null, 0];
     const fill = async () => {
+        const now = (turn += 1);
         place.setAttribute("aria-busy", "true");
-        const own = await post("api/scatter", { key: answer.key, run: run.run, joint, against, error: "position" });
+        const own = await about(state.model, "api/scatter", (key) => ({ key, run: run.run, joint, against, error: "position" }));
+        if (now !== turn) return;
         charts?.close();
         const isSpectrum = own.low === null || own.low[0] === null || own.low[0] === undefined;
         const data = { residual: isSpectrum ? { t: own.x, low: own.middle, high: own.middle } : { t: own.x, low: own.low, high: own.high,
@@ -94,7 +112,7 @@ async function scatter(answer, run, joint, cleanup) {
         place.replaceChildren(charts.element);
         place.removeAttribute("aria-busy");
     };
-    cleanup(() => charts?.close());
+    cleanup(() => { turn = -1; charts?.close(); });
     const pick = h("div", { class: "row", role: "radiogroup", "aria-label": "Residual against" }, "Residual against",
         AGAINST.map((own) => h("label", {}, h("input", { type: "radio", name: "against", id: `against-${own}`, value: own, checked: own === against,
             onchange: () => { against = own; fill().catch((error) => place.replaceChildren(note(error.message))); } }), ` ${own}`)));
@@ -119,7 +137,7 @@ let order = { runs: [], joints: [] };
 
 export default {
     title: "Compare",
-    grounds: () => files("log").map(({ modified }) => modified),
+    grounds: isOld,
     keys(event) {
         const move = { ArrowLeft: ["runs", -1], ArrowRight: ["runs", 1], ArrowUp: ["joints", -1], ArrowDown: ["joints", 1] }[event.key];
         if (!move || event.ctrlKey || !order.runs.length) return false;
@@ -129,7 +147,7 @@ export default {
         go(move[0] === "runs" ? { run: next } : { joint: next });
         return true;
     },
-    async render({ cleanup }) {
+    async render({ cleanup, again }) {
         if (!state.experiment) return noExperiment();
         const [answer, experiment] = await Promise.all([compared(state.model), readExperiment()]);
         const run = answer.runs.find((one) => one.run === state.run) ?? answer.runs[0];
@@ -144,7 +162,8 @@ export default {
         if (view.key !== key) view = { key, range: null };
         const charts = new Charts({
             label: `${label ?? run.file}, joint ${joint}`, range: [t0, t1], view: view.range, onrange: (range) => { view.range = range; },
-            load: async (from, to, width) => byName(await post("api/series", { of: { key: answer.key, run: run.run }, names, from, to, width })),
+            load: async (from, to, width) => byName(await about(state.model, "api/series",
+                (key) => ({ of: { key, run: run.run }, names, from, to, width }))),
         });
         cleanup(() => charts.close());
         charts.panel({ label: "position", unit: own.unit, tall: true, series: [{ name: `measured:${joint}`, label: "measured", color: "--measured",
@@ -157,6 +176,8 @@ export default {
                 ...(has("torque_residual") ? [{ name: `torque_residual:${joint}`, label: "left", color: "--ink", dash: [1, 2] }] : [])] });
         const said = answer.json?.runs?.find((one, index) => index === answer.runs.indexOf(run))?.joints.find((one) =>
             one.joint === joint)?.means ?? [];
+        const grown = isOld() ? h("p", { class: "row" }, note("A log has changed since."), button("Compare again", () => { kept.clear(); return again(); },
+            { id: "compare-again" })) : null;
         return h("div", { class: "beside late" }, h("div", {}, h("section", { class: "card", "aria-label": "Panels" },
             h("h2", {}, `${state.model ?? "Default model"} against ${label ?? run.file}, joint ${joint}`),
             h("div", { class: "row" }, choice("choose-run", "Run", answer.runs.map((one) => [one.run,
@@ -165,9 +186,9 @@ export default {
                     (value) => go({ joint: Number(value) })),
                 h("p", {}, "error ", number(own.rmse, own.unit), ", noise ", number(own.noise, own.unit),
                     run.lost ? h("strong", {}, " · the simulation drifts away from this log: judge by the torque error") : "")),
-            chips(answer, charts, run, joint), charts.element), await scatter(answer, run, joint, cleanup)),
+            grown, chips(answer, charts, run, joint), charts.element), scatter(run, joint, cleanup)),
                 h("div", {}, h("section", { class: "card", "aria-label": "Numbers" }, h("h2", {}, "Numbers"), numbers(answer, run, joint),
-                said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(about("compare"))),
+                said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(args("compare"))),
             h("p", { class: "row" }, h("button", { type: "button", id: "to-diagnose", class: "main", onclick: () => go({ view: "diagnose" }) },
                 "Ask what is missing"), h("button", { type: "button", onclick: () => go({ view: "try" }) }, "Try values by hand")))));
     },

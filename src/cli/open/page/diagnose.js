@@ -1,6 +1,6 @@
 // Diagnose: candidates while they are asked and fitted, what speaks for and against each, and the next rung.
 
-import { act, button, command, digits, h, line, noExperiment, note, number, prose, put, table } from "./dom.js";
+import { act, button, command, digits, h, lifetime, line, noExperiment, note, number, prose, put, table } from "./dom.js";
 import { changed, detail, file, fresh, isCurrent, isOver, last, name, on, option, resume, start, stop, unused, work } from "./server.js";
 import { residuals } from "./compare.js";
 import { about, departure, state } from "./state.js";
@@ -149,7 +149,15 @@ export default {
         const result = own.result;
         const said = h("p", { class: "lead", role: "status" }, race.said);
         const draw = () => { said.textContent = race.said; put(bars, race.bars()); };
-        race.onpick = () => act(async () => { draw(); put(detailed, await chosen(result, experiment, cleanup, option(job.args, "--out"))); });
+        let look = lifetime();
+        cleanup(() => look.end());
+        const pick = async () => {
+            look.end();
+            const life = look = lifetime();
+            const element = await chosen(result, experiment, life.add, option(job.args, "--out"));
+            if (life === look) put(detailed, element);
+        };
+        race.onpick = () => { draw(); act(pick); };
         draw();
         let frame = null;
         cleanup(on("progress", (one) => {
@@ -157,7 +165,7 @@ export default {
             race.take(one);
             frame ??= requestAnimationFrame(() => { frame = null; draw(); });
         }));
-        put(detailed, await chosen(result, experiment, cleanup, option(job.args, "--out")));
+        await pick();
         const isOld = isOver(own) && !isCurrent(job, state.experiment, state.model);
         return h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Candidates" }, h("h2", {}, "Which effect is missing?"),
             result ? result.sentences.map((one) => h("p", { class: "lead" }, prose(one))) : isOver(own) ? h("p", { class: "bad-word" },

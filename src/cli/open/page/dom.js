@@ -133,6 +133,13 @@ export function put(place, ...content) {
     if (selectionStart !== null && own?.type?.startsWith("text")) own.setSelectionRange(selectionStart, selectionEnd);
 }
 
+/** Ends to be done once; what is added after that is done at once. */
+export function lifetime() {
+    const ends = [];
+    let isOver = false;
+    return { add(end) { if (isOver) end(); else ends.push(end); }, end() { isOver = true; ends.splice(0).forEach((end) => end()); } };
+}
+
 export const note = (...content) => h("p", { class: "note" }, ...content);
 export const noExperiment = () => note("No experiment is chosen. Make one from logs first.");
 export const waiting = (words) => h("p", { class: "waiting", role: "status" }, words);

@@ -14,28 +14,46 @@ function words(line) {
     return of[line.progress]?.() ?? "";
 }
 
+const entries = new Map();
+/** The line of a job, made once for each of its states: what runs changes in place, so that focus and selection stay. */
 function entry(job) {
-    const isLive = !isOver(job);
-    const counted = job.last?.progress === "count" ? job.last : null;
-    const seconds = h("span", { class: "number", "data-since": isLive && job.state === "running" ? job.began : null },
-        job.seconds === null ? "" : `${job.seconds.toFixed(1)} s`);
-    return h("li", { class: `job ${job.state}`, id: `job-${job.id}` }, h("span", { class: "state" }, job.state),
-        isLive ? h("progress", { "aria-label": `${job.args[0]}: how far`, ...(counted?.of ? { max: counted.of, value: counted.done } : {}) }) : null,
-        seconds, h("span", { class: "said" }, isLive ? words(job.last).replaceAll("`", "") : ""), command(job.command),
-        job.state === "failed" ? button("Why", async () => toast((await detail(job.id)).error ?? "It said nothing.", "bad"),
-            { class: "plain", "aria-label": `Why it failed: ${job.command}` }) : null,
-        isLive ? button("Stop", () => stop(job.id), { id: `stop-${job.id}`, "aria-label": `Stop: ${job.command}` }) : null);
+    let own = entries.get(job.id);
+    if (own?.state !== job.state) {
+        const isLive = !isOver(job);
+        const id = `job-${job.id}`;
+        const bar = isLive ? h("progress", { "aria-label": `${job.args[0]}: how far` }) : null;
+        const seconds = h("span", { class: "number", "data-since": job.state === "running" ? job.began : null },
+            job.seconds === null ? "" : `${job.seconds.toFixed(1)} s`);
+        const said = h("span", { class: "said" });
+        own = { state: job.state, bar, said, element: h("li", { class: `job ${job.state}`, id }, h("span", { class: "state" }, job.state), bar,
+            seconds, said, command(job.command, id),
+            job.state === "failed" ? button("Why", async () => toast((await detail(job.id)).error ?? "It said nothing.", "bad"),
+                { id: `why-${job.id}`, class: "plain", "aria-label": `Why it failed: ${job.command}` }) : null,
+            isLive ? button("Stop", () => stop(job.id), { id: `stop-${job.id}`, "aria-label": `Stop: ${job.command}` }) : null) };
+        entries.set(job.id, own);
+    }
+    if (own.bar) {
+        own.said.textContent = words(job.last).replaceAll("`", "");
+        if (job.last?.progress === "count" && job.last.of) Object.assign(own.bar, { max: job.last.of, value: job.last.done });
+        else own.bar.removeAttribute("value");
+    }
+    return own.element;
 }
 
 export function showJobs(place) {
-    let isOpen = false;
+    const live = h("ul", { class: "live" });
+    const [count, done] = [h("summary", { id: "jobs-over" }), h("ul", {})];
+    const over = h("details", {}, count, done);
+    put(place, live, over);
+    const fill = (list, all) => { if (all.length !== list.children.length || all.some((own, index) => own !== list.children[index])) put(list, all); };
     const draw = () => {
         const all = [...jobs.values()].filter((job) => job.args[0] !== "devices");
-        const live = all.filter((job) => !isOver(job));
-        const over = all.filter(isOver).reverse().slice(0, 50);
-        put(place, live.length ? h("ul", { class: "live" }, live.map(entry)) : null,
-            over.length ? h("details", { open: isOpen, ontoggle: (event) => { isOpen = event.target.open; } },
-                h("summary", { id: "jobs-over" }, `Work done: ${over.length}`), h("ul", {}, over.map(entry))) : null);
+        const ended = all.filter(isOver).reverse().slice(0, 50);
+        fill(live, all.filter((job) => !isOver(job)).map(entry));
+        fill(done, ended.map(entry));
+        live.hidden = !live.children.length;
+        over.hidden = !ended.length;
+        count.textContent = `Work done: ${ended.length}`;
     };
     let frame = null;
     const soon = () => { frame ??= setTimeout(() => { frame = null; draw(); }, 150); };

@@ -1,27 +1,10 @@
 // The models of the folder as a graph: which came from which.
 
 import { digits, svg } from "./dom.js";
-import { file, files, get, jobs, name, option, optional, read } from "./server.js";
+import { get, name } from "./server.js";
 
-/** What a job of this session says of where a model comes from. */
-function made(path) {
-    const job = [...jobs.values()].filter(({ args }) => option(args, "--out") === path && option(args, "--model")).pop();
-    const how = { add: "added", fit: "fitted", diagnose: "added and fitted" }[job?.args[0]];
-    if (how) return { parent: option(job.args, "--model"), how };
-    // Values tried by hand are written beside what they were tried on.
-    const tried = path.match(/^(.*)-tried(-\d+)?\.toml$/);
-    return tried && file(`${tried[1]}.toml`) ? { parent: `${tried[1]}.toml`, how: "tried" } : null;
-}
-
-/** Models with `parent` (a path or null), the oldest first. Where the server does not tell it, a fit stands on the model before it. */
-export async function lineage() {
-    const told = await optional(get("api/lineage"));
-    const known = told?.models ?? await Promise.all([...files("model")].sort((a, b) => a.modified - b.modified).map(async ({ path }, index, all) => {
-        const isFitted = /^\s*\[fit\]/m.test((await read(path)).text);
-        return { path, parent: isFitted && index ? all[index - 1].path : null, how: isFitted ? "fitted" : null };
-    }));
-    return known.map((one) => (one.parent && told ? one : { ...one, ...made(one.path) }));
-}
+/** Models with `parent` (a path or null), the oldest first. */
+export const lineage = async () => (await get("api/lineage")).models;
 
 /** From the first ancestor down to a model. */
 export function pathTo(models, path) {

@@ -2,19 +2,22 @@
 
 import { act, ask, bytes, button, choice, command, digits, h, note, number, prose, table, toast } from "./dom.js";
 import { Charts, byName, look } from "./chart.js";
-import { changed, file, files, folder, fresh, get, jobs, last, detail, post, read, readFolder, start, finished, upload, work } from "./server.js";
+import { basis, file, files, folder, fresh, get, jobs, last, detail, post, read, readFolder, start, finished, upload, work } from "./server.js";
 import { go, state } from "./state.js";
 
 const ENDINGS = /\.(csv|tsv|txt|parquet|mcap)$/i;
 const ticked = new Set();
 let deviceWish = "";
+/** What was typed and not yet written: the text of an experiment, and corrections of the columns of one `new`. */
+let draft = null;
+let corrections = { key: "" };
 let devices = null;
 let marked = null;
 
 /** Files of what was dropped, those in folders too. */
 async function dropped(transfer) {
     const walk = async (entry) => {
-        if (entry.isFile) return [await new Promise((resolve, reject) => entry.file(resolve, reject))];
+        if (entry.isFile) return [Object.assign(await new Promise((resolve, reject) => entry.file(resolve, reject)), { way: entry.fullPath })];
         const reader = entry.createReader();
         const all = [];
         for (;;) {
@@ -29,11 +32,18 @@ async function dropped(transfer) {
 
 async function take(all, again) {
     const own = all.filter((one) => ENDINGS.test(one.name) || /\.(urdf|xml|mjcf|toml)$/i.test(one.name));
-    if (!own.length) throw new Error("None of these files is a log: give CSV, Parquet or MCAP.");
+    if (!own.length) throw new Error("None of these is a file that can be taken: give CSV, Parquet or MCAP, or the robot as URDF, MJCF or TOML.");
     for (const one of own) {
-        const { path } = await upload(one);
-        if (ENDINGS.test(path)) ticked.add(path);
-        toast(`\`${path}\` is in the folder.`);
+        await act(async () => {
+            // Logs of several folders often have one name.
+            const elsewhere = (error) => {
+                if (error.status !== 409) throw error;
+                return upload(one, fresh([...(one.webkitRelativePath || one.way || "").split("/").slice(-2, -1), one.name].filter(Boolean).join("-")));
+            };
+            const { path } = await upload(one).catch(elsewhere);
+            if (ENDINGS.test(path)) ticked.add(path);
+            toast(`\`${path}\` is in the folder.`);
+        });
     }
     await readFolder();
     again();
@@ -118,17 +128,18 @@ async function columnsOf(own) {
     const factors = (await read(state.experiment)).text.split(/^\[scale\]/m)[1]?.split(/^\s*\[/m)[0] ?? "";
     const factorOf = (column) => factors.match(new RegExp(`^[ \\t]*${column.logical}[ \\t]*=[ \\t]*([^\\s#]+)`, "m"))?.[1] ?? String(column.scale);
     const names = [...new Set([...columns.map(({ name }) => name), ...unused.map((one) => one.name ?? one)])];
-    const wishes = new Map();
-    const scales = new Map();
+    const key = `${own.id} ${state.experiment}`;
+    if (corrections.key !== key) corrections = { key, wishes: new Map(), scales: new Map() };
+    const { wishes, scales } = corrections;
     const rows = columns.map((column) => [h("code", {}, column.logical),
-        choice(`column-${column.logical}`, h("span", { class: "unseen" }, `column of ${column.logical}`), names, column.name,
+        choice(`column-${column.logical}`, h("span", { class: "unseen" }, `column of ${column.logical}`), names, wishes.get(column.logical) ?? column.name,
             (value) => wishes.set(column.logical, value)),
-        h("input", { class: "short", id: `scale-${column.logical}`, "aria-label": `factor of ${column.logical}`, value: factorOf(column),
-            inputmode: "decimal", onchange: (event) => scales.set(column.logical, Number(event.target.value)) }),
+        h("input", { class: "short", id: `scale-${column.logical}`, "aria-label": `factor of ${column.logical}`, inputmode: "decimal",
+            value: scales.get(column.logical) ?? factorOf(column), oninput: (event) => scales.set(column.logical, event.target.value) }),
         [column.what, ...column.factors.map(({ what, factor }) => `${digits(factor)}: ${what}`),
             ...(column.turn ? [`encoder turns at ${digits(column.turn)}`] : [])].join("; ")]);
     const apply = async () => {
-        if ([...scales.values()].some((value) => !Number.isFinite(value) || value === 0)) throw new Error("A factor is a number that is not 0.");
+        if ([...scales.values()].some((value) => !Number.isFinite(Number(value)) || Number(value) === 0)) throw new Error("A factor is a number that is not 0.");
         if (wishes.size) {
             if (!(await ask(`Write \`${written.join("`, `")}\` anew with these columns? What was changed in them by hand is lost.`,
                 "Write anew"))) return;
@@ -139,9 +150,10 @@ async function columnsOf(own) {
         if (scales.size) {
             const { digest } = await read(state.experiment);
             await post("api/edit", { path: state.experiment, replaces: digest,
-                changes: [...scales].map(([key, value]) => ({ keys: ["scale", key], value })) });
+                changes: [...scales].map(([key, value]) => ({ keys: ["scale", key], value: Number(value) })) });
         }
         if (!wishes.size && !scales.size) toast("Nothing was changed.");
+        corrections = { key: "" };
     };
     return h("section", { class: "card", "aria-label": "Columns" }, h("h2", {}, "What the columns were taken for"),
         table("Columns of the logs: choose another where the guess is wrong", ["ours", "column of the log", "times", "why"], rows),
@@ -166,7 +178,6 @@ function failed(own) {
 }
 
 const blocksOf = (text) => text.split(/^(?=[ \t]*\[\[\s*run\s*\]\])/m);
-const rowsOf = (text, run) => blocksOf(text)[run + 1]?.match(/^[ \t]*rows[ \t]*=[ \t]*\[\s*(\d+)\s*,\s*(\d+)\s*\]/m)?.slice(1).map(Number);
 
 /** The [[run]] of the experiment's text with parts of its rows as runs of their own. */
 export function cut(text, run, parts) {
@@ -176,7 +187,11 @@ export function cut(text, run, parts) {
     const set = (own, key, value) => {
         const end = own.slice(2).search(/^[ \t]*\[/m);
         const [top, rest] = end < 0 ? [own, ""] : [own.slice(0, end + 2), own.slice(end + 2)];
-        const known = new RegExp(`^([ \\t]*${key}[ \\t]*=).*$`, "m");
+        const known = new RegExp(`^([ \\t]*${key}[ \\t]*=)(?!.*\\[[^\\]]*$).*$`, "m");
+        // What is written over several lines, or without a line for the file, is not for this.
+        if (!known.test(top) && (new RegExp(`^[ \\t]*${key}[ \\t]*=`, "m").test(top) || !/^[ \t]*file[ \t]*=.*\n/m.test(top))) {
+            throw new Error("This run is written in a way that the page cannot cut: edit the experiment as text.");
+        }
         return (known.test(top) ? top.replace(known, `$1 ${value}`) : top.replace(/^([ \t]*file[ \t]*=.*\n)/m, `$1${key} = ${value}\n`)) + rest;
     };
     const whole = block.endsWith("\n") ? block : `${block}\n`;
@@ -187,17 +202,17 @@ export function cut(text, run, parts) {
 
 async function write(text, digest, words) {
     const before = await read(state.experiment);
-    const after = await post("api/write", { path: state.experiment, text, replaces: digest });
-    const undo = button("Undo", async () => { await post("api/write", { path: state.experiment, text: before.text,
+    const { path } = before;
+    const after = await post("api/write", { path, text, replaces: digest });
+    const undo = button("Undo", async () => { await post("api/write", { path, text: before.text,
         replaces: after.digest }); undo.parentElement.remove(); });
     toast(words, "good", undo);
 }
 
 async function holdOut(experiment, run, from, to, role) {
     const { text, digest } = await read(state.experiment);
-    const [first, end] = rowsOf(text, run.run) ?? [0, run.samples];
-    const rowOf = (t) => first + Math.round((t - run.t0) * run.rate_hz);
-    let [a, b] = "rows" in run ? (await post("api/rows", { experiment: state.experiment, run: run.run, from, to })).rows : [rowOf(from), rowOf(to)];
+    const [first, end] = run.rows ?? [0, run.samples];
+    let [a, b] = (await post("api/rows", { experiment: state.experiment, run: run.run, from, to })).rows;
     // A rest of a few rows is no run.
     [a, b] = [a - first < 20 ? first : a, end - b < 20 ? end : b];
     if (b - a < 20) throw new Error("Mark at least 20 rows.");
@@ -269,21 +284,32 @@ function trace(experiment, run, again) {
             other === "validate" ? "hold a part of it out." : "fit a part of it."), form, charts.element) };
 }
 
-async function editor() {
-    const { text, digest } = await read(state.experiment);
+let isEditing = false;
+async function editor(again) {
+    const now = await read(state.experiment);
+    if (draft?.path !== now.path) draft = null;
+    const { text, digest } = draft ?? now;
     const area = h("textarea", { id: "experiment-text", rows: Math.min(30, text.split("\n").length + 1), spellcheck: "false",
-        "aria-label": state.experiment, value: text });
-    return h("details", { class: "card" }, h("summary", {}, `${state.experiment} as text`), area,
-        h("p", { class: "row" }, button("Save", () => write(area.value, digest, `\`${state.experiment}\` is written.`), { id: "save-experiment" })));
+        "aria-label": state.experiment, value: text,
+        oninput: () => { draft = { path: now.path, digest, text: area.value }; } });
+    const save = async () => {
+        await write(area.value, digest, `\`${now.path}\` is written.`);
+        draft = null;
+    };
+    const drop = () => { draft = null; again(); };
+    return h("details", { class: "card", open: isEditing, ontoggle: (event) => { isEditing = event.target.open; } },
+        h("summary", {}, `${now.path} as text`), area,
+        digest === now.digest ? null : note("The file has changed since you began to type: save is refused until you take it as it is."),
+        h("p", { class: "row" }, button("Save", save, { id: "save-experiment" }), draft ? button("Take the file as it is", drop) : null));
 }
 
 export default {
     title: "Logs",
-    grounds: () => [files("log").map(({ path, modified }) => path + modified), last("new")?.id, last("new")?.state],
+    grounds: () => [files("log").map(({ path }) => path), stampOfLogs(), last("new")?.id, last("new")?.state],
     async render({ cleanup, again }) {
         const begin = beginning(again);
         if (!state.experiment) return [begin, ...(await guesses()).filter(Boolean), note("No experiment is chosen: drop logs and make one.")];
-        const [experiment, own, guessed] = await Promise.all([readExperiment(), editor(), guesses()]);
+        const [experiment, own, guessed] = await Promise.all([readExperiment(), editor(again), guesses()]);
         const parts = [begin, ...guessed];
         const run = experiment.runs.find((one) => one.run === state.run) ?? experiment.runs[0];
         const { charts, element } = trace(experiment, run, again);
@@ -296,11 +322,25 @@ export default {
     },
 };
 
-let kept = { key: "", answer: null };
+let kept = { key: "", path: null, logs: null, stamp: "" };
+const stamps = (logs, all = files("log")) => all.filter(({ path }) => !logs || logs.has(path)).map(({ modified }) => modified).join(" ");
+
+/** When the logs of the chosen experiment were written; of all the folder, before it is read. */
+export const stampOfLogs = () => stamps(kept.path === state.experiment ? kept.logs : null);
+
 /** The experiment that is chosen, read once for each state of its files. */
 export async function readExperiment() {
-    const key = `${state.experiment} ${changed(state.experiment)} ${files("log").map(({ modified }) => modified)}`;
-    if (kept.key !== key) kept = { key, answer: await get(`api/experiment?path=${encodeURIComponent(state.experiment)}`) };
+    const path = state.experiment;
+    const key = `${path} ${basis(path)}`;
+    if (kept.key !== key || kept.stamp !== stamps(kept.logs)) {
+        const [own, before] = [{ key, path, logs: null, stamp: stamps(null) }, files("log")];
+        own.answer = get(`api/experiment?path=${encodeURIComponent(path)}`).then((answer) => {
+            own.logs = new Set(answer.runs.map(({ file: log }) => path.replace(/[^/]*$/, "") + log));
+            own.stamp = stamps(own.logs, before);
+            return answer;
+        });
+        own.answer.catch(() => { own.key = ""; });
+        kept = own;
+    }
     return kept.answer;
 }
-

@@ -38,12 +38,6 @@ export const upload = (file, name = file.name) =>
     call(`api/upload?name=${encodeURIComponent(name)}`, { method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file });
 export const read = (path) => get(`api/file?path=${encodeURIComponent(path)}`);
 
-/** An answer, or `null` where this server does not know the question. */
-export const optional = (promise) => promise.catch((error) => {
-    if (error.status === 404 || error.status === 405) return null;
-    throw error;
-});
-
 /** The folder as last read. */
 export let folder = { folder: "", files: [] };
 export async function readFolder() {
@@ -52,6 +46,8 @@ export async function readFolder() {
 }
 export const files = (kind) => folder.files.filter((file) => file.kind === kind);
 export const file = (path) => folder.files.find((own) => own.path === path);
+/** State of the files that the answers about an experiment and a model stand on, but for its logs. */
+export const basis = (...paths) => changed(...paths, ...["device", "effect"].flatMap((kind) => files(kind).map(({ path }) => path)));
 export const changed = (...paths) => paths.map((path) => file(path)?.modified ?? 0).join(" ");
 
 /** A name like this one that no file has, and that no job writes, or can go on to write. */

@@ -15,7 +15,9 @@ function ends({ value, lower, upper }) {
 }
 
 /** `own` is {name, label, value, lower, upper, unit, std_error, origin}; calls `onmove(value)` while it is dragged and `onend()` after. */
-export function slider(own, onmove, onend) {
+export function slider(asked, onmove, onend) {
+    // Bounds that leave no travel are none.
+    const own = asked.upper === asked.lower ? { ...asked, upper: null } : asked;
     const { isLog, low, high } = ends({ ...own, value: own.origin ?? own.value });
     const STEPS = 2000;
     const place = (value) => Math.round(STEPS * (isLog ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low)));
@@ -35,7 +37,7 @@ export function slider(own, onmove, onend) {
     range.addEventListener("change", onend);
     field.addEventListener("change", () => {
         const value = Number(field.value.replaceAll("−", "-"));
-        if (!Number.isFinite(value)) return show(at(Number(range.value)));
+        if (!field.value.trim() || !Number.isFinite(value)) return show(at(Number(range.value)));
         const kept = within(value);
         range.value = place(kept);
         show(kept);

@@ -2,7 +2,7 @@
 
 import { act, button, choice, command, digits, h, noExperiment, number, put, table } from "./dom.js";
 import { Charts } from "./chart.js";
-import { changed, detail, file, fresh, isOver, jobs, name, on, option, post, readFolder, resume, start, stop } from "./server.js";
+import { basis, detail, file, fresh, isOver, jobs, name, on, option, post, readFolder, resume, start, stop } from "./server.js";
 import { asked, go, state } from "./state.js";
 import { readExperiment } from "./logs.js";
 import { slider } from "./slider.js";
@@ -13,7 +13,7 @@ let refresh = () => {};
 const opened = new Map();
 
 async function open() {
-    const key = `${state.experiment} ${state.model} ${changed(state.experiment, state.model)}`;
+    const key = `${state.experiment} ${state.model} ${basis(state.experiment, state.model)}`;
     if (own.key === key) return;
     const { parameters } = await post("api/parameters", asked());
     const values = Object.fromEntries(parameters.map((one) => [one.name, one.value]));

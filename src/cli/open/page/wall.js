@@ -1,6 +1,6 @@
 // Wall: a virtual wall under a simulated hand, drawn while its gains, rules and sample rate are moved.
 
-import { button, choice, command, h, line, number, put, toast } from "./dom.js";
+import { button, choice, command, h, line, number, prose, put, toast } from "./dom.js";
 import { Charts } from "./chart.js";
 import { files, fresh, post, read, readFolder } from "./server.js";
 import { slider } from "./slider.js";
@@ -15,19 +15,29 @@ export default {
         const facts = h("dl", { class: "facts", "aria-live": "polite" });
         const felt = { settled_position: "settled at", peak_to_peak: "swing", chatter_rms: "chatter RMS", frequency: "frequency [Hz]",
             energy_out: "energy out", stiffness: "stiffness", outside: "time outside" };
-        const body = () => ({ model: state.model, setting: own.setting || null, wall: own.wall, changes: own.changes,
+        // A model of another device than the setting's cannot meet it: then the setting's own does.
+        let model = state.model;
+        const said = h("p", { class: "bad-word", role: "status" });
+        const body = () => ({ model, setting: own.setting || null, wall: own.wall, changes: own.changes,
             ...(own.hand === "" ? {} : { hand: Number(own.hand) }), ...(own.speed ? { speed: own.speed } : {}) });
         const ask = async () => {
-            const answer = await post("api/wall", body());
+            const answer = await post("api/wall", body()).catch(async (error) => {
+                if (!model || error.status !== 422) throw error;
+                model = null;
+                const without = await post("api/wall", body()).catch(() => { model = state.model; throw error; });
+                said.replaceChildren(...prose(`The device's own model meets this wall, not \`${state.model}\`: ${error.message}`));
+                return without;
+            });
             const entries = [["deepest", answer.depth_max], ...Object.entries(felt).map(([key, words]) => [words,
                 (answer.felt?.measures ?? answer.felt)?.[key]])];
             facts.replaceChildren(...entries.filter(([, value]) => value !== undefined).flatMap(([words, value]) => [h("dt", {}, words),
                 h("dd", {}, number(value))]));
             return answer;
         };
-        const first = await ask();
+        // What cannot be played is said beside the choices that it comes from.
+        const first = await ask().catch((error) => { said.replaceChildren(...prose(error.message)); return null; });
         let isFirst = true;
-        const charts = new Charts({ label: "The hand at the wall", range: [first.t[0], first.t.at(-1)], load: async () => {
+        const charts = new Charts({ label: "The hand at the wall", range: first ? [first.t[0], first.t.at(-1)] : [0, 1], load: async () => {
             const now = isFirst ? first : await ask();
             isFirst = false;
             const flat = (low) => ({ t: now.t, low, high: low });
@@ -42,18 +52,26 @@ export default {
         const knob = (one) => h("li", {}, slider({ ...one, name: one.key, label: one.key.split(".").at(-1), value: own.changes[one.key] ?? one.value,
             origin: one.value },
             (value) => { own.changes[one.key] = value; charts.reload(); }, () => {}).element);
-        const rules = Object.entries(Object.groupBy(first.changes.filter(({ key }) => key.startsWith("rules.")), ({ key }) => key.split(".")[1]));
+        const knobs = first?.changes ?? [];
+        const rules = [...Map.groupBy(knobs.filter(({ key }) => key.startsWith("rules.")), ({ key }) => key.split(".")[1])];
         const save = async () => {
             const path = fresh("wall.toml");
-            const rate = own.changes.sample_rate;
-            if (rate && !own.setting) toast("The sample rate belongs to the setting, not to the wall: choose a setting file to have it written there.");
-            if (rate && own.setting) {
-                const { digest } = await read(own.setting);
-                await post("api/edit", { path: own.setting, replaces: digest, changes: [{ keys: ["controller", "sample_s"], value: 1 / rate }] });
-            }
             await post("api/wall", { ...body(), out: path });
+            const rate = own.changes.sample_rate;
+            let { setting } = own;
+            // The sample rate belongs to the setting: one of its own is written, and the user's stays as it is.
+            if (rate && setting) {
+                const { text } = await read(setting);
+                const file = fresh("setting.toml");
+                const { digest } = await post("api/write", { path: file, text, replaces: null });
+                const steps = Number(text.match(/^\s*step_s\s*=\s*([\d.eE+-]+)/m)?.[1]);
+                const changes = [{ keys: ["controller", "sample_s"], value: 1 / rate },
+                    ...(steps > 1 / rate ? [{ keys: ["simulation", "step_s"], value: 1 / rate }] : [])];
+                await post("api/edit", { path: file, replaces: digest, changes });
+                setting = file;
+            } else if (rate) toast("The sample rate belongs to the setting, not to the wall: choose a setting file to have it written.");
             await readFolder();
-            const options = [["--setting", own.setting], ["--model", state.model], ["--hand", own.hand],
+            const options = [["--setting", setting], ["--model", model], ["--hand", own.hand],
                 ["--speed", own.speed]].filter(([, value]) => value !== "" && value !== null);
             put(saved, command(line(["wall", "run", "--wall", path, ...options.flat()])));
         };
@@ -65,12 +83,12 @@ export default {
                 choice("wall-speed", "Approach", [["", "the first"], "slow", "medium", "fast"], own.speed, (speed) => set({ speed })),
                     h("label", { class: "field" }, h("span", {}, "Hand"),
                     h("input", { type: "number", class: "short", id: "wall-hand", min: 0, value: own.hand, placeholder: "typical",
-                    onchange: (event) => set({ hand: event.target.value }) }))),
-            h("ul", {}, first.changes.filter(({ key }) => !key.startsWith("rules.")).map(knob)),
+                    onchange: (event) => set({ hand: event.target.value }) }))), said,
+            h("ul", {}, knobs.filter(({ key }) => !key.startsWith("rules.")).map(knob)),
             rules.length ? [h("h3", {}, "Rules: torque at each set of the position"),
                 rules.map(([row, list]) => h("details", {}, h("summary", {}, `speed ${row}`), h("ul", {}, list.map(knob))))] : null,
             h("p", { class: "row" }, h("button", { type: "button", id: "wall-reset", onclick: () => set({ changes: {} }) }, "Reset"),
-                button("Write this wall", save, { id: "wall-save" })), saved),
-        h("section", { class: "card stays", "aria-label": "Contact" }, h("h2", {}, "Under the hand"), facts, charts.element));
+                button("Write this wall", save, { id: "wall-save", disabled: !first })), saved),
+        h("section", { class: "card stays", "aria-label": "Contact" }, h("h2", {}, "Under the hand"), facts, first ? charts.element : null));
     },
 };

@@ -1,6 +1,6 @@
 // The window: header, tabs, keys; what is shown follows the address, the files and the jobs.
 
-import { act, choice, h, lifetime, put, toast, waiting } from "./dom.js";
+import { act, choice, h, lifetime, put, waiting } from "./dom.js";
 import { basis, file, files, folder, hear, isOver, on, readFolder } from "./server.js";
 import { go, state, watch } from "./state.js";
 import { showJobs } from "./jobs.js";
@@ -88,18 +88,16 @@ function choose() {
     go(changes);
 }
 
-let reading = null;
+let [isReading, isWished] = [false, false];
 /** Reads the folder again: one at a time, and once more where it changed meanwhile. */
 async function folderChanged() {
-    if (reading) {
-        reading.again = true;
-        return;
+    isWished = true;
+    if (isReading) return;
+    for (isReading = true; isWished;) {
+        isWished = false;
+        await act(() => readFolder().then(choose).then(head).then(() => show()));
     }
-    do {
-        reading = { again: false };
-        await readFolder().then(choose).then(head).then(() => show()).catch((error) => toast(error.message, "bad"));
-    } while (reading.again);
-    reading = null;
+    isReading = false;
 }
 
 function keys(event) {

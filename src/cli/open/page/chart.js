@@ -2,7 +2,7 @@
 //
 // A column of data is what lies between its `low` and `high`, so that a chart of a million rows hides no peak.
 
-import { digits, h, table } from "./dom.js";
+import { digits, h, svg, table } from "./dom.js";
 
 const LEFT = 66;
 const RIGHT = 10;
@@ -22,6 +22,9 @@ function ticks(from, to, pixels, room) {
         (_, index) => Number(((first + index) * step).toPrecision(12)));
 }
 
+const key = ({ color, dash, thick }) => svg("svg", { class: "key", "aria-hidden": "true" }, svg("line",
+    { x2: 26, y1: 4, y2: 4, stroke: `var(${color})`, "stroke-width": thick ? 4 : 2, "stroke-dasharray": (dash ?? []).join(" ") }));
+
 export class Charts {
     /**
      * `label` names the whole, `x` is {label, unit}, `range` its two ends, `load(from, to, width)` gives
@@ -30,7 +33,6 @@ export class Charts {
     constructor({ label, x = { label: "time", unit: "s" }, range, load, onselect = null, onrange = null, view = null }) {
         Object.assign(this, { label, x, whole: range, view: [...(view ?? range)], load, onselect, onrange });
         this.panels = [];
-        this.keys = [];
         this.spans = [];
         this.data = {};
         this.cursor = null;
@@ -46,9 +48,8 @@ export class Charts {
         this.observer = new ResizeObserver(() => { this.reload(); this.draw(); });
         this.observer.observe(this.element);
         this.scheme = matchMedia("(prefers-color-scheme: dark)");
-        this.onscheme = () => { this.areKeysDrawn = false; this.draw(); };
+        this.onscheme = () => this.draw();
         this.scheme.addEventListener("change", this.onscheme);
-        this.areKeysDrawn = false;
     }
 
     /** Adds a panel: {label, unit, series: [{name, label, color, dash, kind, thick}], band (half width about 0), tall}. */
@@ -56,29 +57,13 @@ export class Charts {
         const id = `chart-${this.label} ${own.label}`.replace(/\W+/g, "-");
         const canvas = h("canvas", { id, tabindex: 0, role: "img", "aria-keyshortcuts": "ArrowLeft ArrowRight + - Home , .",
             "aria-description": "Arrows move along, plus and minus zoom, Home shows all, comma and full stop read the values.", class: own.tall ? "tall" : "" });
-        const legend = h("ul", { class: "legend" }, own.series.map((series) => h("li", {}, this.key(series), series.label)),
+        const legend = h("ul", { class: "legend" }, own.series.map((series) => h("li", {}, key(series), series.label)),
             own.band ? h("li", {}, h("span", { class: "key-band" }), own.bandLabel ?? `noise ±${digits(own.band)} ${own.unit}`) : null);
         const figure = h("figure", {}, h("figcaption", {}, h("strong", {}, own.label), own.unit ? ` [${own.unit}]` : "", legend), canvas);
         this.values.before(figure);
         this.panels.push({ ...own, canvas, figure });
         this.listen(canvas);
         return this;
-    }
-
-    key(series) {
-        const own = h("canvas", { class: "key", width: 52, height: 16, "aria-hidden": "true" });
-        this.keys.push(() => {
-            const pen = own.getContext("2d");
-            pen.setTransform(2, 0, 0, 2, 0, 0);
-            pen.clearRect(0, 0, 26, 8);
-            Object.assign(pen, { strokeStyle: getComputedStyle(own).getPropertyValue(series.color), lineWidth: series.thick ? 4 : 2 });
-            pen.setLineDash(series.dash ?? []);
-            pen.beginPath();
-            pen.moveTo(0, 4);
-            pen.lineTo(26, 4);
-            pen.stroke();
-        });
-        return own;
     }
 
     listen(canvas) {
@@ -188,8 +173,6 @@ export class Charts {
     draw() {
         this.frame ??= requestAnimationFrame(() => {
             this.frame = null;
-            if (!this.areKeysDrawn && this.element.isConnected) this.keys.forEach((draw) => draw());
-            this.areKeysDrawn = this.element.isConnected;
             this.panels.forEach((panel, index) => this.drawPanel(panel, index === this.panels.length - 1));
             this.read();
         });

@@ -80,8 +80,7 @@ export default {
         const known = result.identifiability?.parameters ?? [];
         return [h("section", { class: "card", "aria-label": "Check" }, h("h2", {}, "Check"), h("p", { class: "lead" }, result.what),
             isCurrent(job, ...files("log").map(({ path }) => path)) ? null : note("A log changed since: check again."), list(result),
-            h("p", { class: "row" }, button("Check again", () => start(about("check")), { id: "check-again" })), command(own.command)),
-                offer(result),
+            h("p", { class: "row" }, button("Check again", () => start(about("check")), { id: "check-again" })), command(own.command)), offer(result),
             known.length ? h("details", { class: "card" }, h("summary", {}, "How well each parameter would be known"),
                 table("Errors to be expected of a fit", ["parameter", "value", "±", "open"],
                 known.map((one) => [h("code", {}, one.name), number(one.value), number(one.std_error), one.is_open ? "open" : ""]))) : null];

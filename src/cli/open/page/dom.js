@@ -26,8 +26,7 @@ export const svg = (tag, properties, ...children) => fill(document.createElement
 export function digits(value, significant = 4) {
     if (value === null || value === undefined || !Number.isFinite(value)) return "—";
     const size = Math.abs(value);
-    const text = size !== 0 && (size < 1e-3 || size >= 1e5)
-        ? Number(value).toExponential(significant - 1).replace(/\.?0+e/, "e").replace("e+", "e")
+    const text = size !== 0 && (size < 1e-3 || size >= 1e5) ? Number(value).toExponential(significant - 1).replace(/\.?0+e/, "e").replace("e+", "e")
         : String(Number(value.toPrecision(significant)));
     return text.replaceAll("-", "−");
 }

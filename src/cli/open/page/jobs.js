@@ -19,6 +19,7 @@ const entries = new Map();
 function entry(job) {
     let own = entries.get(job.id);
     if (own?.state !== job.state) {
+        if (own && job.state === "stopped") toast(`Stopped; what was reached is kept: \`${job.command}\``);
         const isLive = !isOver(job);
         const id = `job-${job.id}`;
         const bar = isLive ? h("progress", { "aria-label": `${job.args[0]}: how far` }) : null;
@@ -51,21 +52,14 @@ export function showJobs(place) {
         const ended = all.filter(isOver).reverse().slice(0, 50);
         fill(live, all.filter((job) => !isOver(job)).map(entry));
         fill(done, ended.map(entry));
-        live.hidden = !live.children.length;
         over.hidden = !ended.length;
+        place.hidden = !all.length;
         count.textContent = `Work done: ${ended.length}`;
     };
     let frame = null;
     const soon = () => { frame ??= setTimeout(() => { frame = null; draw(); }, 150); };
     draw();
-    const said = new Set([...jobs.values()].filter(isOver).map((job) => job.id));
-    on("job", (job) => {
-        soon();
-        if (isOver(job) && !said.has(job.id)) {
-            said.add(job.id);
-            if (job.state === "stopped") toast(`Stopped; what was reached is kept: \`${job.command}\``);
-        }
-    });
+    on("job", soon);
     on("progress", (line) => {
         const job = jobs.get(line.job);
         if (job) job.last = line;

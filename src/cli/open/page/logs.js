@@ -33,14 +33,15 @@ async function dropped(transfer) {
 async function take(all, again) {
     const own = all.filter((one) => ENDINGS.test(one.name) || /\.(urdf|xml|mjcf|toml)$/i.test(one.name));
     if (!own.length) throw new Error("None of these is a file that can be taken: give CSV, Parquet or MCAP, or the robot as URDF, MJCF or TOML.");
-    for (const one of own) {
+    for (const [index, one] of own.entries()) {
         await act(async () => {
-            // Logs of several folders often have one name.
-            const elsewhere = (error) => {
+            // Logs of several folders often have one name: then that of the folder stands before it.
+            const longer = () => fresh([...(one.webkitRelativePath || one.way || "").split("/").slice(-2, -1), one.name].filter(Boolean).join("-"));
+            const isTaken = own.findIndex(({ name }) => name === one.name) < index;
+            const { path } = await upload(one, isTaken ? longer() : one.name).catch((error) => {
                 if (error.status !== 409) throw error;
-                return upload(one, fresh([...(one.webkitRelativePath || one.way || "").split("/").slice(-2, -1), one.name].filter(Boolean).join("-")));
-            };
-            const { path } = await upload(one).catch(elsewhere);
+                return upload(one, longer());
+            });
             if (ENDINGS.test(path)) ticked.add(path);
             toast(`\`${path}\` is in the folder.`);
         });
@@ -94,8 +95,7 @@ function beginning(again) {
         if (!device) throw new Error("Name the robot: a device file, a URDF or an MJCF, or a device that the program carries.");
         await make(["new", ...chosen(), "--device", device, ...(file("experiment.toml") ? ["--out", fresh("experiment")] : [])]);
     };
-    return h("section", { class: "card", "aria-label": "A new experiment" }, h("h2", {}, "Logs of the folder"),
-        zone(again),
+    return h("section", { class: "card", "aria-label": "A new experiment" }, h("h2", {}, "Logs of the folder"), zone(again),
         logs.length ? h("ul", { class: "ticks" }, logs.map(({ path, bytes: size }) => h("li", {}, h("label", {},
             h("input", { type: "checkbox", id: `tick-${path}`, checked: ticked.has(path),
                 onchange: (event) => { ticked[event.target.checked ? "add" : "delete"](path); } }), " ", path,

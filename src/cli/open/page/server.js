@@ -140,16 +140,13 @@ export const option = (args, key) => (args.includes(key) ? args[args.indexOf(key
 
 /** Listens, for as long as the page is there. */
 export async function hear() {
-    let wasLost = false;
+    // What happened before, and while the connection was broken; what was heard of an end is newer.
+    const ask = async () => (await get("api/jobs")).filter(({ id }) => !isOver(jobs.get(id) ?? {})).forEach((job) => jobs.set(job.id, job));
     const heard = async (kind, data) => {
         if (kind === "job") jobs.set(data.id, data);
-        if (kind === "link") {
-            // What happened while the connection was broken.
-            if (data && wasLost) {
-                (await get("api/jobs")).forEach((job) => jobs.set(job.id, job));
-                tell("folder", { paths: [] });
-            }
-            wasLost = !data;
+        if (kind === "link" && data) {
+            await ask();
+            tell("folder", { paths: [] });
         }
         tell(kind, data);
     };
@@ -157,6 +154,5 @@ export async function hear() {
         const worker = new SharedWorker("events.js", { type: "module" });
         worker.port.onmessage = ({ data: [kind, data] }) => heard(kind, data);
     } else listen(heard);
-    // What came meanwhile is newer.
-    (await get("api/jobs")).filter((job) => !jobs.has(job.id)).forEach((job) => jobs.set(job.id, job));
+    await ask();
 }

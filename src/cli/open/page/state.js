@@ -8,7 +8,7 @@ const NUMBERS = new Set(["run", "joint"]);
 
 function parse() {
     for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
-        if (key in state) state[key] = NUMBERS.has(key) ? Number(value) : value;
+        if (key in state) state[key] = NUMBERS.has(key) ? Number(value) : value || null;
     }
 }
 parse();

@@ -67,8 +67,7 @@ async function fitting(job, cleanup) {
             isOver(now) ? null : button("Stop and keep what is there", () => stop(job.id), { id: "stop-fit" }),
             now.result?.out && file(out) ? h("button", { type: "button", class: "main", id: "open-fit",
                 onclick: () => go({ model: out, view: "compare" }) }, `Compare ${out}`) : null,
-            now.state === "stopped" ? button("Go on with it", () => resume(job)) : null,
-                now.error ? h("p", { class: "bad-word" }, now.error) : null),
+            now.state === "stopped" ? button("Go on with it", () => resume(job)) : null, now.error ? h("p", { class: "bad-word" }, now.error) : null),
         now.result?.parameters ? table("What the fit moved", ["parameter", "from", "to", "±"],
             now.result.parameters.map((one) => [h("code", {}, one.name), number(one.start), number(one.value, one.unit), number(one.std_error)]))
             : null);
@@ -117,8 +116,7 @@ export default {
         const charts = new Charts({ label: `${run.label ?? run.file}, joint ${joint}`, range: [run.t0, run.t1], load: async (from, to, width) => {
             const key = `${from} ${to} ${width}`;
             const body = { ...asked(), run: run.run, values: moved(), from, to, width };
-            const [tried, log] = await Promise.all([post("api/try", body),
-                measured.key === key ? measured.answer : post("api/series",
+            const [tried, log] = await Promise.all([post("api/try", body), measured.key === key ? measured.answer : post("api/series",
                 { of: { experiment: state.experiment, run: run.run }, names: [`q${joint}`], from, to, width })]);
             measured = { key, answer: log };
             errors.replaceChildren(...tried.rmse.flatMap((one) => [`joint ${one.joint}: error `, number(one.rmse),

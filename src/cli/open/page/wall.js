@@ -64,10 +64,10 @@ export default {
                 const { text } = await read(setting);
                 const file = fresh("setting.toml");
                 const { digest } = await post("api/write", { path: file, text, replaces: null });
-                const steps = Number(text.match(/^\s*step_s\s*=\s*([\d.eE+-]+)/m)?.[1]);
-                const changes = [{ keys: ["controller", "sample_s"], value: 1 / rate },
-                    ...(steps > 1 / rate ? [{ keys: ["simulation", "step_s"], value: 1 / rate }] : [])];
-                await post("api/edit", { path: file, replaces: digest, changes });
+                // A step of the simulation is no longer than a sample.
+                const [sample, step] = [1 / rate, Number(text.match(/^\s*step_s\s*=\s*([\d.eE+-]+)/m)?.[1])];
+                await post("api/edit", { path: file, replaces: digest, changes: [{ keys: ["controller", "sample_s"], value: sample },
+                    ...(step > sample ? [{ keys: ["simulation", "step_s"], value: sample }] : [])] });
                 setting = file;
             } else if (rate) toast("The sample rate belongs to the setting, not to the wall: choose a setting file to have it written.");
             await readFolder();

@@ -1,6 +1,6 @@
 // The window: header, tabs, keys; what is shown follows the address, the files and the jobs.
 
-import { act, choice, h, lifetime, put, waiting } from "./dom.js";
+import { act, choice, dialog, h, lifetime, put, waiting } from "./dom.js";
 import { basis, file, files, folder, hear, isOver, on, readFolder } from "./server.js";
 import { go, state, watch } from "./state.js";
 import { showJobs } from "./jobs.js";
@@ -82,8 +82,8 @@ function choose() {
     const changes = {};
     if (!state.experiment || !file(state.experiment)) changes.experiment = (file(folder.experiment)?.path ?? files("experiment")[0]?.path) || null;
     if (state.model && !file(state.model)) changes.model = null;
-    if (!shown && !state.model) changes.model = file(folder.model)?.path ?? [...files("model")].sort((a,
-        b) => b.modified - a.modified)[0]?.path ?? null;
+    const newest = () => [...files("model")].sort((a, b) => b.modified - a.modified)[0]?.path ?? null;
+    if (!shown && !state.model) changes.model = file(folder.model)?.path ?? newest();
     if (!(state.view in VIEWS)) changes.view = "logs";
     go(changes);
 }
@@ -121,11 +121,8 @@ function help() {
         ["Shift and drag, or Shift and wheel", "move along"], ["Ctrl and wheel, or the wheel after a click", "zoom at the pointer"],
             ["double click", "show all"],
         ["on a chart: ← → + − Home", "move, zoom, show all"], ["on a chart: , and .", "move the cursor and read the values"], ["?", "this list"]];
-    const dialog = h("dialog", { "aria-label": "Keys", onclose: () => dialog.remove() }, h("h2", {}, "Keys"),
-        h("dl", {}, all.map(([key, what]) => [h("dt", {}, key), h("dd", {}, what)])),
-            h("form", { method: "dialog" }, h("button", { autofocus: true }, "Close")));
-    document.body.append(dialog);
-    dialog.showModal();
+    dialog("Keys", h("button", { autofocus: true }, "Close"), h("h2", {}, "Keys"),
+        h("dl", {}, all.map(([key, what]) => [h("dt", {}, key), h("dd", {}, what)])));
 }
 
 act(async () => {

@@ -18,8 +18,7 @@ function ticks(from, to, pixels, room) {
     const step = power * ([1, 2, 5].find((own) => own * power >= rough) ?? 10);
     if (!(step > 0) || !Number.isFinite(step)) return [];
     const first = Math.ceil(from / step - 1e-9);
-    return Array.from({ length: Math.min(50, Math.floor(to / step + 1e-9) - first + 1) },
-        (_, index) => Number(((first + index) * step).toPrecision(12)));
+    return Array.from({ length: Math.min(50, Math.floor(to / step + 1e-9) - first + 1) }, (_, index) => Number(((first + index) * step).toPrecision(12)));
 }
 
 const key = ({ color, dash, thick }) => svg("svg", { class: "key", "aria-hidden": "true" }, svg("line",
@@ -38,8 +37,7 @@ export class Charts {
         this.cursor = null;
         this.readout = h("output", { class: "readout" }, "\u00a0");
         this.values = h("div", { class: "values", hidden: true });
-        const tool = (words, title, work) => h("button", { type: "button", class: "plain", title, "aria-label": `${title}: ${label}`, onclick: work },
-            words);
+        const tool = (words, title, work) => h("button", { type: "button", class: "plain", title, "aria-label": `${title}: ${label}`, onclick: work }, words);
         this.shown = h("button", { type: "button", class: "plain", "aria-expanded": "false", onclick: () => this.showValues() }, "Values");
         this.bar = h("div", { class: "chart-bar" }, this.readout, h("span", { class: "row" }, tool("+", "Zoom in", () => this.zoomBy(0.5)),
             tool("−", "Zoom out", () => this.zoomBy(2)),
@@ -125,8 +123,7 @@ export class Charts {
         this.reload();
     }
     reset() { this.show(...this.whole); }
-    zoomBy(factor, about = (this.view[0] + this.view[1]) / 2) { this.show(about - (about - this.view[0]) * factor,
-        about + (this.view[1] - about) * factor); }
+    zoomBy(factor, about = (this.view[0] + this.view[1]) / 2) { this.show(about - (about - this.view[0]) * factor, about + (this.view[1] - about) * factor); }
     panBy(share) {
         const step = share * (this.view[1] - this.view[0]);
         this.show(this.view[0] + step, this.view[1] + step);

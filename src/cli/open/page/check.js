@@ -35,14 +35,12 @@ function list(result) {
         own.forEach((finding) => seen.add(finding));
         return item(own.length ? "bad" : "good", title, own.map((finding) => h("p", {}, h("code", {}, finding.run), ": ", prose(finding.what))));
     });
-    const others = result.findings.filter((finding) => !seen.has(finding)).map((finding) => item("bad", finding.run,
-        h("p", {}, prose(finding.what))));
+    const others = result.findings.filter((finding) => !seen.has(finding)).map((finding) => item("bad", finding.run, h("p", {}, prose(finding.what))));
     const runs = result.quality.map((own) => item(own.warnings.length ? "bad" : "good",
         `${own.run}: ${digits(own.duration_s)} s at ${digits(own.rate_hz)} Hz`, own.warnings.map((one) => h("p", {}, prose(one)))));
     const open = result.unanswered.map((own) => item("open", own));
     const play = result.suggestions.map((own) => item("open", `To be played: ${own.what}`, remedy(own.command)));
-    return [h("h3", {}, "Is something wrong in the logs?"), h("ul", { class: "list" }, questions, others, runs),
-        h("h3", {}, "What do they leave open?"),
+    return [h("h3", {}, "Is something wrong in the logs?"), h("ul", { class: "list" }, questions, others, runs), h("h3", {}, "What do they leave open?"),
         h("ul", { class: "list" }, open.length ? open : item("good", "Nothing: every parameter is excited"), play)];
 }
 

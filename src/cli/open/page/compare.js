@@ -88,8 +88,7 @@ function chips({ key, findings }, charts, run, joint) {
     marks();
     return h("section", { class: "where", "aria-label": "Where model and logs part" },
         here.length ? h("ul", { class: "chips" }, here) : note("Nothing differs from chance in this run and joint."),
-        elsewhere.length ? h("details", {}, h("summary", {}, `${elsewhere.length} in other runs and joints`),
-            h("ul", { class: "chips" }, elsewhere)) : null);
+        elsewhere.length ? h("details", {}, h("summary", {}, `${elsewhere.length} in other runs and joints`), h("ul", { class: "chips" }, elsewhere)) : null);
 }
 
 function scatter(run, joint, cleanup) {
@@ -162,8 +161,7 @@ export default {
         if (view.key !== key) view = { key, range: null };
         const charts = new Charts({
             label: `${label ?? run.file}, joint ${joint}`, range: [t0, t1], view: view.range, onrange: (range) => { view.range = range; },
-            load: async (from, to, width) => byName(await about(state.model, "api/series",
-                (key) => ({ of: { key, run: run.run }, names, from, to, width }))),
+            load: async (from, to, width) => byName(await about(state.model, "api/series", (key) => ({ of: { key, run: run.run }, names, from, to, width }))),
         });
         cleanup(() => charts.close());
         charts.panel({ label: "position", unit: own.unit, tall: true, series: [{ name: `measured:${joint}`, label: "measured", color: "--measured",
@@ -182,8 +180,7 @@ export default {
             h("h2", {}, `${state.model ?? "Default model"} against ${label ?? run.file}, joint ${joint}`),
             h("div", { class: "row" }, choice("choose-run", "Run", answer.runs.map((one) => [one.run,
                 `${one.file}${one.role === "fit" ? "" : " (held out)"}`]), run.run, (value) => go({ run: Number(value) })),
-                choice("choose-joint", "Joint", run.joints.map((one) => [one.joint, `joint ${one.joint}`]), joint,
-                    (value) => go({ joint: Number(value) })),
+                choice("choose-joint", "Joint", run.joints.map((one) => [one.joint, `joint ${one.joint}`]), joint, (value) => go({ joint: Number(value) })),
                 h("p", {}, "error ", number(own.rmse, own.unit), ", noise ", number(own.noise, own.unit),
                     run.lost ? h("strong", {}, " · the simulation drifts away from this log: judge by the torque error") : "")),
             grown, chips(answer, charts, run, joint), charts.element), scatter(run, joint, cleanup)),

@@ -92,8 +92,7 @@ async function chosen(result, experiment, cleanup, better) {
     const wish = { effect, joint: Number(joint), from: from === undefined ? null : Number(from) };
     const withIt = file(`${withEffect(wish)}-fitted.toml`)?.path ?? (one && one === result.ranking[0] ? file(better)?.path : null);
     const screened = result?.screening.find((own) => words(own) === key);
-    const list = (title, all, kind) => (all?.length ? [h("h3", {}, title), h("ul", { class: kind }, all.map((own) => h("li", {}, prose(own))))]
-        : null);
+    const list = (title, all, kind) => (all?.length ? [h("h3", {}, title), h("ul", { class: kind }, all.map((own) => h("li", {}, prose(own))))] : null);
     const free = [...new Set(experiment.runs.flatMap((run) => run.free))];
     const parts = one ? [
         h("dl", { class: "facts" }, h("dt", {}, "held-out error"), h("dd", {}, number(one.rmse_validate_before), " → ",

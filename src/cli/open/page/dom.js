@@ -56,8 +56,7 @@ export function table(caption, heads, rows) {
 /** A labelled choice; options are [value, words] or words alone. */
 export function choice(id, label, options, value, onchange) {
     const all = options.map((option) => (Array.isArray(option) ? option : [option, option]));
-    return h("label", { class: "field" }, h("span", {}, label),
-        h("select", { id, value: value ?? "", onchange: (event) => onchange(event.target.value) },
+    return h("label", { class: "field" }, h("span", {}, label), h("select", { id, value: value ?? "", onchange: (event) => onchange(event.target.value) },
             all.map(([own, words]) => h("option", { value: own }, words))));
 }
 
@@ -111,17 +110,17 @@ export const line = (args) => ["dynid", ...args].map(quoted).join(" ");
 /** The words of a shell line without `dynid`. */
 export const words = (text) => [...text.matchAll(/'([^']*)'|"([^"]*)"|(\S+)/g)].map((own) => own[1] ?? own[2] ?? own[3]).slice(1);
 
+/** Shows a dialog; resolves to the value of the button that closes it. */
+export const dialog = (label, buttons, ...content) => new Promise((resolve) => {
+    const own = h("dialog", { "aria-label": label, onclose: () => { own.remove(); resolve(own.returnValue); } }, content,
+        h("form", { method: "dialog", class: "row" }, buttons));
+    document.body.append(own);
+    own.showModal();
+});
+
 /** Asks in a dialog; true where the answer is yes. */
-export function ask(question, yes, no = "Cancel") {
-    return new Promise((resolve) => {
-        const dialog = h("dialog", { "aria-label": question, onclose: () => { resolve(dialog.returnValue === "yes"); dialog.remove(); } },
-            h("p", {}, prose(question)),
-            h("form", { method: "dialog", class: "row" }, h("button", { value: "no", autofocus: true }, no),
-                h("button", { value: "yes", class: "main" }, yes)));
-        document.body.append(dialog);
-        dialog.showModal();
-    });
-}
+export const ask = async (question, yes, no = "Cancel") => "yes" === await dialog(question, [h("button", { value: "no", autofocus: true }, no),
+    h("button", { value: "yes", class: "main" }, yes)], h("p", {}, prose(question)));
 
 /** Puts new content into a place; the focus stays on what has the same id. */
 export function put(place, ...content) {

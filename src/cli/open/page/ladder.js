@@ -64,8 +64,7 @@ async function report(path) {
     const diagnoses = files("diagnosis").sort((a, b) => a.modified - b.modified);
     const own = diagnoses.filter((one) => path.some((model) => one.path.includes(`${name(model)}-diagnosis`))).at(-1) ?? diagnoses.at(-1);
     await work(["report", state.experiment, ...path, ...(own ? ["--diagnosis", own.path] : []), "--out", out]);
-    toast(`\`${out}\` is written.`, "good", h("a", { href: `api/page?path=${encodeURIComponent(out)}`, target: "_blank", rel: "noopener" },
-        "Open it"));
+    toast(`\`${out}\` is written.`, "good", h("a", { href: `api/page?path=${encodeURIComponent(out)}`, target: "_blank", rel: "noopener" }, "Open it"));
 }
 
 export default {
@@ -99,8 +98,7 @@ export default {
             (value) => { other = value; again(); }));
         const two = h("div", {});
         if (other && experiment) act(async () => put(two, await twoRungs(other, chosen, experiment, cleanup)), two);
-        const links = pages.map((page) => h("a", { href: `api/page?path=${encodeURIComponent(page.path)}`, target: "_blank", rel: "noopener" },
-            page.path));
+        const links = pages.map((page) => h("a", { href: `api/page?path=${encodeURIComponent(page.path)}`, target: "_blank", rel: "noopener" }, page.path));
         const [picture, facts] = own?.result ? rungs(own.result) : [note(own?.error ?? "Comparing the rungs on the same runs …"), null];
         return [h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Lineage" }, h("h2", {}, "Lineage"),
             h("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Graph" },

@@ -141,8 +141,7 @@ async function columnsOf(own) {
     const apply = async () => {
         if ([...scales.values()].some((value) => !Number.isFinite(Number(value)) || Number(value) === 0)) throw new Error("A factor is a number that is not 0.");
         if (wishes.size) {
-            if (!(await ask(`Write \`${written.join("`, `")}\` anew with these columns? What was changed in them by hand is lost.`,
-                "Write anew"))) return;
+            if (!(await ask(`Write \`${written.join("`, `")}\` anew with these columns? What was changed in them by hand is lost.`, "Write anew"))) return;
             const before = own.args.filter((one, index) => one !== "--force" && !(one === "--column" && wishes.has(own.args[index + 1].split("=")[0]))
                 && !(own.args[index - 1] === "--column" && wishes.has(one.split("=")[0])));
             await make([...before, ...[...wishes].flatMap(([ours, theirs]) => ["--column", `${ours}=${theirs}`]), "--force"]);
@@ -204,8 +203,7 @@ async function write(text, digest, words) {
     const before = await read(state.experiment);
     const { path } = before;
     const after = await post("api/write", { path, text, replaces: digest });
-    const undo = button("Undo", async () => { await post("api/write", { path, text: before.text,
-        replaces: after.digest }); undo.parentElement.remove(); });
+    const undo = button("Undo", async () => { await post("api/write", { path, text: before.text, replaces: after.digest }); undo.parentElement.remove(); });
     toast(words, "good", undo);
 }
 
@@ -234,8 +232,7 @@ function runs(experiment) {
             onclick: () => { marked = null; go({ run: run.run }); } }, run.label ?? run.file),
             choice(`role-${run.run}`, h("span", { class: "unseen" }, `role of ${run.label}`), [["fit", "fitted"], ["validate", "held out"]], run.role,
                 (value) => act(() => setRole(run, value))),
-            run.free.join(", "), number(run.samples), number(run.t1 - run.t0, "s"), number(run.rate_hz, "Hz"),
-                run.closed_loop ? "closed loop" : "open loop",
+            run.free.join(", "), number(run.samples), number(run.t1 - run.t0, "s"), number(run.rate_hz, "Hz"), run.closed_loop ? "closed loop" : "open loop",
             run.quality.length ? h("ul", { class: "findings" }, run.quality.map((own) => h("li", {}, prose(own)))) : h("span", { class: "good-word" },
                 "✓ nothing wrong")],
     }));

@@ -101,8 +101,7 @@ export async function finished(id) {
     }
     const own = await detail(id);
     // That a job was stopped is said where it is stopped.
-    if (!own.result && own.state !== "done") throw Object.assign(new Error(own.error ?? `${own.command}: no answer`),
-        { isQuiet: own.state === "stopped" });
+    if (!own.result && own.state !== "done") throw Object.assign(new Error(own.error ?? `${own.command}: no answer`), { isQuiet: own.state === "stopped" });
     return own;
 }
 

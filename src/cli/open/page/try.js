@@ -2,7 +2,7 @@
 
 import { act, button, choice, command, digits, h, noExperiment, number, put, table } from "./dom.js";
 import { Charts } from "./chart.js";
-import { basis, detail, file, fresh, isOver, jobs, name, on, option, post, readFolder, resume, start, stop } from "./server.js";
+import { basis, detail, file, fresh, isOver, last, name, on, option, post, readFolder, resume, start, stop } from "./server.js";
 import { asked, go, state } from "./state.js";
 import { readExperiment } from "./logs.js";
 import { slider } from "./slider.js";
@@ -40,6 +40,8 @@ function travel(from, to) {
 }
 const undo = () => travel(own.past, own.future);
 const redo = () => travel(own.future, own.past);
+
+const lastFit = () => last("fit", (args) => args[1] === state.experiment);
 
 /** The fit that runs or ran last, drawn iteration by iteration. */
 async function fitting(job, cleanup) {
@@ -95,7 +97,7 @@ async function fit() {
 
 export default {
     title: "Try",
-    grounds: () => [...jobs.values()].filter((job) => job.args[0] === "fit" && job.args[1] === state.experiment).at(-1)?.id,
+    grounds: () => lastFit()?.id,
     keys(event) {
         if (!(event.ctrlKey || event.metaKey)) return false;
         const key = event.key.toLowerCase();
@@ -126,8 +128,7 @@ export default {
         cleanup(() => charts.close());
         charts.panel({ label: "position", unit, tall: true, series: [{ name: `q${joint}`, label: "measured", color: "--measured", thick: true },
             { name: `simulated:${joint}`, label: "simulated", color: "--series-0", dash: [7, 4] }] });
-        charts.panel({ label: "residual: measured − simulated", unit, series: [{ name: `residual:${joint}`, label: "residual",
-            color: "--series-1" }] });
+        charts.panel({ label: "residual: measured − simulated", unit, series: [{ name: `residual:${joint}`, label: "residual", color: "--series-1" }] });
 
         const sliders = new Map();
         const isOpen = (effect, list) => opened.get(effect) ?? (own.parameters.length < 16 || list[0].joint === joint);
@@ -153,7 +154,7 @@ export default {
             [...groups].map(([effect, list]) => h("details", { open: isOpen(effect, list),
                 ontoggle: (event) => opened.set(effect, event.target.open) }, h("summary", {}, effect), h("ul", {}, list.map(knob)))));
         refresh();
-        const job = [...jobs.values()].filter((one) => one.args[0] === "fit" && one.args[1] === state.experiment).at(-1);
+        const job = lastFit();
         const pick = (id, label, list, value, key) => choice(id, label, list, value, (chosen) => go({ [key]: Number(chosen) }));
         return h("div", { class: "beside" }, panel, h("div", { class: "stays" },
             h("section", { class: "card", "aria-label": "Picture" }, h("div", { class: "row" },

@@ -8,8 +8,8 @@ import { go, state } from "./state.js";
 const ENDINGS = /\.(csv|tsv|txt|parquet|mcap)$/i;
 const ticked = new Set();
 let deviceWish = "";
-/** What was typed and not yet written: the text of an experiment, and corrections of the columns of one `new`. */
-let draft = null;
+/** What was typed and not yet written: texts of experiments, and corrections of the columns of one `new`. */
+const drafts = new Map();
 let corrections = { key: "" };
 let devices = null;
 let marked = null;
@@ -284,20 +284,19 @@ function trace(experiment, run, again) {
 let isEditing = false;
 async function editor(again) {
     const now = await read(state.experiment);
-    if (draft?.path !== now.path) draft = null;
-    const { text, digest } = draft ?? now;
+    const { text, digest } = drafts.get(now.path) ?? now;
     const area = h("textarea", { id: "experiment-text", rows: Math.min(30, text.split("\n").length + 1), spellcheck: "false",
         "aria-label": state.experiment, value: text,
-        oninput: () => { draft = { path: now.path, digest, text: area.value }; } });
+        oninput: () => drafts.set(now.path, { digest, text: area.value }) });
     const save = async () => {
         await write(area.value, digest, `\`${now.path}\` is written.`);
-        draft = null;
+        drafts.delete(now.path);
     };
-    const drop = () => { draft = null; again(); };
+    const drop = () => { drafts.delete(now.path); again(); };
     return h("details", { class: "card", open: isEditing, ontoggle: (event) => { isEditing = event.target.open; } },
         h("summary", {}, `${now.path} as text`), area,
         digest === now.digest ? null : note("The file has changed since you began to type: save is refused until you take it as it is."),
-        h("p", { class: "row" }, button("Save", save, { id: "save-experiment" }), draft ? button("Take the file as it is", drop) : null));
+        h("p", { class: "row" }, button("Save", save, { id: "save-experiment" }), drafts.has(now.path) ? button("Take the file as it is", drop) : null));
 }
 
 export default {
@@ -330,7 +329,8 @@ export async function readExperiment() {
     const path = state.experiment;
     const key = `${path} ${basis(path)}`;
     if (kept.key !== key || kept.stamp !== stamps(kept.logs)) {
-        const [own, before] = [{ key, path, logs: null, stamp: stamps(null) }, files("log")];
+        const logs = kept.path === path ? kept.logs : null;
+        const [own, before] = [{ key, path, logs, stamp: stamps(logs) }, files("log")];
         own.answer = get(`api/experiment?path=${encodeURIComponent(path)}`).then((answer) => {
             own.logs = new Set(answer.runs.map(({ file: log }) => path.replace(/[^/]*$/, "") + log));
             own.stamp = stamps(own.logs, before);

@@ -15,13 +15,13 @@ use serde_json::{Value, json};
 
 use super::App;
 use super::answer::{Answered, Refusal, blocking};
-use super::folder::{Stamp, named_by, with_slashes};
+use super::folder::{Stamp, all_named_by, digest_of, with_slashes};
 use super::series::Trace;
 
 /// An experiment with what it was read from.
 pub struct Loaded {
     pub experiment: Experiment,
-    /// Of the file's text and of every number of the logs.
+    /// Of every number of the logs, and of the text of the experiment and of what it names.
     pub digest: String,
     files: Vec<(PathBuf, Option<Stamp>)>,
     times: Vec<Arc<Vec<f64>>>,
@@ -30,13 +30,13 @@ pub struct Loaded {
 
 impl Loaded {
     fn read(path: &Path) -> Result<Self, Refusal> {
-        let text = dynid_files::read(path)?;
+        let named: Vec<PathBuf> = all_named_by(path).into_iter().chain([path.to_owned()]).collect();
         // Stamps are older than what is read: a file that changes meanwhile is read again.
-        let named = named_by(path).into_iter().chain([path.to_owned()]);
-        let files = named.map(|path| (Stamp::of(&path), path)).map(|(stamp, path)| (path, stamp)).collect();
+        let files = named.iter().map(|path| (path.clone(), Stamp::of(path))).collect();
+        let content = digest_of(&named);
         let experiment = Experiment::load(path)?;
         let times = experiment.runs.iter().map(|run| Arc::new(run.log.t.clone())).collect();
-        let digest = sha256_hex(format!("{}\n{text}", experiment.digest).as_bytes());
+        let digest = sha256_hex(format!("{} {content}", experiment.digest).as_bytes());
         Ok(Self { digest, files, times, traces: Mutex::default(), experiment })
     }
 

@@ -246,6 +246,8 @@ fn nothing_outside_the_folder_is_reached() {
         "believed.toml",
         "experiment.toml",
         "leads-out.toml",
+        "leads-out.txt",
+        "leads-there.toml",
         "recipe.toml",
         "wrist-1.csv",
         "wrist-2.csv",

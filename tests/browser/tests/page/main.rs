@@ -1,0 +1,3 @@
+//! The live page, used as people use it.
+
+mod the_loop;

@@ -20,7 +20,7 @@ use tokio::runtime::{self, Runtime};
 use crate::keys;
 
 /// What nothing on the page takes, even where the machine is slow.
-const PATIENCE: Duration = Duration::from_secs(240);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// No dialogs, no services and no network but this machine.
 const FLAGS: [&str; 11] = [

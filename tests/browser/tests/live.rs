@@ -141,7 +141,8 @@ fn long_log(folder: &Path) {
 }
 
 /// The most that the first panel draws, as it says in words.
-const MOST: &str = "Number(document.querySelector('canvas[role=img]').ariaLabel.match(/q4.* to (\\S+) rad/)[1])";
+const MOST: &str =
+    "Number(document.querySelector('canvas[role=img]').ariaLabel.match(/q4.* to (\\S+) rad/)[1].replaceAll('−', '-'))";
 
 /// Whether the picture holds the colour of its first series in the upper eighth of the panel, at a share of its time.
 fn is_drawn_high(browser: &Browser, share: f64) -> bool {

@@ -149,7 +149,7 @@ fn names_are_shown_as_text() {
     fs::copy(path.join("believed.toml"), path.join(format!("{file}.toml"))).unwrap();
     fs::create_dir(path.join("effects")).unwrap();
     let effect =
-        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../own_effect/hard_stop.toml")).unwrap();
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../own_effect/end_stops.toml")).unwrap();
     let title = effect.lines().find(|line| line.starts_with("title")).unwrap();
     fs::write(path.join("effects/harm.toml"), effect.replace(title, &format!("title = {}", Value::from(HARM[0]))))
         .unwrap();

@@ -11,6 +11,7 @@ mod files;
 mod folder;
 mod guard;
 mod jobs;
+mod lineage;
 mod logs;
 mod pyramid;
 mod query;
@@ -192,6 +193,8 @@ fn routes(token: &str, app: Arc<App>) -> Router {
         .route(&at("api/jobs/{id}"), get(jobs::one))
         .route(&at("api/jobs/{id}/stop"), post(jobs::stop))
         .route(&at("api/experiment"), get(logs::experiment))
+        .route(&at("api/rows"), post(logs::rows_between))
+        .route(&at("api/lineage"), get(lineage::lineage))
         .route(&at("api/compared"), post(compared::compared))
         .route(&at("api/series"), post(query::series))
         .route(&at("api/scatter"), post(query::scatter))

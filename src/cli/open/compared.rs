@@ -112,13 +112,14 @@ impl Comparison {
                 let run = &experiment.runs[index];
                 let own: Vec<&Finding> = findings.iter().filter(|finding| finding.run_index == place).collect();
                 let spans = locate::spans(model, run, compared, &own);
-                let of_finding = |(finding, spans): (&&Finding, &Vec<[f64; 2]>)| {
+                let of_finding = |(finding, spans): (&&Finding, &Option<Vec<[f64; 2]>>)| {
                     json!({
                         "run": index,
                         "joint": finding.joint,
                         "error": finding.error,
                         "sentence": sentences::finding::sentence(finding),
-                        "spans": spans,
+                        "whole": spans.is_none(),
+                        "spans": spans.as_deref().unwrap_or_default(),
                     })
                 };
                 // A motion that cannot be filtered has no terms; a note of the comparison says so.

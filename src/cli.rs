@@ -177,7 +177,8 @@ fn own_effects(arguments: &Arguments) -> Option<PathBuf> {
 /// Lets a user's effects join the library.
 fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
     let beside = || {
-        let folders = arguments.verb.inputs().into_iter().map(|path| path.with_file_name("effects"));
+        let of_input = |path: &Path| if path.is_dir() { path.join("effects") } else { path.with_file_name("effects") };
+        let folders = arguments.verb.inputs().into_iter().map(of_input);
         folders.into_iter().find(|folder| folder.is_dir())
     };
     if let Some(folder) = own_effects(arguments).or_else(beside) {

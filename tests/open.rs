@@ -208,18 +208,20 @@ fn nothing_outside_the_folder_is_reached() {
         server.post("api/write", &json!({ "path": place, "text": "mine", "replaces": null })).error(403);
         server.post("api/edit", &json!({ "path": place, "replaces": "", "changes": [] })).error(403);
         server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": place })).error(403);
-        server.post("api/tried", &json!({ "model": "believed.toml", "values": {}, "out": place })).error(403);
+        server
+            .post(
+                "api/tried",
+                &json!({ "experiment": "experiment.toml", "model": "believed.toml", "values": {}, "out": place }),
+            )
+            .error(403);
         let upload = server.at(&format!("api/upload?name={place}"));
         server.raw("POST", &upload, &[("Content-Type", "application/octet-stream")], b"t\n").error(403);
-        // The program itself knows no hidden files.
-        if place != ".hidden.toml" {
-            for args in [
-                vec!["check", place],
-                vec!["fit", "experiment.toml", "--out", place],
-                vec!["wall", "run", "--model", place],
-            ] {
-                server.post("api/jobs", &json!({ "args": args })).error(403);
-            }
+        for args in [
+            vec!["check", place],
+            vec!["fit", "experiment.toml", "--out", place],
+            vec!["wall", "run", "--model", place],
+        ] {
+            server.post("api/jobs", &json!({ "args": args })).error(403);
         }
     }
     // A document inside may not lead outside, either.
@@ -227,6 +229,12 @@ fn nothing_outside_the_folder_is_reached() {
         let text = format!("device = \"freedom6s\"\n[[run]]\nfile = {file:?}\nfree = [4]\nrole = \"fit\"\n");
         fs::write(path.join("leads-out.toml"), text).unwrap();
         server.get("api/experiment?path=leads-out.toml").error(403);
+        // Whatever it is called, and however many documents lie between.
+        fs::copy(path.join("leads-out.toml"), path.join("leads-out.txt")).unwrap();
+        fs::write(path.join("leads-there.toml"), "a = { b = [\"leads-out.txt\"] }").unwrap();
+        for document in ["leads-out.toml", "leads-out.txt", "leads-there.toml"] {
+            server.post("api/jobs", &json!({ "args": ["check", document] })).error(403);
+        }
         server.post("api/jobs", &json!({ "args": ["check", "leads-out.toml"] })).error(403);
     }
     assert_eq!(fs::read_dir(outside.path()).unwrap().count(), 1);
@@ -238,6 +246,8 @@ fn nothing_outside_the_folder_is_reached() {
         "believed.toml",
         "experiment.toml",
         "leads-out.toml",
+        "leads-out.txt",
+        "leads-there.toml",
         "recipe.toml",
         "wrist-1.csv",
         "wrist-2.csv",
@@ -545,7 +555,10 @@ fn parameters_are_tried_and_kept_as_a_model() {
 
     let keep = || {
         let values = json!({ "joint.4.spring.Ks": 1.5 * value });
-        server.post("api/tried", &json!({ "model": "fitted.toml", "values": values, "out": "try.toml" }))
+        server.post(
+            "api/tried",
+            &json!({ "experiment": "experiment.toml", "model": "fitted.toml", "values": values, "out": "try.toml" }),
+        )
     };
     assert_eq!(keep().ok()["path"], "try.toml");
     keep().error(409);
@@ -608,4 +621,30 @@ fn progress_is_told_in_lines() {
     let screened = told("screened")["candidates"].as_array().unwrap().clone();
     let searched = told("searched");
     assert!(screened.iter().any(|own| own["candidate"] == searched["candidate"]), "{searched}");
+}
+
+/// A device is read again when its file changes, by what is kept in memory as by the program.
+#[test]
+fn a_comparison_follows_the_device_that_its_experiment_names() {
+    let folder = tour();
+    let path = folder.path();
+    let shipped = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/model/devices/freedom6s.toml")).unwrap();
+    fs::write(path.join("arm.toml"), &shipped).unwrap();
+    for file in ["experiment.toml", "believed.toml"] {
+        let text = fs::read_to_string(path.join(file)).unwrap();
+        fs::write(path.join(file), text.replace("\"freedom6s\"", "\"arm.toml\"")).unwrap();
+    }
+    let server = Server::new(path, &[]);
+    let asked = json!({ "experiment": "experiment.toml", "model": null });
+    let before = server.post("api/compared", &asked).ok();
+    let other = shipped.replacen("title = \"", "title = \"Another ", 1);
+    assert_ne!(other, shipped);
+    fs::write(path.join("arm.toml"), other).unwrap();
+    let after = server.post("api/compared", &asked).ok();
+    assert_ne!(before["key"], after["key"]);
+    // The default model may be tried, too.
+    server
+        .post("api/tried", &json!({ "experiment": "experiment.toml", "model": null, "values": {}, "out": "own.toml" }))
+        .ok();
+    assert!(dynid::Model::load(path.join("own.toml")).is_ok());
 }

@@ -11,6 +11,7 @@ mod files;
 mod folder;
 mod guard;
 mod jobs;
+mod lineage;
 mod logs;
 mod pyramid;
 mod query;
@@ -33,6 +34,7 @@ use axum::routing::{get, post};
 use axum::{Router, middleware};
 use serde_json::json;
 use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
 
 use super::{Answer, Outcome};
 use answer::{LARGEST_BODY, Refusal};
@@ -71,9 +73,9 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// The models and experiments beside which the user's effects may lie.
+    /// The model and experiment beside which, or the folder in which, the user's effects may lie.
     pub fn files(&self) -> Vec<&Path> {
-        let opened = self.experiment.as_deref().unwrap_or(Path::new("experiment.toml"));
+        let opened = self.experiment.as_deref().unwrap_or(Path::new("."));
         self.model.as_deref().into_iter().chain([opened]).collect()
     }
 }
@@ -87,6 +89,8 @@ struct App {
     hub: Hub,
     jobs: Arc<Jobs>,
     writing: Mutex<()>,
+    /// Comparisons are made one after the other: each uses all processors.
+    comparing: Semaphore,
     experiments: Recent<Loaded>,
     comparisons: Recent<Comparison>,
     trials: Recent<Trial>,
@@ -142,6 +146,7 @@ fn app(arguments: &Arguments, effects: Option<&Path>) -> anyhow::Result<App> {
         jobs: Arc::new(Jobs::new(hub.clone(), always)),
         hub,
         writing: Mutex::default(),
+        comparing: Semaphore::new(1),
         experiments: Recent::new(4),
         comparisons: Recent::new(8),
         trials: Recent::new(8),
@@ -192,6 +197,8 @@ fn routes(token: &str, app: Arc<App>) -> Router {
         .route(&at("api/jobs/{id}"), get(jobs::one))
         .route(&at("api/jobs/{id}/stop"), post(jobs::stop))
         .route(&at("api/experiment"), get(logs::experiment))
+        .route(&at("api/rows"), post(logs::rows_between))
+        .route(&at("api/lineage"), get(lineage::lineage))
         .route(&at("api/compared"), post(compared::compared))
         .route(&at("api/series"), post(query::series))
         .route(&at("api/scatter"), post(query::scatter))
@@ -213,12 +220,18 @@ fn asset(name: &str) -> Result<impl IntoResponse + use<>, Refusal> {
 /// Ctrl-C, or the wish of whoever runs it.
 async fn asked_to_end() {
     #[cfg(unix)]
-    if let Ok(mut terminated) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate()) {
-        tokio::select! {
-            _ = terminated.recv() => {}
-            _ = tokio::signal::ctrl_c() => {}
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        // A terminal that is closed hangs up.
+        let others = (signal(SignalKind::terminate()), signal(SignalKind::hangup()));
+        if let (Ok(mut terminated), Ok(mut hung_up)) = others {
+            tokio::select! {
+                _ = terminated.recv() => {}
+                _ = hung_up.recv() => {}
+                _ = tokio::signal::ctrl_c() => {}
+            }
+            return;
         }
-        return;
     }
     // Where it cannot be listened for, Ctrl-C ends the program all the same.
     let _ = tokio::signal::ctrl_c().await;
@@ -230,7 +243,11 @@ fn show(url: &str) {
     let has_screen =
         cfg!(target_os = "macos") || ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
     if has_screen {
+        let mut command = Command::new(program);
+        command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         // The address is printed: who has no such program opens it by hand.
-        let _ = Command::new(program).arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        if let Ok(mut shown) = command.spawn() {
+            std::thread::spawn(move || shown.wait());
+        }
     }
 }

@@ -58,7 +58,11 @@ const LAYERS: &[&[(&str, &str)]] = &[
     ],
     &[("dynid-sentences", "findings as sentences, for text, page and JSON")],
     &[("dynid-report", "results for people: pictures and pages")],
-    &[("dynid", "the library that users see, and the program"), ("xtask", "the project's own commands")],
+    &[
+        ("dynid", "the library that users see, and the program"),
+        ("dynid-browser", "the live page in a real browser"),
+        ("xtask", "the project's own commands"),
+    ],
 ];
 
 /// Packages that must be nowhere below a crate, whoever asks for them.

@@ -139,7 +139,7 @@ pub(crate) mod tests {
     /// A run of these columns.
     pub(crate) fn run_of(t: Vec<f64>, q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, free: &[usize]) -> Run {
         let settings = Settings { min_speed: vec![0.0; q.len()], ..Settings::default() };
-        let log = Log { t, tau, q, reference: None, mask: None };
+        let log = Log { t, tau, q, reference: None, mask: None, left_out: Vec::new() };
         Run {
             file: "made.csv".to_owned(),
             role: Role::Fit,

@@ -258,7 +258,7 @@ mod tests {
         let mut random = Random::new(5);
         let q: Vec<f64> = q.iter().map(|q| q + NOISE * random.normal()).collect();
         let noise = noise_floor(&q);
-        let log = Log { t, tau: vec![tau], q: vec![q], reference: None, mask: None };
+        let log = Log { t, tau: vec![tau], q: vec![q], reference: None, mask: None, left_out: Vec::new() };
         let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
         let run = Run {
             file: "made.csv".to_owned(),

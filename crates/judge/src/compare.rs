@@ -410,6 +410,7 @@ mod tests {
             q,
             reference: None,
             mask: None,
+            left_out: Vec::new(),
         };
         let settings = dynid_logs::experiment::Settings::default();
         Run {

@@ -162,7 +162,8 @@ impl Lineage {
         !matches!(self, Self::OtherParent | Self::Unknown)
     }
 
-    fn of(before: &Model, model: &Model) -> Self {
+    /// How `model` stands to `before`, by what its file records.
+    pub fn of(before: &Model, model: &Model) -> Self {
         if model.digest() == before.digest() {
             return Self::Same;
         }

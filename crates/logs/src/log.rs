@@ -33,6 +33,8 @@ pub struct Log {
     pub reference: Option<Vec<Vec<f64>>>,
     /// False where the sample leaves the torque error.
     pub mask: Option<Vec<bool>>,
+    /// Rows of the file that were left out because they repeat a time, ascending; none where no file was read.
+    pub left_out: Vec<usize>,
 }
 
 impl Log {
@@ -303,7 +305,7 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     columns.extend(motors.columns());
     columns.extend(reference.iter_mut().flatten());
     columns.extend(mask.iter_mut().flatten());
-    let n_rows = read_rows(path, &mut reader, format, &mut columns)?;
+    let (n_rows, left_out) = read_rows(path, &mut reader, format, &mut columns)?;
 
     if let Some([from, to]) = format.rows
         && (from >= to || to > n_rows)
@@ -336,6 +338,7 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
         q,
         reference,
         mask: mask.and_then(Result::ok).map(|column| column.values.iter().map(|&value| value != 0.0).collect()),
+        left_out,
     })
 }
 
@@ -353,13 +356,14 @@ fn delimiter_of_file(path: &Path) -> Result<u8, LogError> {
     Ok(delimiter(&String::from_utf8_lossy(&header)))
 }
 
-/// Reads the selected rows into the columns (the first is time) and returns how many rows the file has.
+/// Reads the selected rows into the columns (the first is time); returns how many rows the file has, and which of the selected were left out.
 fn read_rows(
     path: &Path,
     reader: &mut csv::Reader<File>,
     format: &LogFormat,
     columns: &mut [&mut Column],
-) -> Result<usize, LogError> {
+) -> Result<(usize, Vec<usize>), LogError> {
+    let mut left_out = Vec::new();
     let [from, to] = format.rows.unwrap_or([0, usize::MAX]);
     let mut record = csv::ByteRecord::new();
     let mut row = 0;
@@ -384,6 +388,7 @@ fn read_rows(
                 };
                 let is_repeated = place == 0 && column.values.last() == Some(&number);
                 if is_repeated && format.repeated == Repeated::Skip {
+                    left_out.push(row);
                     break;
                 }
                 column.before = Some(number);
@@ -413,7 +418,7 @@ fn read_rows(
         }
         row += 1;
     }
-    Ok(row)
+    Ok((row, left_out))
 }
 
 /// What a log has of a joint.

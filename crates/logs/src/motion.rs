@@ -243,6 +243,7 @@ mod tests {
             t,
             reference: None,
             mask: None,
+            left_out: Vec::new(),
         };
         Run {
             file: "sine.csv".to_owned(),

@@ -180,6 +180,7 @@ fn rows_of(log: &Log, kept: &[usize]) -> Log {
         q: log.q.iter().map(take).collect(),
         reference: log.reference.as_ref().map(|reference| reference.iter().map(take).collect()),
         mask: log.mask.as_ref().map(|mask| kept.iter().map(|k| mask[*k]).collect()),
+        left_out: Vec::new(),
     }
 }
 

@@ -221,7 +221,7 @@ mod tests {
     use crate::{experiment::Role, experiment::Settings, log::Log};
 
     fn run(t: Vec<f64>, q: Vec<f64>, tau: Vec<f64>) -> Run {
-        let log = Log { tau: vec![tau], q: vec![q], t, reference: None, mask: None };
+        let log = Log { tau: vec![tau], q: vec![q], t, reference: None, mask: None, left_out: Vec::new() };
         let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
         Run {
             file: "made.csv".to_owned(),

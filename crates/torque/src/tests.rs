@@ -40,6 +40,7 @@ fn run() -> Run {
         t,
         reference: None,
         mask: None,
+        left_out: Vec::new(),
     };
     let settings = Settings {
         cutoff_hz: Some(5.0),

@@ -17,6 +17,7 @@ use serde_json::{Value, json};
 
 use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
+use super::folder::{all_named_by, digest_of};
 use super::logs::{Loaded, loaded, position_unit};
 use super::series::Trace;
 use crate::cli::inputs;
@@ -69,6 +70,9 @@ pub struct ComparedAsked {
 
 /// `POST api/compared`
 pub async fn compared(State(app): State<Arc<App>>, Asked(asked): Asked<ComparedAsked>) -> Answered {
+    // Who waits holds no thread, and whoever is gone by then asks for nothing.
+    let waiting = Arc::clone(&app);
+    let _turn = waiting.comparing.acquire().await?;
     blocking(move || {
         let loaded = loaded(&app, &asked.experiment)?;
         let (model, digest) = model(&app, &loaded, asked.model.as_deref())?;
@@ -86,7 +90,9 @@ pub fn model(app: &App, loaded: &Loaded, path: Option<&str>) -> Result<(Model, S
     let digest = match &path {
         Some(path) => {
             app.folder.check_references(path)?;
-            sha256_hex(dynid_files::read(path)?.as_bytes())
+            let mut files = all_named_by(path);
+            files.push(path.clone());
+            digest_of(&files)
         }
         None => loaded.experiment.device.id.clone(),
     };
@@ -112,13 +118,14 @@ impl Comparison {
                 let run = &experiment.runs[index];
                 let own: Vec<&Finding> = findings.iter().filter(|finding| finding.run_index == place).collect();
                 let spans = locate::spans(model, run, compared, &own);
-                let of_finding = |(finding, spans): (&&Finding, &Vec<[f64; 2]>)| {
+                let of_finding = |(finding, spans): (&&Finding, &Option<Vec<[f64; 2]>>)| {
                     json!({
                         "run": index,
                         "joint": finding.joint,
                         "error": finding.error,
                         "sentence": sentences::finding::sentence(finding),
-                        "spans": spans,
+                        "whole": spans.is_none(),
+                        "spans": spans.as_deref().unwrap_or_default(),
                     })
                 };
                 // A motion that cannot be filtered has no terms; a note of the comparison says so.

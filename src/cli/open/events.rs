@@ -40,22 +40,30 @@ impl Hub {
 /// `GET api/events`
 pub async fn events(State(app): State<Arc<App>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
     let listening = app.hub.0.subscribe();
-    let first: VecDeque<(&'static str, String)> =
-        app.jobs.summaries().iter().map(|summary| ("job", summary.to_string())).collect();
-    let told = stream::unfold((first, listening), |(mut first, mut listening)| async move {
-        let (event, data) = match first.pop_front() {
-            Some(known) => known,
-            None => loop {
-                match listening.recv().await {
-                    Ok(told) => break told,
-                    Err(RecvError::Lagged(_)) => {}
-                    Err(RecvError::Closed) => return None,
+    let first = known(&app);
+    let told = stream::unfold((app, first, listening), |(app, mut first, mut listening)| async move {
+        let (event, data) = loop {
+            if let Some(known) = first.pop_front() {
+                break known;
+            }
+            match listening.recv().await {
+                Ok(told) => break told,
+                // What was missed is made up for by what is.
+                Err(RecvError::Lagged(_)) => {
+                    first = known(&app);
+                    first.push_back(("folder", json!({ "paths": [] }).to_string()));
                 }
-            },
+                Err(RecvError::Closed) => return None,
+            }
         };
-        Some((Ok(Event::default().event(event).data(data)), (first, listening)))
+        Some((Ok(Event::default().event(event).data(data)), (app, first, listening)))
     });
     Sse::new(told).keep_alive(KeepAlive::new().interval(Duration::from_secs(15)).text("here"))
+}
+
+/// Every job, as it stands.
+fn known(app: &App) -> VecDeque<(&'static str, String)> {
+    app.jobs.summaries().iter().map(|summary| ("job", summary.to_string())).collect()
 }
 
 /// Tells of the files of `root` that change, as long as what it returns is kept.

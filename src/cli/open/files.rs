@@ -8,13 +8,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use axum::Json;
 use axum::extract::{Query, Request, State};
-use axum::http::{StatusCode, header};
+use axum::http::header::InvalidHeaderValue;
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
+use base64::{Engine, prelude::BASE64_STANDARD};
 use dynid_files::{FileError, Overwrite, make_folder, write_new};
 use dynid_model::sha256_hex;
+use dynid_report::plot::SCRIPT;
 use futures_util::StreamExt;
 use serde::Deserialize;
 use serde_json::json;
+use sha2::{Digest, Sha256};
 
 use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking, check_media};
@@ -26,9 +30,15 @@ const LARGEST_LOG: u64 = 2 << 30;
 /// What may be handed in.
 const HANDED_IN: [&str; 9] = ["csv", "tsv", "txt", "parquet", "mcap", "urdf", "xml", "mjcf", "toml"];
 
-/// What a report may do when it is shown: its own pictures and styles, and the one script that the program writes into it.
-const PAGE_POLICY: &str = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
-                           img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+/// What a report may do when it is shown: its own pictures and styles, and the one script that the program writes into it. Others
+/// could read the address, and so the secret.
+fn page_policy() -> Result<HeaderValue, InvalidHeaderValue> {
+    let script = BASE64_STANDARD.encode(Sha256::digest(format!("\n{SCRIPT}")));
+    HeaderValue::from_str(&format!(
+        "sandbox allow-scripts; default-src 'none'; script-src 'sha256-{script}'; style-src 'unsafe-inline'; img-src data:; \
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ))
+}
 
 type Named = Query<HashMap<String, String>>;
 
@@ -89,6 +99,9 @@ pub async fn write(State(app): State<Arc<App>>, Asked(asked): Asked<Writing>) ->
         let _alone = app.writing();
         if asked.text.len() as u64 > LARGEST_TEXT {
             return Err(Refusal::new(StatusCode::PAYLOAD_TOO_LARGE, "a text file has 1 MB at most"));
+        }
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            asked.text.parse::<toml::Table>().map_err(|error| Refusal::bad(format!("this is no TOML: {error}")))?;
         }
         if let Some(digest) = &asked.replaces {
             same(&path, digest)?;
@@ -210,6 +223,7 @@ pub async fn page(State(app): State<Arc<App>>, query: Named) -> Result<impl Into
     }
     let bytes =
         tokio::fs::read(&path).await.map_err(|_| Refusal::missing(format!("there is no page {}", path.display())))?;
-    let headers = [(header::CONTENT_TYPE, "text/html; charset=utf-8"), (header::CONTENT_SECURITY_POLICY, PAGE_POLICY)];
+    let html = HeaderValue::from_static("text/html; charset=utf-8");
+    let headers = [(header::CONTENT_TYPE, html), (header::CONTENT_SECURITY_POLICY, page_policy()?)];
     Ok((headers, bytes))
 }

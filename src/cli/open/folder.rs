@@ -66,16 +66,16 @@ impl Folder {
         if clean.as_os_str().is_empty() {
             return Err(Refusal::bad("name a file of the folder"));
         }
-        if clean.components().any(|part| part.as_os_str().to_string_lossy().starts_with('.')) && self.holds(&clean) {
-            return Err(Refusal::forbidden(format!("{path}: hidden files are left alone")));
-        }
         self.check(&clean)?;
         Ok(clean)
     }
 
-    /// That a path lies inside, whether there is something or not.
+    /// That a path lies inside and is not hidden, whether there is something or not.
     pub fn check(&self, path: &Path) -> Result<(), Refusal> {
         if self.holds(path) {
+            if is_hidden(path) {
+                return Err(Refusal::forbidden(format!("{}: hidden files are left alone", path.display())));
+            }
             return Ok(());
         }
         let path = path.display();
@@ -99,9 +99,9 @@ impl Folder {
         place.canonicalize().is_ok_and(|place| place.starts_with(&self.root))
     }
 
-    /// That the files that a document (TOML) names lie inside, too.
+    /// That the files that a document (TOML) names, and those that these name, lie inside, too.
     pub fn check_references(&self, path: &Path) -> Result<(), Refusal> {
-        named_by(path).iter().try_for_each(|place| {
+        all_named_by(path).iter().try_for_each(|place| {
             // A document in a folder may name one beside that folder: `..` counts where it leads.
             let inside = match self.root.join(place).canonicalize() {
                 Ok(real) => real.starts_with(&self.root),
@@ -156,7 +156,11 @@ pub fn with_slashes(path: &Path) -> String {
 
 /// Whether a part of a relative path is hidden.
 pub fn is_hidden(path: &Path) -> bool {
-    path.components().any(|part| part.as_os_str().to_string_lossy().starts_with('.'))
+    let is_hidden = |part: Component<'_>| match part {
+        Component::Normal(name) => name.to_string_lossy().starts_with('.'),
+        _ => false,
+    };
+    path.components().any(is_hidden)
 }
 
 /// The path without `.` and `..`; `None` where it leads outside.
@@ -177,28 +181,57 @@ fn normal(path: &Path) -> Option<PathBuf> {
     Some(normal)
 }
 
-/// What a document (TOML) names beside itself; some of it may be no file.
-pub fn named_by(path: &Path) -> Vec<PathBuf> {
-    let table = fs::read_to_string(path).ok().and_then(|text| text.parse::<toml::Table>().ok());
-    let mut named = Vec::new();
-    files_named(&toml::Value::Table(table.unwrap_or_default()), &mut named);
-    let folder = path.parent().unwrap_or(Path::new(""));
-    named.iter().map(|name| folder.join(name)).collect()
-}
-
-fn files_named(value: &toml::Value, named: &mut Vec<String>) {
-    match value {
-        toml::Value::Table(table) => {
-            for (key, value) in table {
-                match value.as_str() {
-                    Some(name) if NAMES_FILES.contains(&key.as_str()) => named.push(name.to_owned()),
-                    _ => files_named(value, named),
-                }
+/// What a document (TOML) names beside itself, and what these name in turn; some of it may be no file.
+pub fn all_named_by(path: &Path) -> Vec<PathBuf> {
+    let mut named: Vec<PathBuf> = Vec::new();
+    let mut read = vec![path.to_owned()];
+    while let Some(document) = read.pop() {
+        for place in named_by(&document) {
+            if !named.contains(&place) {
+                read.push(place.clone());
+                named.push(place);
             }
         }
-        toml::Value::Array(values) => values.iter().for_each(|value| files_named(value, named)),
+    }
+    named
+}
+
+fn named_by(path: &Path) -> Vec<PathBuf> {
+    // What is larger is a log, and no document.
+    let is_text = fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() <= LARGEST_TEXT);
+    let text = if is_text { fs::read_to_string(path).ok() } else { None };
+    let table = text.and_then(|text| text.parse::<toml::Table>().ok());
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut named = Vec::new();
+    files_named(&toml::Value::Table(table.unwrap_or_default()), "", folder, &mut named);
+    named
+}
+
+/// Values of keys that name files, and all others by which there is a file.
+fn files_named(value: &toml::Value, key: &str, folder: &Path, named: &mut Vec<PathBuf>) {
+    match value {
+        toml::Value::Table(table) => table.iter().for_each(|(key, value)| files_named(value, key, folder, named)),
+        toml::Value::Array(values) => values.iter().for_each(|value| files_named(value, key, folder, named)),
+        toml::Value::String(name) => {
+            let place = folder.join(name);
+            if NAMES_FILES.contains(&key) || place.is_file() {
+                named.push(place);
+            }
+        }
         _ => {}
     }
+}
+
+/// Digest of the content of these files; of long ones, such as logs, of when they were written and how long they are.
+pub fn digest_of(files: &[PathBuf]) -> String {
+    let of_file = |path: &PathBuf| match Stamp::of(path) {
+        Some(stamp) if stamp.bytes <= LARGEST_TEXT => {
+            fs::read(path).map(|content| sha256_hex(&content)).unwrap_or_default()
+        }
+        stamp => format!("{stamp:?}"),
+    };
+    let all: Vec<String> = files.iter().map(of_file).collect();
+    sha256_hex(all.join("\n").as_bytes())
 }
 
 fn walk(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) {

@@ -3,6 +3,7 @@
 mod permitted;
 
 use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -25,8 +26,11 @@ use super::events::Hub;
 const AT_A_TIME: usize = 4;
 /// Commands that are remembered.
 const REMEMBERED: usize = 200;
-/// Lines of progress that are kept of each.
+/// Lines of progress that are kept of each, and which of them are thinned.
 const MOST_LINES: usize = 2000;
+const REPEATED: [&str; 3] = ["count", "iteration", "searched"];
+/// Options of the program by which it answers programs.
+const TO_PROGRAMS: [&str; 3] = ["--json", "--progress", "json"];
 /// How long a command may take to keep what it has, once it is told to stop (s).
 const GRACE: Duration = Duration::from_secs(10);
 
@@ -114,10 +118,12 @@ impl Job {
         match (&told, &mut self.error) {
             (Some(told), _) => {
                 if self.progress.len() >= MOST_LINES {
+                    // What is told once stays.
+                    let is_repeated = |line: &Value| REPEATED.iter().any(|kind| line["progress"] == *kind);
                     let mut number = 0;
-                    self.progress.retain(|_| {
-                        number += 1;
-                        number % 2 == 0
+                    self.progress.retain(|line| {
+                        number += usize::from(is_repeated(line));
+                        !is_repeated(line) || number % 2 == 0
                     });
                 }
                 self.progress.push(told.clone());
@@ -163,8 +169,7 @@ impl Jobs {
         summary.iter().for_each(|summary| self.hub.tell("job", summary));
     }
 
-    fn begin(self: &Arc<Self>, mut args: Vec<String>) -> Value {
-        args.extend(self.always.iter().cloned());
+    fn begin(self: &Arc<Self>, args: Vec<String>) -> Value {
         let (stop, stops) = mpsc::unbounded_channel();
         let mut list = self.list();
         if list.len() >= REMEMBERED
@@ -173,7 +178,7 @@ impl Jobs {
             list.remove(over);
         }
         let id = 1 + list.back().map_or(0, |job| job.id);
-        let words = std::iter::once("dynid").chain(args.iter().map(String::as_str)).map(quoted);
+        let words = ["dynid"].into_iter().chain(self.always.iter().chain(&args).map(String::as_str)).map(quoted);
         let job = Job {
             id,
             command: words.collect::<Vec<_>>().join(" "),
@@ -206,7 +211,7 @@ impl Jobs {
                 job.took = Some(job.started.elapsed());
             }),
         };
-        let ended = match spawn(&args) {
+        let ended = match spawn(&self.always, &args) {
             Ok(child) => {
                 self.change(id, |job| (job.state, job.started) = (JobState::Running, Instant::now()));
                 self.follow(id, child, &mut stops).await
@@ -297,14 +302,20 @@ impl Jobs {
 }
 
 /// Runs the program beside this one.
-fn spawn(args: &[String]) -> std::io::Result<Child> {
-    let mut command = Command::new(std::env::current_exe()?);
-    command.args(args).args(["--json", "--progress", "json"]);
+fn spawn(always: &[String], args: &[String]) -> std::io::Result<Child> {
+    let mut command = Command::new(program()?);
+    command.args(TO_PROGRAMS).args(always).args(args);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
     // Ctrl-C on the terminal is the server's: it passes it on, once.
     #[cfg(unix)]
     command.process_group(0);
     command.spawn()
+}
+
+/// This very program, even where its file was replaced since it began.
+fn program() -> std::io::Result<PathBuf> {
+    let running = Path::new("/proc/self/exe");
+    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
 }
 
 /// What Ctrl-C does.

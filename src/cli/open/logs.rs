@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use axum::Json;
 use axum::extract::{Query, State};
@@ -11,33 +11,39 @@ use dynid_logs::quality;
 use dynid_model::{Device, JointKind, sha256_hex};
 use dynid_sentences::quality::warning;
 use rayon::prelude::*;
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::App;
-use super::answer::{Answered, Refusal, blocking};
-use super::folder::{Stamp, named_by, with_slashes};
+use super::answer::{Answered, Asked, Refusal, blocking};
+use super::folder::{Stamp, all_named_by, digest_of, with_slashes};
 use super::series::Trace;
 
 /// An experiment with what it was read from.
 pub struct Loaded {
     pub experiment: Experiment,
-    /// Of the file's text and of every number of the logs.
+    /// Of every number of the logs, and of the text of the experiment and of what it names.
     pub digest: String,
     files: Vec<(PathBuf, Option<Stamp>)>,
+    /// As the file says of each run.
+    rows: Vec<Option<[usize; 2]>>,
     times: Vec<Arc<Vec<f64>>>,
+    /// What is told of it, made when it is first asked for.
+    described: OnceLock<Value>,
     traces: Mutex<HashMap<(usize, String), Arc<Trace>>>,
 }
 
 impl Loaded {
     fn read(path: &Path) -> Result<Self, Refusal> {
-        let text = dynid_files::read(path)?;
+        let named: Vec<PathBuf> = all_named_by(path).into_iter().chain([path.to_owned()]).collect();
         // Stamps are older than what is read: a file that changes meanwhile is read again.
-        let named = named_by(path).into_iter().chain([path.to_owned()]);
-        let files = named.map(|path| (Stamp::of(&path), path)).map(|(stamp, path)| (path, stamp)).collect();
+        let files = named.iter().map(|path| (path.clone(), Stamp::of(path))).collect();
+        let content = digest_of(&named);
         let experiment = Experiment::load(path)?;
         let times = experiment.runs.iter().map(|run| Arc::new(run.log.t.clone())).collect();
-        let digest = sha256_hex(format!("{}\n{text}", experiment.digest).as_bytes());
-        Ok(Self { digest, files, times, traces: Mutex::default(), experiment })
+        let digest = sha256_hex(format!("{} {content}", experiment.digest).as_bytes());
+        let rows = rows(&dynid_files::read(path)?, experiment.runs.len());
+        Ok(Self { digest, files, rows, times, described: OnceLock::new(), traces: Mutex::default(), experiment })
     }
 
     fn is_current(&self) -> bool {
@@ -102,29 +108,34 @@ pub async fn experiment(State(app): State<Arc<App>>, query: Query<HashMap<String
     let path = query.get("path").cloned().ok_or_else(|| Refusal::bad("say which: ?path=.."))?;
     blocking(move || {
         let loaded = loaded(&app, &path)?;
-        let Experiment { device, runs, .. } = &loaded.experiment;
-        let joints = device.joints.iter().enumerate().map(|(number, joint)| {
-            json!({
-                "number": number,
-                "name": joint.title,
-                "unit": position_unit(device, number),
-                "command_unit": joint.command_unit,
-                "free": runs.iter().any(|run| run.free.contains(&number)),
-            })
-        });
-        let joints: Vec<Value> = joints.collect();
-        let runs: Vec<Value> = runs.par_iter().enumerate().map(|(index, run)| described(index, run)).collect();
-        Ok(Json(json!({
-            "path": path,
-            "device": { "id": device.id, "name": device.title, "joints": joints },
-            "digest": loaded.digest,
-            "runs": runs,
-        })))
+        let mut answer = loaded.described.get_or_init(|| described(&loaded)).clone();
+        answer["path"] = path.into();
+        Ok(Json(answer))
     })
     .await
 }
 
-fn described(index: usize, run: &Run) -> Value {
+fn described(loaded: &Loaded) -> Value {
+    let Experiment { device, runs, .. } = &loaded.experiment;
+    let joints = device.joints.iter().enumerate().map(|(number, joint)| {
+        json!({
+            "number": number,
+            "name": joint.title,
+            "unit": position_unit(device, number),
+            "command_unit": joint.command_unit,
+            "free": runs.iter().any(|run| run.free.contains(&number)),
+        })
+    });
+    let joints: Vec<Value> = joints.collect();
+    let runs: Vec<Value> = runs.par_iter().zip(&loaded.rows).enumerate().map(of_run).collect();
+    json!({
+        "device": { "id": device.id, "name": device.title, "joints": joints },
+        "digest": loaded.digest,
+        "runs": runs,
+    })
+}
+
+fn of_run((index, (run, rows)): (usize, (&Run, &Option<[usize; 2]>))) -> Value {
     let quality = quality::of_run(run);
     let columns: Vec<String> = columns(run).into_iter().map(|(name, _)| name).collect();
     json!({
@@ -133,6 +144,8 @@ fn described(index: usize, run: &Run) -> Value {
         "label": run.label(),
         "role": run.role.to_string(),
         "free": run.free,
+        "rows": rows,
+        "moving": run.settings.moving,
         "samples": run.log.len(),
         "t0": run.log.t.first(),
         "t1": run.log.t.last(),
@@ -142,4 +155,39 @@ fn described(index: usize, run: &Run) -> Value {
         "quality": quality.warnings.iter().map(warning).collect::<Vec<_>>(),
         "columns": columns,
     })
+}
+
+/// The `rows` of each run of an experiment, which was read and is right.
+fn rows(text: &str, n_runs: usize) -> Vec<Option<[usize; 2]>> {
+    let table: toml::Table = text.parse().unwrap_or_default();
+    let of_run = |index: usize| table.get("run")?.get(index)?.get("rows")?.clone().try_into().ok();
+    (0..n_runs).map(of_run).collect()
+}
+
+#[derive(Deserialize)]
+pub struct RowsAsked {
+    experiment: String,
+    run: usize,
+    from: f64,
+    to: f64,
+}
+
+/// `POST api/rows`
+pub async fn rows_between(State(app): State<Arc<App>>, Asked(asked): Asked<RowsAsked>) -> Answered {
+    blocking(move || {
+        let loaded = loaded(&app, &asked.experiment)?;
+        let log = &loaded.run(asked.run)?.log;
+        let first = loaded.rows[asked.run].map_or(0, |[first, _]| first);
+        // Of the sample that so many samples are before: those that the log leaves out have rows of their own.
+        let row = |samples: usize| {
+            log.left_out.iter().fold(first + samples, |row, left_out| row + usize::from(*left_out <= row))
+        };
+        let from = log.t.partition_point(|t| *t < asked.from);
+        let to = log.t.partition_point(|t| *t <= asked.to);
+        if from >= to {
+            return Err(Refusal::bad("no sample of the run lies between these times"));
+        }
+        Ok(Json(json!({ "rows": [row(from), row(to - 1) + 1] })))
+    })
+    .await
 }

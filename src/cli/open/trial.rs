@@ -191,18 +191,20 @@ pub async fn attempt(State(app): State<Arc<App>>, Asked(asked): Asked<TryAsked>)
 
 #[derive(Deserialize)]
 pub struct TriedAsked {
-    model: String,
+    experiment: String,
+    model: Option<String>,
     values: BTreeMap<String, f64>,
     out: String,
 }
 
 /// `POST api/tried`
 pub async fn tried(State(app): State<Arc<App>>, Asked(asked): Asked<TriedAsked>) -> Answered {
-    let (path, out) = (app.folder.place(&asked.model)?, app.folder.place(&asked.out)?);
-    app.folder.check_references(&path)?;
+    let out = app.folder.place(&asked.out)?;
     blocking(move || {
+        let loaded = loaded(&app, &asked.experiment)?;
+        let (model, _) = model(&app, &loaded, asked.model.as_deref())?;
         let _alone = app.writing();
-        let mut model = with(&Model::load(&path)?, &asked.values)?;
+        let mut model = with(&model, &asked.values)?;
         // As after `dynid add`: no fit found these values; the next one names this file as its parent.
         model.fit = None;
         let text = model.to_toml_at(&out);

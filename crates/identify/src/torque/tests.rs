@@ -48,6 +48,7 @@ fn play(system: &System, torque_noise: f64, seed: u64) -> TorqueRun {
         q: vec![Vec::new(); n],
         reference: None,
         mask: None,
+        left_out: Vec::new(),
     };
     for k in 0..n_samples {
         let t = log.t[k];

@@ -56,9 +56,9 @@ pub fn locate(model: &Model, runs: &[&Run], comparison: &Comparison) -> Vec<Find
     findings
 }
 
-/// The stretches of time in which the samples of each finding lie, from and to as the log of `run` counts time (s); none for a finding
+/// The stretches of time in which the samples of each finding lie, from and to as the log of `run` counts time (s); `None` for a finding
 /// that is about all samples. All `findings` are of that run, of which `compared` is the comparison with `model`.
-pub fn spans(model: &Model, run: &Run, compared: &RunComparison, findings: &[&Finding]) -> Vec<Vec<[f64; 2]>> {
+pub fn spans(model: &Model, run: &Run, compared: &RunComparison, findings: &[&Finding]) -> Vec<Option<Vec<[f64; 2]>>> {
     let traces = trace::of_run(model, 0, run, compared);
     let of_finding = |finding: &&Finding| {
         let region = match &finding.kind {
@@ -67,10 +67,11 @@ pub fn spans(model: &Model, run: &Run, compared: &RunComparison, findings: &[&Fi
             _ => return None,
         };
         let is_its = |trace: &&Trace| (trace.joint, trace.error) == (finding.joint, finding.error);
-        let trace = traces.iter().find(is_its)?;
-        Some(stretches(&region::inside(trace, &region)?, trace.start_s, trace.step))
+        let trace = traces.iter().find(is_its);
+        let inside = trace.and_then(|trace| Some((trace, region::inside(trace, &region)?)));
+        Some(inside.map_or(Vec::new(), |(trace, inside)| stretches(&inside, trace.start_s, trace.step)))
     };
-    findings.iter().map(|finding| of_finding(finding).unwrap_or_default()).collect()
+    findings.iter().map(of_finding).collect()
 }
 
 /// From half a step before the first to half a step after the last of samples that follow each other.

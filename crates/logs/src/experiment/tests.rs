@@ -173,6 +173,7 @@ fn rows_whose_time_is_repeated_are_left_out_where_the_experiment_says_so() {
     let (_folder, result) = read(&format!("{GOOD}repeated_times = \"skip\"\n"), log);
     let own = result.expect("the experiment is good").runs[0].log.clone();
     assert_eq!((own.t, own.q[1].clone()), (vec![0.0, 0.1, 0.2], vec![4.0, 5.0, 6.0]));
+    assert_eq!(own.left_out, [1, 3]);
 }
 
 #[test]

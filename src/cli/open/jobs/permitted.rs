@@ -6,6 +6,7 @@ use clap::{ArgMatches, CommandFactory, error::ErrorKind};
 
 use super::super::answer::Refusal;
 use super::super::folder::Folder;
+use super::TO_PROGRAMS;
 use crate::cli::Arguments;
 
 const VERBS: [&str; 16] = [
@@ -15,7 +16,7 @@ const VERBS: [&str; 16] = [
 
 /// Reads the arguments as the program will, and looks at every value as if it were a path.
 pub fn check(args: &[String], folder: &Folder) -> Result<(), Refusal> {
-    let all = std::iter::once("dynid").chain(args.iter().map(String::as_str)).chain(["--json", "--progress", "json"]);
+    let all = ["dynid"].into_iter().chain(TO_PROGRAMS).chain(args.iter().map(String::as_str));
     let matches = Arguments::command().try_get_matches_from(all).map_err(|error| {
         let text = match error.kind() {
             ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => "give a command and its arguments".to_owned(),
@@ -33,11 +34,13 @@ fn inside(matches: &ArgMatches, folder: &Folder) -> Result<(), Refusal> {
     for id in matches.ids() {
         // Groups of arguments have no values of their own.
         for value in matches.try_get_raw(id.as_str()).ok().flatten().into_iter().flatten() {
+            // A number such as .5 is no hidden file.
+            if value.to_str().is_some_and(|value| value.parse::<f64>().is_ok()) {
+                continue;
+            }
             let path = Path::new(value);
             folder.check(path)?;
-            if path.extension().is_some_and(|extension| extension == "toml") {
-                folder.check_references(path)?;
-            }
+            folder.check_references(path)?;
         }
     }
     matches.subcommand().map_or(Ok(()), |(_, inner)| inside(inner, folder))

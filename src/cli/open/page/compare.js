@@ -66,8 +66,7 @@ function chips({ key, findings }, charts, run, joint) {
         const shown = findings.filter((own, index) => chosen.has(index) && own.run === run.run);
         charts.spans = shown.flatMap((own) => {
             const color = own.joint === joint ? "--span" : "--span-other";
-            // What is about all samples has no spans of its own.
-            return (own.spans.length ? own.spans : [charts.whole]).map(([from, to]) => [from, to, color]);
+            return (own.whole ? [charts.whole] : own.spans).map(([from, to]) => [from, to, color]);
         });
         charts.draw();
     };

@@ -260,18 +260,20 @@ function trace(experiment, run, again) {
         ends[index] = Number(event.target.value);
         mark(...ends);
     } }));
-    const mark = (from, to) => {
-        marked = [Math.min(from, to), Math.max(from, to)];
-        charts.spans = [[...marked, "--select"]];
+    // As they are typed: the first may be beyond the second until that is typed, too.
+    const part = () => [...(marked ?? [run.t0, run.t1])].sort((a, b) => a - b);
+    const mark = (...ends) => {
+        marked = ends;
+        charts.spans = [[...part(), "--select"]];
         charts.draw();
         fill();
     };
     const fill = () => form.replaceChildren(field("part-from", "from [s]", 0), field("part-to", "to [s]", 1),
-        button(other === "validate" ? "Hold this part out" : "Fit this part", () => holdOut(experiment, run, ...(marked ?? [run.t0, run.t1]), other),
+        button(other === "validate" ? "Hold this part out" : "Fit this part", () => holdOut(experiment, run, ...part(), other),
             { id: "hold-out", disabled: !marked }),
-        h("button", { type: "button", id: "zoom-part", disabled: !marked, onclick: () => charts.show(...marked) }, "Zoom to it"));
+        h("button", { type: "button", id: "zoom-part", disabled: !marked, onclick: () => charts.show(...part()) }, "Zoom to it"));
     fill();
-    if (marked) charts.spans = [[...marked, "--select"]];
+    if (marked) charts.spans = [[...part(), "--select"]];
     const unit = (joint) => free.get(joint)?.unit ?? "rad";
     charts.panel({ label: "position", unit: unit(run.free[0]), series: [...series("q"), ...series("ref").map((own) => ({ ...own, dash: [2, 3] }))],
         tall: true });

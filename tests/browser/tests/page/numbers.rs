@@ -1,0 +1,134 @@
+//! The numbers on the page are those of the same commands with `--json`: all their digits, and four of them to read.
+
+use std::fs;
+
+use dynid_browser::{Browser, Server, json, tour};
+use serde_json::Value;
+
+/// A number of the page: its text and, from its title and its data, all of it.
+struct Shown {
+    text: String,
+    title: String,
+    value: String,
+}
+
+/// The numbers of each row of a table, found by its caption.
+fn numbers(browser: &Browser, caption: &str) -> Vec<Vec<Shown>> {
+    let script = format!(
+        "return [...document.querySelectorAll('table')].find((own) => own.caption.textContent.startsWith({})).tBodies[0].rows.length \
+         ? [...[...document.querySelectorAll('table')].find((own) => own.caption.textContent.startsWith({})).tBodies[0].rows].map((row) => \
+         [...row.querySelectorAll('.number')].map((own) => [own.textContent, own.title, own.dataset.value])) : []",
+        Value::from(caption),
+        Value::from(caption)
+    );
+    let text = |own: &Value| own.as_str().unwrap().to_owned();
+    let shown = |own: &Value| Shown { text: text(&own[0]), title: text(&own[1]), value: text(&own[2]) };
+    let rows = browser.value(&script);
+    rows.as_array().unwrap().iter().map(|row| row.as_array().unwrap().iter().map(shown).collect()).collect()
+}
+
+/// Four significant digits as the page writes them, from an implementation of its own.
+fn four(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let scientific = format!("{value:.3e}");
+    let (digits, power) = scientific.split_once('e').unwrap();
+    let power: i32 = power.parse().unwrap();
+    let trimmed = |own: &str| {
+        if own.contains('.') { own.trim_end_matches('0').trim_end_matches('.').to_owned() } else { own.to_owned() }
+    };
+    let text = if (1e-3..1e5).contains(&value.abs()) {
+        let rounded: f64 = scientific.parse().unwrap();
+        trimmed(&format!("{rounded:.*}", usize::try_from((3 - power).max(0)).unwrap()))
+    } else {
+        format!("{}e{power}", trimmed(digits))
+    };
+    text.replace('-', "−")
+}
+
+fn assert_same(shown: &Shown, expected: &Value, unit: &str) {
+    let after = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    let Some(expected) = expected.as_f64() else {
+        assert_eq!((shown.text.as_str(), shown.value.as_str()), ("—", ""), "{expected}");
+        return;
+    };
+    // All digits: what is parsed back is the same number, bit by bit.
+    assert_eq!(shown.value.parse::<f64>().unwrap().to_bits(), expected.to_bits(), "{} is {expected}", shown.value);
+    assert_eq!(shown.title, format!("{}{after}", shown.value));
+    assert_eq!(shown.text, format!("{}{after}", four(expected)));
+}
+
+#[test]
+fn as_the_program_prints_them() {
+    let folder = tour(&["wrist-1.csv", "wrist-2.csv", "wrist-3.csv", "experiment.toml", "believed.toml"]);
+    let _ = json(folder.path(), &["fit", "experiment.toml", "--model", "believed.toml", "--out", "fitted.toml"]);
+    let server = Server::open(folder.path(), &["experiment.toml"]);
+    let browser = Browser::new();
+
+    for model in ["believed.toml", "fitted.toml"] {
+        browser.go(&format!("{}#view=compare&model={model}", server.address));
+        browser.reload();
+        browser.shown("#to-diagnose");
+        browser.idle();
+        let printed = json(folder.path(), &["compare", "experiment.toml", "--model", model]);
+        let rows = numbers(&browser, "Errors of each run and joint");
+        let joints: Vec<&Value> =
+            printed["runs"].as_array().unwrap().iter().flat_map(|run| run["joints"].as_array().unwrap()).collect();
+        assert_eq!((rows.len(), joints.len()), (6, 6));
+        for (row, joint) in rows.iter().zip(joints) {
+            assert_same(&row[0], &joint["rmse"], "rad");
+            assert_same(&row[1], &joint["noise_floor"], "rad");
+            assert_same(&row[2], &joint["torque_percent"], "%");
+        }
+    }
+
+    // Two rungs: the fit stands on what was believed.
+    browser.press("6");
+    browser.shown(".fall-chart");
+    browser.idle();
+    let way = browser.text("document.querySelector('section[aria-label=Error] h2').textContent");
+    assert_eq!(way, "The way to fitted.toml");
+    let printed = json(folder.path(), &["ladder", "experiment.toml", "believed.toml", "fitted.toml"]);
+    let rows = numbers(&browser, "Rungs");
+    let rungs = printed["rungs"].as_array().unwrap();
+    assert_eq!(rows.len(), rungs.len());
+    let keys = [
+        "rmse_fit",
+        "rmse_validate",
+        "torque_percent_fit",
+        "torque_percent_validate",
+        "free_parameters",
+        "bic",
+        "delta_bic",
+    ];
+    for (row, rung) in rows.iter().zip(rungs) {
+        row.iter().zip(keys).for_each(|(shown, key)| assert_same(shown, &rung[key], ""));
+        assert_eq!(row.len(), keys.len());
+    }
+    browser.assert_clean(&server.address);
+}
+
+/// What another program writes appears by itself, and what was compared before is not shown for it.
+#[test]
+fn of_files_as_they_are_now() {
+    let folder = tour(&["wrist-1.csv", "wrist-2.csv", "wrist-3.csv", "experiment.toml", "believed.toml"]);
+    let server = Server::open(folder.path(), &["experiment.toml", "--model", "believed.toml"]);
+    let browser = Browser::new();
+    browser.go(&format!("{}#view=compare", server.address));
+    browser.shown("#to-diagnose");
+    browser.idle();
+    let first = "document.querySelector('td .number').dataset.value";
+    let before = browser.text(first);
+    let model = folder.path().join("believed.toml");
+    let text = fs::read_to_string(&model).unwrap().replacen("7.15", "6.5", 1);
+    fs::write(&model, text).unwrap();
+    browser.until(&format!("{first} !== {}", Value::from(before)));
+    browser.idle();
+    let printed = json(folder.path(), &["compare", "experiment.toml", "--model", "believed.toml"]);
+    let shown = &numbers(&browser, "Errors of each run and joint")[0][0];
+    assert_same(shown, &printed["runs"][0]["joints"][0]["rmse"], "rad");
+    let _ = json(folder.path(), &["fit", "experiment.toml", "--model", "believed.toml", "--out", "another.toml"]);
+    browser.until("[...document.querySelectorAll('#choose-model option')].some((own) => own.value === 'another.toml')");
+    browser.assert_clean(&server.address);
+}

@@ -1,7 +1,7 @@
 // Diagnose: candidates while they are asked and fitted, what speaks for and against each, and the next rung.
 
 import { act, button, command, digits, h, lifetime, line, noExperiment, note, number, prose, put, table } from "./dom.js";
-import { changed, detail, file, fresh, isCurrent, isOver, last, name, on, option, resume, start, stop, unused, work } from "./server.js";
+import { changed, detail, file, fresh, isCurrent, isOver, last, name, on, option, start, stop, unused, work } from "./server.js";
 import { residuals } from "./compare.js";
 import { about, departure, state } from "./state.js";
 import { readExperiment } from "./logs.js";
@@ -176,7 +176,7 @@ export default {
                 result.screening.map((one) => [prose(words(one)), number(one.position)]))) : null,
             result?.refused.length ? h("details", {}, h("summary", {}, "Refused"),
                 h("ul", {}, result.refused.map((one) => h("li", {}, prose(one.what ?? JSON.stringify(one)))))) : null,
-            own.state === "stopped" ? h("p", { class: "row" }, button("Go on with it", () => resume(job), { id: "go-on-diagnose" })) : null,
+            own.state === "stopped" ? h("p", { class: "row" }, button("Go on with it", () => start(job.args), { id: "go-on-diagnose" })) : null,
             isOver(own) ? head("Diagnose again") : [command(own.command),
                 button("Stop and keep what is fitted", () => stop(job.id), { id: "stop-diagnose" })]), detailed);
     },

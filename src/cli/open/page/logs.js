@@ -3,7 +3,7 @@
 import { act, ask, bytes, button, choice, command, digits, h, note, number, prose, table, toast } from "./dom.js";
 import { Charts, byName, look } from "./chart.js";
 import { basis, file, files, folder, fresh, get, jobs, last, detail, post, read, readFolder, start, finished, upload, work } from "./server.js";
-import { go, state } from "./state.js";
+import { departure, go, state } from "./state.js";
 
 const ENDINGS = /\.(csv|tsv|txt|parquet|mcap)$/i;
 const ticked = new Set();
@@ -109,10 +109,11 @@ function beginning(again) {
 }
 
 async function make(args) {
+    const arrive = departure();
     const { result } = await work(args);
     const path = result.written.find((own) => file(own)?.kind === "experiment") ?? files("experiment").at(-1)?.path;
     const model = result.written.find((own) => file(own)?.kind === "model");
-    go({ experiment: path ?? state.experiment, model: model ?? state.model, run: 0, joint: null });
+    arrive("The experiment is written.", { view: "logs", experiment: path ?? state.experiment, model: model ?? state.model, run: 0, joint: null });
 }
 
 /** What the last `new` guessed of this experiment, with a way to correct each guess. */

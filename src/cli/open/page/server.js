@@ -110,8 +110,6 @@ export async function work(args) {
     await readFolder();
     return own;
 }
-/** Goes on with stopped work from its checkpoint. */
-export const resume = ({ args }) => start([...args.filter((one) => one !== "--resume"), "--resume"]);
 export const stop = (id) => post(`api/jobs/${id}/stop`, {});
 
 /** The last job of a verb of which `test(args)` holds. */

@@ -2,7 +2,7 @@
 
 import { act, button, choice, command, digits, h, noExperiment, number, put, table } from "./dom.js";
 import { Charts } from "./chart.js";
-import { basis, detail, file, fresh, isOver, last, name, on, option, post, readFolder, resume, start, stop } from "./server.js";
+import { basis, detail, file, fresh, isOver, last, name, on, option, post, readFolder, start, stop } from "./server.js";
 import { asked, go, state } from "./state.js";
 import { readExperiment } from "./logs.js";
 import { slider } from "./slider.js";
@@ -69,7 +69,7 @@ async function fitting(job, cleanup) {
             isOver(now) ? null : button("Stop and keep what is there", () => stop(job.id), { id: "stop-fit" }),
             now.result?.out && file(out) ? h("button", { type: "button", class: "main", id: "open-fit",
                 onclick: () => go({ model: out, view: "compare" }) }, `Compare ${out}`) : null,
-            now.state === "stopped" ? button("Go on with it", () => resume(job)) : null, now.error ? h("p", { class: "bad-word" }, now.error) : null),
+            now.state === "stopped" ? button("Go on with it", () => start([...job.args.filter((one) => one !== "--resume"), "--resume"])) : null, now.error ? h("p", { class: "bad-word" }, now.error) : null),
         now.result?.parameters ? table("What the fit moved", ["parameter", "from", "to", "±"],
             now.result.parameters.map((one) => [h("code", {}, one.name), number(one.start), number(one.value, one.unit), number(one.std_error)]))
             : null);

@@ -377,9 +377,7 @@ impl Browser {
     pub fn complaints(&self) -> Vec<String> {
         let is_bad = |own: &Value| own["level"] == "SEVERE" || own["level"] == "WARNING";
         let message = |own: Value| own["message"].as_str().unwrap_or_default().to_owned();
-        // TEMPORARY: until the server has it.
-        let is_awaited = |own: &String| own.contains("api/lineage");
-        self.log("browser").into_iter().filter(is_bad).map(message).filter(|own| !is_awaited(own)).collect()
+        self.log("browser").into_iter().filter(is_bad).map(message).collect()
     }
 
     /// The events of Chromium's own protocol since the last time that this was asked: method and parameters.

@@ -50,8 +50,8 @@ fn nameless(browser: &Browser) -> Vec<String> {
 const IS_FOCUS_SEEN: &str = "return (() => {
     const own = document.activeElement;
     const { width, height } = own.getBoundingClientRect();
-    if (Math.min(width, height) < 8) return false;
     const style = getComputedStyle(own);
+    if (Math.min(width, height) < 8 || style.clipPath !== 'none') return false;
     if (style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) >= 2) return true;
     const box = own.querySelector('rect');
     return !!box && parseFloat(getComputedStyle(box).strokeWidth) >= 3;
@@ -145,7 +145,6 @@ fn the_focus_is_seen_wherever_it_goes() {
             if is_new != true {
                 break;
             }
-            println!("{view} {}", browser.text("document.activeElement.outerHTML.slice(0, 90)"));
             if browser.value(IS_FOCUS_SEEN) != true {
                 unseen.push(format!("{view}: {}", browser.text("document.activeElement.outerHTML.slice(0, 120)")));
             }

@@ -46,7 +46,7 @@ fn of_the_readme() {
     browser.click("#diagnose");
     browser.shown(".facts");
     browser.idle();
-    write(&browser, "open-diagnose.png", 960);
+    write(&browser, "open-diagnose.png", 900);
 
     browser.click("#add");
     browser.until("location.hash.includes('view=ladder')");

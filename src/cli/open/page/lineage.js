@@ -31,7 +31,7 @@ export function pathTo(models, path) {
     return way.map((one) => one.path);
 }
 
-const WIDTH = 226;
+const WIDTH = 214;
 const HEIGHT = 62;
 
 /** The graph: generations go down, branches to the right. `errors` has {fit, validate} by path. */
@@ -53,7 +53,7 @@ export function graph(models, { chosen, path, errors, pick }) {
         return svg("path", { class: `edge${path.includes(one.path) && path.includes(one.parent) ? " on-path" : ""}`,
             d: `M${a + WIDTH / 2} ${b + HEIGHT}C${a + WIDTH / 2} ${b + HEIGHT + 18} ${x + WIDTH / 2} ${y - 18} ${x + WIDTH / 2} ${y}` });
     });
-    const short = (text) => (text.length > 26 ? `${text.slice(0, 10)}…${text.slice(-15)}` : text);
+    const short = (text) => (text.length > 26 ? `${text.slice(0, 10)}…${text.slice(-14)}` : text);
     const nodes = models.map((one) => {
         const [x, y] = corner(places.get(one.path) ?? [0, 0]);
         const error = errors.get(one.path);
@@ -69,7 +69,7 @@ export function graph(models, { chosen, path, errors, pick }) {
         svg("text", { x: x + 10, y: y + 37 }, (one.how ?? "").replaceAll("_", " ")), svg("text", { x: x + 10, y: y + 53 }, said),
         mark >= 0 ? svg("text", { x: x + WIDTH - 20, y: y + 53, class: "rung-name" }, "AB"[mark]) : null);
     });
-    const size = [(column + 1) * (WIDTH + 16) + 8, (depth + 1) * (HEIGHT + 26)];
+    const size = [(column + 1) * (WIDTH + 16) - 8, (depth + 1) * (HEIGHT + 26) - 18];
     return svg("svg", { viewBox: `0 0 ${size[0]} ${size[1]}`, width: size[0], height: size[1], role: "group", "aria-label": "Lineage of the models" },
         edges, nodes);
 }

@@ -122,6 +122,17 @@ fn names_focus_room_and_contrast() {
     }
     assert_eq!(wrong, [""; 0], "{}", wrong.join("\n"));
     browser.assert_clean(&server.address);
+
+    // What it would be that is wrong is seen.
+    browser.value(
+        "const own = document.createElement('button'); document.getElementById('view').append(own); \
+         const said = document.createElement('p'); said.textContent = 'faint'; said.style.color = '#777'; \
+         said.style.inlineSize = '4000px'; own.after(said); return 0",
+    );
+    assert_eq!(nameless(&browser), ["button"]);
+    assert!(browser.value(FAINT).to_string().contains("faint: "));
+    let beyond = browser.value("document.documentElement.scrollWidth - document.documentElement.clientWidth");
+    assert!(beyond.as_i64() > Some(0));
 }
 
 /// The Tab key goes through all of a view and comes to its end; wherever it is, that is seen.

@@ -258,7 +258,7 @@ function trace(experiment, run, again) {
     const field = (id, label, index) => h("label", { class: "field" }, h("span", {}, label),
         h("input", { id, type: "number", step: "any", class: "short", value: marked ? marked[index].toFixed(3) : "", onchange: (event) => {
         const ends = marked ?? [run.t0, run.t1];
-        ends[index] = Number(event.target.value);
+        ends[index] = event.target.value === "" ? [run.t0, run.t1][index] : Number(event.target.value);
         mark(...ends);
     } }));
     // As they are typed: the first may be beyond the second until that is typed, too.

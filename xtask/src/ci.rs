@@ -1,4 +1,4 @@
-//! `cargo xtask ci`: every check that a change must pass, on a machine that has a Rust toolchain and nothing else.
+//! `cargo xtask ci`: every check that a change must pass, on a machine that has a Rust toolchain and, for the live page, Chromium.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use dynid_lower::Kir;
 
-use crate::{api, crate_order, dependency_cycles, licences, shell, size, snapshots, unused, workspace};
+use crate::{api, browser, crate_order, dependency_cycles, licences, shell, size, snapshots, unused, workspace};
 
 /// Runs every check.
 #[derive(clap::Args)]
@@ -37,6 +37,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("lints", lints),
         ("the library without the program", library_alone),
         ("tests", tests),
+        ("the live page in a browser", browser::tests),
         ("the loop as a program", example),
         ("documentation", documentation),
         ("licences", licences::check),
@@ -112,8 +113,17 @@ fn tests() -> anyhow::Result<()> {
         fs::create_dir_all(folder)?;
     }
     fs::write(&references, "")?;
-    let mut command =
-        shell::cargo(&["test", "--release", "--workspace", "--exclude", "dynid-derive", "--locked", "--no-fail-fast"]);
+    let mut command = shell::cargo(&[
+        "test",
+        "--release",
+        "--workspace",
+        "--exclude",
+        "dynid-derive",
+        "--exclude",
+        "dynid-browser",
+        "--locked",
+        "--no-fail-fast",
+    ]);
     command.env("INSTA_UPDATE", "no").env("INSTA_SNAPSHOT_REFERENCES_FILE", &references);
     shell::succeed(&mut command)?;
     // derive's own snapshots are looked at by its own tests

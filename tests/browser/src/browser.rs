@@ -377,9 +377,7 @@ impl Browser {
     pub fn complaints(&self) -> Vec<String> {
         let is_bad = |own: &Value| own["level"] == "SEVERE" || own["level"] == "WARNING";
         let message = |own: Value| own["message"].as_str().unwrap_or_default().to_owned();
-        // TEMPORARY: until the server has it.
-        let is_awaited = |own: &String| own.contains("api/lineage");
-        self.log("browser").into_iter().filter(is_bad).map(message).filter(|own| !is_awaited(own)).collect()
+        self.log("browser").into_iter().filter(is_bad).map(message).collect()
     }
 
     /// The events of Chromium's own protocol since the last time that this was asked: method and parameters.
@@ -392,13 +390,12 @@ impl Browser {
         self.log("performance").into_iter().map(event).collect()
     }
 
-    /// Asserts that nothing complained on the console, and that every request went to this address.
+    /// Requests to anything but this address since the last time that events were asked for.
     ///
     /// # Panics
     ///
-    /// Where something did, or one did not.
-    pub fn assert_clean(&self, address: &str) {
-        assert_eq!(self.complaints(), [""; 0], "the console is clean");
+    /// Where there was none to the address either: then nothing was seen.
+    pub fn strangers(&self, address: &str) -> Vec<String> {
         let asked: Vec<String> = self
             .events()
             .into_iter()
@@ -409,8 +406,17 @@ impl Browser {
             .collect();
         assert!(asked.iter().any(|url| url.starts_with(address)), "requests are seen: {asked:?}");
         let is_own = |url: &String| [address, "data:", "blob:", "about:"].iter().any(|own| url.starts_with(own));
-        let others: Vec<&String> = asked.iter().filter(|url| !is_own(url)).collect();
-        assert_eq!(others, [""; 0], "no request goes elsewhere");
+        asked.into_iter().filter(|url| !is_own(url)).collect()
+    }
+
+    /// Asserts that nothing complained on the console, and that every request went to this address.
+    ///
+    /// # Panics
+    ///
+    /// Where something did, or one did not.
+    pub fn assert_clean(&self, address: &str) {
+        assert_eq!(self.complaints(), [""; 0], "the console is clean");
+        assert_eq!(self.strangers(address), [""; 0], "no request goes elsewhere");
     }
 }
 

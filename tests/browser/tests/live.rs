@@ -148,7 +148,9 @@ const MOST: &str =
 fn is_drawn_high(browser: &Browser, share: f64) -> bool {
     let found = browser.value(&format!(
         "const panel = document.querySelector('canvas[role=img]');
-         const pen = panel.getContext('2d');
+         const copy = new OffscreenCanvas(panel.width, panel.height);
+         const pen = copy.getContext('2d', {{ willReadFrequently: true }});
+         pen.drawImage(panel, 0, 0);
          const at = Math.round((66 + {share} * (panel.clientWidth - 76)) * devicePixelRatio);
          const {{ data }} = pen.getImageData(at - 4, 0, 9, Math.round(panel.height / 8));
          for (let i = 0; i < data.length; i += 4)

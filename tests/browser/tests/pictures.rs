@@ -19,7 +19,7 @@ fn write(browser: &Browser, name: &str, height: u32) {
     let folder = std::env::var_os("DYNID_PICTURES")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs"), std::path::PathBuf::from);
     println!("{name}: {} kB", picture.len() / 1000);
-    assert!(picture.len() < 250_000, "{name} is small enough for a README");
+    assert!(picture.len() < 200_000, "{name} is small enough for a README");
     fs::write(folder.join(name), picture).unwrap();
 }
 
@@ -40,18 +40,18 @@ fn of_the_readme() {
     browser.idle();
     browser.click(".where .chip");
     browser.value("scrollTo(0, 0); return 0");
-    write(&browser, "open-compare.png", 1080);
+    write(&browser, "open-compare.png", 1000);
 
     browser.press("5");
     browser.click("#diagnose");
     browser.shown(".facts");
     browser.idle();
-    write(&browser, "open-diagnose.png", 1080);
+    write(&browser, "open-diagnose.png", 900);
 
     browser.click("#add");
     browser.until("location.hash.includes('view=ladder')");
     browser.shown(".fall-chart");
     browser.idle();
-    write(&browser, "open-ladder.png", 1080);
+    write(&browser, "open-ladder.png", 1000);
     let _ = fs::remove_dir_all(place);
 }

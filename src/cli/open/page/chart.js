@@ -257,8 +257,10 @@ export class Charts {
         pen.rect(LEFT, 0, width - LEFT - RIGHT, bottom + 1);
         pen.clip();
         const block = (from, to, key) => {
+            // What is about all samples is a strip, for colour everywhere marks nothing.
+            const isAll = from <= this.whole[0] && to >= this.whole[1];
             pen.fillStyle = color(key);
-            pen.fillRect(x(from), 0, Math.max(2, x(to) - x(from)), bottom);
+            pen.fillRect(x(from), 0, Math.max(2, x(to) - x(from)), isAll ? 8 : bottom);
         };
         this.spans.forEach(([from, to, key]) => block(from, to, key ?? "--span"));
         if (this.drag) block(...this.drag, "--select");

@@ -14,7 +14,7 @@ export function pathTo(models, path) {
     return way.map((one) => one.path);
 }
 
-const WIDTH = 200;
+const WIDTH = 214;
 const HEIGHT = 62;
 
 /** The graph: generations go down, branches to the right. `errors` has {fit, validate} by path. */
@@ -36,7 +36,7 @@ export function graph(models, { chosen, path, errors, pick }) {
         return svg("path", { class: `edge${path.includes(one.path) && path.includes(one.parent) ? " on-path" : ""}`,
             d: `M${a + WIDTH / 2} ${b + HEIGHT}C${a + WIDTH / 2} ${b + HEIGHT + 18} ${x + WIDTH / 2} ${y - 18} ${x + WIDTH / 2} ${y}` });
     });
-    const short = (text) => (text.length > 22 ? `${text.slice(0, 9)}…${text.slice(-12)}` : text);
+    const short = (text) => (text.length > 26 ? `${text.slice(0, 10)}…${text.slice(-14)}` : text);
     const nodes = models.map((one) => {
         const [x, y] = corner(places.get(one.path) ?? [0, 0]);
         const error = errors.get(one.path);
@@ -50,9 +50,9 @@ export function graph(models, { chosen, path, errors, pick }) {
         svg("title", {}, one.path), svg("rect", { x, y, width: WIDTH, height: HEIGHT, rx: 6 }),
             svg("text", { x: x + 10, y: y + 20, class: "rung-name" }, short(name(one.path))),
         svg("text", { x: x + 10, y: y + 37 }, (one.how ?? "").replaceAll("_", " ")), svg("text", { x: x + 10, y: y + 53 }, said),
-        mark >= 0 ? svg("text", { x: x + WIDTH - 18, y: y + 20, class: "rung-name" }, "AB"[mark]) : null);
+        mark >= 0 ? svg("text", { x: x + WIDTH - 20, y: y + 53, class: "rung-name" }, "AB"[mark]) : null);
     });
-    const size = [(column + 1) * (WIDTH + 16) + 8, (depth + 1) * (HEIGHT + 26)];
+    const size = [(column + 1) * (WIDTH + 16) - 8, (depth + 1) * (HEIGHT + 26) - 18];
     return svg("svg", { viewBox: `0 0 ${size[0]} ${size[1]}`, width: size[0], height: size[1], role: "group", "aria-label": "Lineage of the models" },
         edges, nodes);
 }
@@ -79,7 +79,7 @@ export function fall(rungs, noise) {
         decades.map((value) => [svg("line", { class: "grid", x1: left, x2: width - 8, y1: y(value), y2: y(value) }),
             svg("text", { x: left - 6, y: y(value) + 4, "text-anchor": "end" }, digits(value))]),
         noise > 0 ? [svg("line", { class: "noise", x1: left, x2: width - 8, y1: y(noise), y2: y(noise) }),
-            svg("text", { x: width - 10, y: y(noise) - 5, "text-anchor": "end" }, "noise of the logs")] : null,
+            svg("text", { x: left + 6, y: y(noise) - 5 }, "noise of the logs")] : null,
         line("rmse_fit", "fit"), line("rmse_validate", "held"), rungs.map((own, index) => svg("text",
             { x: x(index), y: height - 22, "text-anchor": "middle" }, own.model.length > 18 ? `${own.model.slice(0, 8)}…${own.model.slice(-9)}`
             : own.model)),

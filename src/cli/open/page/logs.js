@@ -51,7 +51,7 @@ async function take(all, again) {
 }
 
 function zone(again) {
-    const picker = (id, properties) => h("input", { type: "file", id, multiple: true, class: "hidden-input",
+    const picker = (id, properties) => h("input", { type: "file", id, multiple: true, class: "hidden-input", tabindex: -1,
         onchange: (event) => { const all = [...event.target.files]; soon(() => take(all, again)); }, ...properties });
     const [some, whole] = [picker("pick-files", { accept: ".csv,.tsv,.txt,.parquet,.mcap,.urdf,.xml,.mjcf,.toml", "aria-label": "Choose files" }),
         picker("pick-folder", { webkitdirectory: true, "aria-label": "Choose a folder" })];
@@ -86,7 +86,8 @@ async function robots() {
 
 function beginning(again) {
     const known = h("datalist", { id: "devices" });
-    robots().then((all) => known.replaceChildren(...all.map((own) => h("option", { value: own }))));
+    // Asked for when it is needed: a program that starts would share the processor with the first picture.
+    const offer = () => robots().then((all) => known.replaceChildren(...all.map((own) => h("option", { value: own }))));
     const logs = files("log");
     const chosen = () => logs.map(({ path }) => path).filter((path) => ticked.has(path));
     const begin = async () => {
@@ -103,7 +104,7 @@ function beginning(again) {
             : note("No log is here yet."),
         h("div", { class: "row" }, h("label", { class: "field" }, h("span", {}, "Robot"),
             h("input", { id: "device", list: "devices", value: deviceWish, placeholder: "robot.urdf, freedom6s, …",
-            oninput: (event) => { deviceWish = event.target.value; } })),
+            onfocus: offer, oninput: (event) => { deviceWish = event.target.value; } })),
             known,
             button("New experiment from the ticked logs", begin, { id: "new", class: "main" })));
 }
@@ -255,12 +256,12 @@ function trace(experiment, run, again) {
             from, to, width })),
         onselect: (from, to) => mark(Math.max(from, run.t0), Math.min(to, run.t1)),
     });
-    const field = (id, label, index) => h("label", { class: "field" }, h("span", {}, label),
-        h("input", { id, type: "number", step: "any", class: "short", value: marked ? marked[index].toFixed(3) : "", onchange: (event) => {
-        const ends = marked ?? [run.t0, run.t1];
+    const field = (id, index) => h("input", { id, type: "number", step: "any", class: "short", onchange: (event) => {
+        const ends = [...(marked ?? [run.t0, run.t1])];
         ends[index] = event.target.value === "" ? [run.t0, run.t1][index] : Number(event.target.value);
         mark(...ends);
-    } }));
+    } });
+    const fields = [field("part-from", 0), field("part-to", 1)];
     // As they are typed: the first may be beyond the second until that is typed, too.
     const part = () => [...(marked ?? [run.t0, run.t1])].sort((a, b) => a - b);
     const mark = (...ends) => {
@@ -269,10 +270,14 @@ function trace(experiment, run, again) {
         charts.draw();
         fill();
     };
-    const fill = () => form.replaceChildren(field("part-from", "from [s]", 0), field("part-to", "to [s]", 1),
-        button(other === "validate" ? "Hold this part out" : "Fit this part", () => holdOut(experiment, run, ...part(), other),
-            { id: "hold-out", disabled: !marked }),
-        h("button", { type: "button", id: "zoom-part", disabled: !marked, onclick: () => charts.show(...part()) }, "Zoom to it"));
+    const tools = [button(other === "validate" ? "Hold this part out" : "Fit this part", () => holdOut(experiment, run, ...part(), other),
+        { id: "hold-out" }), h("button", { type: "button", id: "zoom-part", onclick: () => charts.show(...part()) }, "Zoom to it")];
+    form.append(...["from [s]", "to [s]"].map((label, index) => h("label", { class: "field" }, h("span", {}, label), fields[index])), ...tools);
+    // The fields stay, for the Tab key is on its way from one to the next.
+    const fill = () => {
+        fields.forEach((own, index) => { own.value = marked ? marked[index].toFixed(3) : ""; });
+        tools.forEach((own) => { own.disabled = !marked; });
+    };
     fill();
     if (marked) charts.spans = [[...part(), "--select"]];
     const unit = (joint) => free.get(joint)?.unit ?? "rad";

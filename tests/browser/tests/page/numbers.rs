@@ -132,3 +132,39 @@ fn of_files_as_they_are_now() {
     browser.until("[...document.querySelectorAll('#choose-model option')].some((own) => own.value === 'another.toml')");
     browser.assert_clean(&server.address);
 }
+
+/// What is felt at a wall is what `wall run` prints, for the wall as it is and as it is written after a gain was moved.
+#[test]
+fn of_a_wall() {
+    let folder = tour(&["wrist-1.csv", "wrist-2.csv", "wrist-3.csv", "experiment.toml", "believed.toml"]);
+    let server = Server::open(folder.path(), &["experiment.toml"]);
+    let browser = Browser::new();
+    // The program's own setting has its wall at joints that this model does not speak of: the device's own model is used.
+    browser.go(&format!("{}#view=wall", server.address));
+    browser.shown("#wall-save");
+    browser.choose("#choose-model", "");
+    let felt = |wall: &str| {
+        browser.idle();
+        browser.until("document.querySelectorAll('.facts .number').length === 8");
+        let printed = json(folder.path(), &["wall", "run", "--wall", wall]);
+        let shown = browser.value("[...document.querySelectorAll('.facts .number')].map((own) => own.dataset.value)");
+        let keys =
+            ["settled_position", "peak_to_peak", "chatter_rms", "frequency", "energy_out", "stiffness", "outside"];
+        for (place, key) in (1..).zip(keys) {
+            let shown: f64 = shown[place].as_str().unwrap().parse().unwrap();
+            assert_eq!(Some(shown), printed["measures"][key].as_f64(), "{wall}: {key}");
+        }
+        shown
+    };
+    let before = felt("pd");
+    browser.tab_to("slide-k1");
+    for _ in 0..40 {
+        browser.press("ArrowRight");
+    }
+    let deepest = "document.querySelector('.facts .number').dataset.value";
+    browser.until(&format!("{deepest} !== {}", before[0]));
+    browser.click("#wall-save");
+    browser.shown(".sliders .command");
+    assert_ne!(felt("wall.toml"), before);
+    browser.assert_clean(&server.address);
+}

@@ -50,8 +50,8 @@ fn nameless(browser: &Browser) -> Vec<String> {
 const IS_FOCUS_SEEN: &str = "return (() => {
     const own = document.activeElement;
     const { width, height } = own.getBoundingClientRect();
-    if (Math.min(width, height) < 8) return false;
     const style = getComputedStyle(own);
+    if (Math.min(width, height) < 8 || style.clipPath !== 'none') return false;
     if (style.outlineStyle !== 'none' && parseFloat(style.outlineWidth) >= 2) return true;
     const box = own.querySelector('rect');
     return !!box && parseFloat(getComputedStyle(box).strokeWidth) >= 3;
@@ -122,6 +122,17 @@ fn names_focus_room_and_contrast() {
     }
     assert_eq!(wrong, [""; 0], "{}", wrong.join("\n"));
     browser.assert_clean(&server.address);
+
+    // What it would be that is wrong is seen.
+    browser.value(
+        "const own = document.createElement('button'); document.getElementById('view').append(own); \
+         const said = document.createElement('p'); said.textContent = 'faint'; said.style.color = '#777'; \
+         said.style.inlineSize = '4000px'; own.after(said); return 0",
+    );
+    assert_eq!(nameless(&browser), ["button"]);
+    assert!(browser.value(FAINT).to_string().contains("faint: "));
+    let beyond = browser.value("document.documentElement.scrollWidth - document.documentElement.clientWidth");
+    assert!(beyond.as_i64() > Some(0));
 }
 
 /// The Tab key goes through all of a view and comes to its end; wherever it is, that is seen.
@@ -145,7 +156,6 @@ fn the_focus_is_seen_wherever_it_goes() {
             if is_new != true {
                 break;
             }
-            println!("{view} {}", browser.text("document.activeElement.outerHTML.slice(0, 90)"));
             if browser.value(IS_FOCUS_SEEN) != true {
                 unseen.push(format!("{view}: {}", browser.text("document.activeElement.outerHTML.slice(0, 120)")));
             }

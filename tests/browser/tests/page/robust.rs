@@ -198,6 +198,28 @@ fn percent(text: &str) -> String {
     text.bytes().map(|byte| format!("%{byte:02X}")).collect()
 }
 
+/// What the tests call clean is not so because nobody looks.
+#[test]
+fn complaints_and_strangers_would_be_seen() {
+    let folder = tour(&FILES);
+    let server = Server::open(folder.path(), &["experiment.toml"]);
+    let browser = Browser::new();
+    browser.go(&server.address);
+    browser.idle();
+    browser.assert_clean(&server.address);
+    browser.value("setTimeout(() => { throw new Error('a mistake'); }); return 0");
+    // The page itself may ask nobody else: its policy forbids it, and says so on the console.
+    browser.value("fetch('http://127.0.0.1:9/elsewhere').catch(() => { window.refused = true; }); return 0");
+    browser.until("window.refused");
+    browser.go(&format!("{}style.css", server.address));
+    browser.go("about:blank");
+    browser.value("fetch('http://127.0.0.1:9/elsewhere').catch(() => { window.refused = true; }); return 0");
+    browser.until("window.refused");
+    let said = browser.complaints().join("\n");
+    assert!(said.contains("a mistake") && said.contains("Content Security Policy"), "{said}");
+    assert!(browser.strangers(&server.address).iter().any(|url| url.ends_with("/elsewhere")));
+}
+
 /// A log that grows while it is looked at is read again.
 #[test]
 fn a_log_that_grows() {

@@ -194,3 +194,42 @@ fn by_keyboard_alone() {
     browser.press("Enter");
     report_opens(folder.path(), &browser, &server);
 }
+
+/// A part of a log is held out by dragging over its trace; the file says so, a message takes it back.
+#[test]
+fn a_part_is_held_out() {
+    let folder = tour(&["wrist-1.csv", "wrist-2.csv", "wrist-3.csv", "experiment.toml", "believed.toml"]);
+    let server = Server::open(folder.path(), &["experiment.toml"]);
+    let browser = Browser::new();
+    browser.go(&format!("{}#view=logs", server.address));
+    browser.idle();
+    let file = folder.path().join("experiment.toml");
+    let before = fs::read_to_string(&file).unwrap();
+    // By times, with the keyboard: the second is below the first until it is typed, too.
+    browser.drag("section[aria-label=Trace] canvas.tall", 0.1, 0.2);
+    browser.until("document.getElementById('part-to').value");
+    browser.tab_to("part-from");
+    browser.press("Control+a");
+    browser.type_text("2");
+    browser.press("Tab");
+    assert_eq!(browser.focus(), "part-to", "the Tab key goes on to the next field");
+    browser.press("Control+a");
+    browser.type_text("4");
+    browser.press("Tab");
+    assert_eq!(browser.focus(), "hold-out");
+    browser.press("Enter");
+    browser.until("document.querySelectorAll('section[aria-label=Runs] tbody tr').length === 5");
+    browser.idle();
+    let held = json(folder.path(), &["compare", "experiment.toml", "--model", "believed.toml"]);
+    let roles: Vec<&str> = held["runs"].as_array().unwrap().iter().map(|run| run["role"].as_str().unwrap()).collect();
+    assert_eq!(roles, ["fit", "validate", "fit", "fit", "validate"]);
+    let text = fs::read_to_string(&file).unwrap();
+    assert!(
+        text.contains("rows = [0, 200]") && text.contains("rows = [200, 401]") && text.contains("rows = [401, 801]"),
+        "{text}"
+    );
+    browser.click(".toast button:not(.plain)");
+    browser.until("document.querySelectorAll('section[aria-label=Runs] tbody tr').length === 3");
+    assert_eq!(fs::read_to_string(&file).unwrap(), before);
+    browser.assert_clean(&server.address);
+}

@@ -258,7 +258,7 @@ function trace(experiment, run, again) {
     });
     const field = (id, index) => h("input", { id, type: "number", step: "any", class: "short", onchange: (event) => {
         const ends = [...(marked ?? [run.t0, run.t1])];
-        ends[index] = Number(event.target.value);
+        ends[index] = event.target.value === "" ? [run.t0, run.t1][index] : Number(event.target.value);
         mark(...ends);
     } });
     const fields = [field("part-from", 0), field("part-to", 1)];

@@ -38,8 +38,9 @@ export const asked = () => ({ experiment: state.experiment, model: state.model }
 
 /** What leads to what long work made: at once, or by a button where something else is looked at by then. */
 export function departure() {
-    const before = address();
-    return (words, changes) => (address() === before ? go(changes)
+    const before = { ...state };
+    const isHere = () => ["view", "experiment", "model"].every((key) => !before[key] || before[key] === state[key]);
+    return (words, changes) => (isHere() ? go(changes)
         : toast(words, "good", h("button", { type: "button", onclick: () => go(changes) }, "Look at it")));
 }
 

@@ -247,6 +247,8 @@ impl Jobs {
         stops: &mut mpsc::UnboundedReceiver<()>,
     ) -> std::io::Result<(Option<i32>, Vec<u8>, bool)> {
         let (out, err) = (child.stdout.take(), child.stderr.take());
+        // Without it the command does as after Ctrl-C; so it does when this server ends, in whichever way.
+        let mut stdin = child.stdin.take();
         let read = async {
             let mut bytes = Vec::new();
             if let Some(mut out) = out {
@@ -272,7 +274,7 @@ impl Jobs {
                     status = child.wait() => return status.map(|status| (status, asked > 0)),
                     Some(()) = stops.recv() => {
                         asked += 1;
-                        if asked == 1 { interrupt(&mut child)? } else { child.start_kill()? }
+                        if asked == 1 { stdin = None } else { child.start_kill()? }
                     }
                 }
             }
@@ -299,26 +301,12 @@ impl Jobs {
 /// Runs the program beside this one.
 fn spawn(args: &[String]) -> std::io::Result<Child> {
     let mut command = Command::new(std::env::current_exe()?);
-    command.args(args).args(["--json", "--progress", "json"]);
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+    command.args(args).args(["--json", "--progress", "json", "--stop-with-stdin"]);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
     // Ctrl-C on the terminal is the server's: it passes it on, once.
     #[cfg(unix)]
     command.process_group(0);
     command.spawn()
-}
-
-/// What Ctrl-C does.
-#[cfg(unix)]
-fn interrupt(child: &mut Child) -> std::io::Result<()> {
-    use rustix::process::{Pid, Signal, kill_process};
-    // A child that was waited for has no number any more, and no other process gets the signal.
-    let pid = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
-    Ok(pid.map_or(Ok(()), |pid| kill_process(pid, Signal::INT))?)
-}
-
-#[cfg(not(unix))]
-fn interrupt(child: &mut Child) -> std::io::Result<()> {
-    child.start_kill()
 }
 
 /// A word as a shell takes it.

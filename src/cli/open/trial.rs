@@ -202,7 +202,7 @@ pub async fn tried(State(app): State<Arc<App>>, Asked(asked): Asked<TriedAsked>)
     app.folder.check_references(&path)?;
     blocking(move || {
         let _alone = app.writing();
-        let mut model = with(&Model::load(&path)?, &asked.values)?;
+        let mut model = with(&app.effects.known(Model::load(&path))?, &asked.values)?;
         // As after `dynid add`: no fit found these values; the next one names this file as its parent.
         model.fit = None;
         let text = model.to_toml_at(&out);

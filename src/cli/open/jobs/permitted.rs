@@ -35,6 +35,9 @@ fn inside(matches: &ArgMatches, folder: &Folder) -> Result<(), Refusal> {
         for value in matches.try_get_raw(id.as_str()).ok().flatten().into_iter().flatten() {
             let path = Path::new(value);
             folder.check(path)?;
+            // Effects are read from a folder that is named, or lies beside a file.
+            folder.check_effects(path)?;
+            folder.check_effects(&path.with_file_name("effects"))?;
             if path.extension().is_some_and(|extension| extension == "toml") {
                 folder.check_references(path)?;
             }

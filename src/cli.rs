@@ -49,6 +49,9 @@ struct Arguments {
     /// How progress is told on stderr: bars where that is a terminal, or one JSON object a line.
     #[arg(long, global = true, value_enum, value_name = "FORM", default_value = "bars", hide_short_help = true)]
     progress: progress::Form,
+    /// Stop as by Ctrl-C once stdin ends: then the program that started this one has ended, or wishes so.
+    #[arg(long, global = true, hide = true)]
+    stop_with_stdin: bool,
 }
 
 const HELP: &str = "\
@@ -203,9 +206,18 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Verb::Ladder(arguments) => ladder::run(arguments),
         Verb::Report(arguments) => report::run(arguments),
         Verb::Table(arguments) => tabulate::run(arguments),
-        Verb::Open(_) if arguments.json => anyhow::bail!("`open` prints an address, no JSON: leave --json out"),
+        Verb::Open(_) | Verb::Tour(tour::Arguments { open: true, .. }) if arguments.json => {
+            anyhow::bail!("`open` prints an address, no JSON: leave --json out")
+        }
         Verb::Open(own) => open::run(own, own_effects(arguments).as_deref()),
-        Verb::Tour(arguments) => tour::run(arguments),
+        Verb::Tour(own) => {
+            let (outcome, made) = tour::run(own)?;
+            if !own.open || outcome.answer != Answer::Yes {
+                return Ok(outcome);
+            }
+            print(&outcome, false)?;
+            open::run(&made, own_effects(arguments).as_deref())
+        }
         Verb::Export(arguments) => export::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),
     }
@@ -215,6 +227,9 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     progress::choose(arguments.progress);
+    if arguments.stop_with_stdin {
+        interrupt::when_stdin_ends();
+    }
     let result = read_effects(&arguments).and_then(|()| outcome(&arguments));
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
         Ok(Answer::Yes) => ExitCode::SUCCESS,

@@ -1,5 +1,7 @@
 //! `dynid open` as a process, asked over HTTP as a browser would, and as one would not.
 
+#[path = "open/robust.rs"]
+mod robust;
 mod wrist;
 
 use std::fs;
@@ -47,17 +49,20 @@ const JSON: (&str, &str) = ("Content-Type", "application/json");
 
 impl Server {
     fn new(folder: &Path, arguments: &[&str]) -> Self {
+        Self::of(folder, &[&["open", "--no-browser"], arguments].concat())
+    }
+
+    /// Of a command that ends in a server; what it says before is passed over.
+    fn of(folder: &Path, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_dynid"))
-            .arg("open")
             .args(arguments)
-            .arg("--no-browser")
             .current_dir(folder)
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
-        let address = line.trim().strip_prefix("open: http://").unwrap().strip_suffix('/').unwrap();
+        let mut lines = BufReader::new(child.stdout.as_mut().unwrap()).lines().map(Result::unwrap);
+        let address = lines.find_map(|line| line.strip_prefix("open: http://").map(str::to_owned)).unwrap();
+        let address = address.strip_suffix('/').unwrap();
         let (host, token) = address.split_once('/').unwrap();
         assert!(token.len() == 32 && token.bytes().all(|byte| byte.is_ascii_hexdigit()), "{token}");
         Self { host: host.to_owned(), token: token.to_owned(), child }
@@ -113,6 +118,12 @@ impl Server {
             assert!(begun.elapsed() < Duration::from_secs(300), "{job}");
             std::thread::sleep(Duration::from_millis(20));
         }
+    }
+
+    /// Ctrl-C: it says that all is well.
+    fn end(&mut self) {
+        assert!(Command::new("kill").args(["-INT", &self.child.id().to_string()]).status().unwrap().success());
+        assert_eq!(self.child.wait().unwrap().code(), Some(0));
     }
 
     fn done(&self, args: &[&str]) -> Value {
@@ -393,9 +404,7 @@ fn a_fit_that_is_stopped_keeps_what_it_has() {
     // The same where the server ends; then it says that all is well.
     let id = server.run(&[&args[..], &["two.toml"]].concat());
     began(id);
-    let pid = server.child.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
-    assert_eq!(server.child.wait().unwrap().code(), Some(0));
+    server.end();
     assert!(path.join("two.toml.checkpoint").exists());
 }
 
@@ -512,7 +521,8 @@ fn a_finding_says_where_its_samples_are() {
     // What an error follows is about all samples.
     let follows =
         findings.iter().find(|finding| finding["sentence"].as_str().unwrap().contains("smooth function")).unwrap();
-    assert_eq!(follows["spans"], json!([]));
+    assert_eq!((&follows["whole"], &follows["spans"]), (&json!(true), &json!([])));
+    assert_eq!(first["whole"], json!(false));
 }
 
 #[test]
@@ -647,4 +657,171 @@ fn a_comparison_follows_the_device_that_its_experiment_names() {
         .post("api/tried", &json!({ "experiment": "experiment.toml", "model": null, "values": {}, "out": "own.toml" }))
         .ok();
     assert!(dynid::Model::load(path.join("own.toml")).is_ok());
+}
+
+#[test]
+fn a_model_says_where_it_comes_from() {
+    let folder = tour();
+    let path = folder.path();
+    let fit = |from: &str, to: &str| cli(path, &["fit", "experiment.toml", "--model", from, "--out", to, "--json"]);
+    fit("believed.toml", "fitted.toml");
+    let add =
+        ["add", "input_coupling", "--joint", "4", "--from", "5", "--model", "fitted.toml", "--out", "better.toml"];
+    cli(path, &[&add[..], &["--json"]].concat());
+    fit("better.toml", "best.toml");
+    fs::write(path.join("wrong.toml"), "device = \"freedom6s\"\n[[effect]]\nid = \"none\"\n").unwrap();
+    let server = Server::new(path, &[]);
+    let told = server.get("api/lineage").ok();
+    let told: Vec<[Option<&str>; 3]> = told["models"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|own| ["path", "parent", "how"].map(|key| own[key].as_str()))
+        .collect();
+    let expected = [
+        ["believed.toml", "", ""],
+        ["fitted.toml", "believed.toml", "fitted"],
+        ["better.toml", "fitted.toml", "added"],
+        ["best.toml", "better.toml", "fitted"],
+        ["wrong.toml", "", ""],
+    ];
+    assert_eq!(told, expected.map(|own| own.map(|word| Some(word).filter(|word| !word.is_empty()))));
+    let wrong = server.get("api/lineage").ok()["models"][4]["error"].clone();
+    assert!(wrong.as_str().unwrap().contains("none"), "{wrong}");
+
+    // A model whose parent is gone stands on the one that it adds an effect to.
+    fs::remove_file(path.join("better.toml")).unwrap();
+    let best = server.get("api/lineage").ok()["models"][2].clone();
+    assert_eq!(best, json!({ "path": "best.toml", "parent": "fitted.toml", "how": "added_and_fitted" }));
+}
+
+#[test]
+fn times_of_a_run_are_rows_of_its_file() {
+    let folder = tour();
+    let path = folder.path();
+    let log = fs::read_to_string(path.join("wrist-1.csv")).unwrap();
+    let mut lines: Vec<&str> = log.lines().collect();
+    let time = |line: &str| line.split(',').next().unwrap().parse::<f64>().unwrap();
+    // Rows 10 and 200 are there twice.
+    lines.insert(1 + 200, lines[1 + 200]);
+    lines.insert(1 + 10, lines[1 + 10]);
+    fs::write(path.join("wrist-1.csv"), lines.join("\n")).unwrap();
+    let text = fs::read_to_string(path.join("experiment.toml")).unwrap();
+    let server = Server::new(path, &[]);
+    for first in [0, 5, 50] {
+        let rows = format!("rows = [{first}, 400]\nmoving = {}\n", first > 0);
+        let own = text.replacen("[[run]]\n", &format!("repeated_times = \"skip\"\n[[run]]\n{rows}"), 1);
+        fs::write(path.join("experiment.toml"), own).unwrap();
+        let runs = server.get(EXPERIMENT).ok()["runs"].clone();
+        assert_eq!((&runs[0]["rows"], &runs[0]["moving"]), (&json!([first, 400]), &json!(first > 0)));
+        assert_eq!(runs[1]["rows"], json!(null));
+        let between = |from: f64, to: f64| {
+            server.post("api/rows", &json!({ "experiment": "experiment.toml", "run": 0, "from": from, "to": to }))
+        };
+        for [from, to] in [[60, 150], [60, 300], [210, 399]] {
+            let (t0, t1) = (time(lines[1 + from]), time(lines[1 + to]));
+            assert_eq!(between(t0, t1).ok()["rows"], json!([from, to + 1]), "both ends are in");
+        }
+        assert_eq!(between(-1.0, 1e9).ok()["rows"], json!([first, 400]));
+        between(1e8, 1e9).error(400);
+    }
+}
+
+#[test]
+fn an_effect_of_the_user_is_told_of_by_its_name_and_not_by_an_old_one() {
+    let folder = tour();
+    let path = folder.path();
+    let title = "<script>alert(1)</script>";
+    let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/own_effect/end_stops.toml");
+    let text = fs::read_to_string(ours).unwrap();
+    let line = text.lines().find(|line| line.starts_with("title")).unwrap();
+    let text = text.replacen(line, &format!("title = {title:?}"), 1);
+    fs::create_dir(path.join("effects")).unwrap();
+    fs::write(path.join("effects/end_stops.toml"), &text).unwrap();
+    let add = ["add", "end_stops", "--joint", "4", "--model", "believed.toml", "--out", "own.toml", "--json"];
+    cli(path, &add);
+    let server = Server::new(path, &["experiment.toml"]);
+    let ask = |model: &str| server.post("api/parameters", &json!({ "experiment": "experiment.toml", "model": model }));
+    assert!(ask("own.toml").ok().to_string().contains("end_stops at joint 4"));
+    // What is text in a log or an effect is text in a page.
+    let column = "<script>alert(2)</script>";
+    let log = fs::read_to_string(path.join("wrist-1.csv")).unwrap();
+    fs::write(path.join("wrist-1.csv"), log.replacen(",q4", &format!(",{column}"), 1)).unwrap();
+    let experiment = fs::read_to_string(path.join("experiment.toml")).unwrap();
+    let experiment = experiment.replacen("[[run]]\n", &format!("[[run]]\ncolumns = {{ q4 = {column:?} }}\n"), 1);
+    fs::write(path.join("experiment.toml"), experiment).unwrap();
+    server.get(EXPERIMENT).ok();
+    let report = server.done(&["report", "experiment.toml", "own.toml", "--out", "report.html"]);
+    assert_eq!(report["state"], "done", "{report}");
+    let page = server.get("api/page?path=report.html");
+    assert!(!String::from_utf8_lossy(&page.body).contains("<script>alert"));
+
+    // Commands know what is new at once; what is kept in memory is not made of what is old.
+    fs::write(path.join("effects/end_stops.toml"), format!("{text}\n# changed\n")).unwrap();
+    let refused = ask("own.toml").error(422);
+    assert!(refused.contains("start `dynid open` again"), "{refused}");
+    ask("believed.toml").ok();
+    assert_eq!(server.done(&["table", "own.toml"])["state"], "done");
+}
+
+#[cfg(unix)]
+#[test]
+fn effects_that_lie_outside_are_not_read() {
+    use std::os::unix::fs::symlink;
+    let outside = TempDir::new().unwrap();
+    fs::write(outside.path().join("secret.toml"), "secret = true").unwrap();
+    let folder = tour();
+    let path = folder.path();
+    let server = Server::new(path, &[]);
+    symlink(outside.path(), path.join("effects")).unwrap();
+    server.post("api/jobs", &json!({ "args": ["table", "believed.toml"] })).error(403);
+    fs::remove_file(path.join("effects")).unwrap();
+    fs::create_dir(path.join("effects")).unwrap();
+    symlink(outside.path().join("secret.toml"), path.join("effects/mine.toml")).unwrap();
+    server.post("api/jobs", &json!({ "args": ["table", "believed.toml"] })).error(403);
+    server.post("api/jobs", &json!({ "args": ["plan", "freedom6s", "--effects", "effects"] })).error(403);
+    let refused =
+        Command::new(env!("CARGO_BIN_EXE_dynid")).args(["open", "--no-browser"]).current_dir(path).output().unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{refused:?}");
+}
+
+#[test]
+fn what_is_no_number_is_null_or_refused() {
+    let folder = tour();
+    let path = folder.path();
+    let server = Server::new(path, &[]);
+    let believed = fs::read_to_string(path.join("believed.toml")).unwrap();
+    let compared = |value: &str| {
+        fs::write(path.join("odd.toml"), believed.replacen("7.15", value, 1)).unwrap();
+        server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": "odd.toml" }))
+    };
+    // A drive that is so strong leaves its log for ever.
+    let wild = compared("1e9").ok();
+    assert_eq!(wild["runs"][0]["joints"][0]["rmse"], json!(null));
+    assert!(wild["runs"][0]["notes"].to_string().contains("the simulation"), "{}", wild["runs"][0]);
+    for value in ["nan", "inf", "-inf"] {
+        let refused = compared(value).error(422);
+        assert!(refused.contains("odd.toml:"), "with its place: {refused}");
+    }
+    for value in ["1e999", "null", "NaN", "\"1\""] {
+        let body = format!(
+            r#"{{"experiment":"experiment.toml","model":"believed.toml","run":0,"values":{{"joint.4.spring.Ks":{value}}},"width":9}}"#
+        );
+        server.raw("POST", &server.at("api/try"), &[JSON], body.as_bytes()).error(400);
+    }
+}
+
+#[test]
+fn a_tour_goes_on_as_a_page() {
+    let folder = TempDir::new().unwrap();
+    let mut server = Server::of(folder.path(), &["tour", "--open", "--no-browser"]);
+    let opened = server.get("api/folder").ok();
+    let place = folder.path().canonicalize().unwrap().join("dynid-tour");
+    assert_eq!(opened["folder"], json!(place.display().to_string()));
+    assert_eq!((&opened["experiment"], &opened["model"]), (&json!("experiment.toml"), &json!("better-fitted.toml")));
+    server.end();
+    let json = ["tour", "--open", "--json"];
+    let refused = Command::new(env!("CARGO_BIN_EXE_dynid")).args(json).current_dir(folder.path()).output().unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{refused:?}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }

@@ -6,6 +6,7 @@ mod answer;
 mod assets;
 mod compared;
 mod edit;
+mod effects;
 mod events;
 mod files;
 mod folder;
@@ -26,7 +27,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use axum::extract::{DefaultBodyLimit, Path as Segment};
 use axum::http::header;
 use axum::response::IntoResponse;
@@ -39,6 +40,7 @@ use tokio::sync::Semaphore;
 use super::{Answer, Outcome};
 use answer::{LARGEST_BODY, Refusal};
 use compared::Comparison;
+use effects::OwnEffects;
 use events::Hub;
 use folder::Folder;
 use guard::{Guard, guard, token};
@@ -66,10 +68,10 @@ pub struct Arguments {
     pub model: Option<PathBuf>,
     /// The port; without it, one that is free.
     #[arg(long, value_name = "N", default_value_t = 0)]
-    port: u16,
+    pub port: u16,
     /// Print the address, and open no browser.
     #[arg(long)]
-    no_browser: bool,
+    pub no_browser: bool,
 }
 
 impl Arguments {
@@ -86,6 +88,7 @@ struct App {
     /// What was named on the command line, relative to the folder.
     experiment: Option<PathBuf>,
     model: Option<PathBuf>,
+    effects: OwnEffects,
     hub: Hub,
     jobs: Arc<Jobs>,
     writing: Mutex<()>,
@@ -138,9 +141,17 @@ fn app(arguments: &Arguments, effects: Option<&Path>) -> anyhow::Result<App> {
     // Commands run here, and their paths are those of requests.
     std::env::set_current_dir(&root).with_context(|| format!("cannot work in {}", root.display()))?;
     let hub = Hub::new();
-    let always = effects.map(|path| vec!["--effects".to_owned(), path.display().to_string()]).unwrap_or_default();
+    let folder = Folder::new(root);
+    let always = match &effects {
+        Some(named) => vec!["--effects".to_owned(), named.display().to_string()],
+        None => {
+            folder.check_effects(Path::new("effects")).map_err(|refusal| anyhow!(refusal.sentence))?;
+            Vec::new()
+        }
+    };
     Ok(App {
-        folder: Folder::new(root),
+        folder,
+        effects: OwnEffects::new(effects.unwrap_or_else(|| PathBuf::from("effects"))),
         experiment,
         model,
         jobs: Arc::new(Jobs::new(hub.clone(), always)),

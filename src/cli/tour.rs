@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 
 use super::interrupt::Interrupt;
 use super::table::{Align, Table};
-use super::{Answer, Outcome, inputs, ladder as ladder_verb, progress};
+use super::{Answer, Outcome, inputs, ladder as ladder_verb, open, progress};
 
 /// See the whole loop on logs that the program carries: find the effect that a model lacks, add it, watch the error fall.
 #[derive(clap::Args)]
@@ -28,6 +28,7 @@ use super::{Answer, Outcome, inputs, ladder as ladder_verb, progress};
 Examples:
   dynid tour                     into dynid-tour, or dynid-tour-2 if that is there
   dynid tour --out-dir here      into a folder of your choice
+  dynid tour --open              then the same on a live page, as `dynid open` of that folder
 
 The logs were made with an effect that the believed model does not have. The tour fits the model, says where it fails, finds
 out which effect is missing, adds it, fits again and shows the error fall. The folder then holds all that the loop needs,
@@ -39,6 +40,12 @@ pub struct Arguments {
     /// Overwrite the tour's files where they are there.
     #[arg(long)]
     force: bool,
+    /// Go on as `dynid open` of what was made, until Ctrl-C.
+    #[arg(long)]
+    pub open: bool,
+    /// Print the page's address, and open no browser.
+    #[arg(long, requires = "open")]
+    no_browser: bool,
 }
 
 const FITTED: &str = "fitted.toml";
@@ -50,8 +57,8 @@ const REPORT: &str = "report.html";
 /// What the tour makes.
 const MADE: [&str; 6] = [FITTED, DIAGNOSIS, BETTER, BETTER_FITTED, LADDER, REPORT];
 
-/// Walks through the loop beside the folder that it is for; a tour that fails leaves nothing behind.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+/// Walks through the loop beside the folder that it is for; a tour that fails leaves nothing behind. Answers also how to open what it made.
+pub fn run(arguments: &Arguments) -> anyhow::Result<(Outcome, open::Arguments)> {
     let overwrite = Overwrite::if_forced(arguments.force);
     let (folder, taken) = folder(arguments, overwrite)?;
     let mut partial = folder.clone().into_os_string();
@@ -63,15 +70,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         settle(&partial, &folder)?;
         Ok(outcome)
     });
+    let made = open::Arguments {
+        experiment: Some(folder.join("experiment.toml")),
+        model: Some(folder.join(BETTER_FITTED)),
+        port: 0,
+        no_browser: arguments.no_browser,
+    };
     if outcome.is_err() {
         // the first error is the one to tell
         let _ = fs::remove_dir_all(&partial);
         if interrupt.is_asked() {
             let text = "stopped; nothing is left of it\n".to_owned();
-            return Ok(Outcome { text, json: json!({ "status": "interrupted" }), answer: Answer::Interrupted });
+            let json = json!({ "status": "interrupted" });
+            return Ok((Outcome { text, json, answer: Answer::Interrupted }, made));
         }
     }
-    outcome
+    Ok((outcome?, made))
 }
 
 /// Does everything in `partial`; what is reported is about `folder`.

@@ -96,7 +96,7 @@ pub fn model(app: &App, loaded: &Loaded, path: Option<&str>) -> Result<(Model, S
         }
         None => loaded.experiment.device.id.clone(),
     };
-    Ok((inputs::model(path.as_deref(), &loaded.experiment)?, digest))
+    Ok((app.effects.known(inputs::model(path.as_deref(), &loaded.experiment))?, digest))
 }
 
 impl Comparison {

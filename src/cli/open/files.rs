@@ -19,6 +19,7 @@ use futures_util::StreamExt;
 use serde::Deserialize;
 use serde_json::json;
 use sha2::{Digest, Sha256};
+use tokio::io::AsyncWriteExt;
 
 use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking, check_media};
@@ -40,9 +41,10 @@ fn page_policy() -> Result<HeaderValue, InvalidHeaderValue> {
     ))
 }
 
-type Named = Query<HashMap<String, String>>;
+pub type Named = Query<HashMap<String, String>>;
 
-fn named<'a>(query: &'a Named, key: &str) -> Result<&'a str, Refusal> {
+/// A part of the query.
+pub fn named<'a>(query: &'a Named, key: &str) -> Result<&'a str, Refusal> {
     query.get(key).map(String::as_str).ok_or_else(|| Refusal::bad(format!("say which: ?{key}=..")))
 }
 
@@ -162,7 +164,8 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let partial = Partial(format!(".{}.{}.{number}.partial", path.display(), std::process::id()));
-    let mut file = tokio::fs::File::create_new(&partial.0).await?;
+    let unwritable = |source| FileError::Unwritable { path: path.clone(), source };
+    let mut file = tokio::fs::File::create_new(&partial.0).await.map_err(unwritable)?;
     let mut body = request.into_body().into_data_stream();
     let mut bytes = 0;
     while let Some(chunk) = body.next().await {
@@ -174,15 +177,17 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
                 "a log has 2 GiB at most; copy it into the folder",
             ));
         }
-        tokio::io::AsyncWriteExt::write_all(&mut file, &chunk).await?;
+        file.write_all(&chunk).await.map_err(unwritable)?;
     }
-    file.sync_all().await?;
+    // Only flushing tells what became of the last chunk.
+    file.flush().await.map_err(unwritable)?;
+    file.sync_all().await.map_err(unwritable)?;
     drop(file);
     blocking(move || {
         // Unlike a renaming, a second name for the file never takes the place of another.
         let taken = fs::hard_link(&partial.0, &path).is_err();
         if taken && !path.exists() {
-            fs::rename(&partial.0, &path)?;
+            fs::rename(&partial.0, &path).map_err(|source| FileError::Unwritable { path: path.clone(), source })?;
         } else if taken && !are_equal(Path::new(&partial.0), &path)? {
             let sentence = format!(
                 "{} is there already with other content and is kept; give the log another name",

@@ -116,6 +116,13 @@ impl Folder {
         })
     }
 
+    /// That a folder of effects, if there is one, and its files lie inside.
+    pub fn check_effects(&self, effects: &Path) -> Result<(), Refusal> {
+        self.check(effects)?;
+        let mut entries = fs::read_dir(self.root.join(effects)).into_iter().flatten().flatten();
+        entries.try_for_each(|entry| self.check(&effects.join(entry.file_name())))
+    }
+
     /// What lies in the folder, by path; and how many files more.
     pub fn files(&self) -> (Vec<Value>, usize) {
         let mut paths = Vec::new();

@@ -252,6 +252,8 @@ impl Jobs {
         stops: &mut mpsc::UnboundedReceiver<()>,
     ) -> std::io::Result<(Option<i32>, Vec<u8>, bool)> {
         let (out, err) = (child.stdout.take(), child.stderr.take());
+        // Without it the command does as after Ctrl-C; so it does when this server ends, in whichever way.
+        let mut stdin = child.stdin.take();
         let read = async {
             let mut bytes = Vec::new();
             if let Some(mut out) = out {
@@ -277,7 +279,7 @@ impl Jobs {
                     status = child.wait() => return status.map(|status| (status, asked > 0)),
                     Some(()) = stops.recv() => {
                         asked += 1;
-                        if asked == 1 { interrupt(&mut child)? } else { child.start_kill()? }
+                        if asked == 1 { stdin = None } else { child.start_kill()? }
                     }
                 }
             }
@@ -304,8 +306,8 @@ impl Jobs {
 /// Runs the program beside this one.
 fn spawn(always: &[String], args: &[String]) -> std::io::Result<Child> {
     let mut command = Command::new(program()?);
-    command.args(TO_PROGRAMS).args(always).args(args);
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+    command.args(TO_PROGRAMS).arg("--stop-with-stdin").args(always).args(args);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
     // Ctrl-C on the terminal is the server's: it passes it on, once.
     #[cfg(unix)]
     command.process_group(0);
@@ -316,20 +318,6 @@ fn spawn(always: &[String], args: &[String]) -> std::io::Result<Child> {
 fn program() -> std::io::Result<PathBuf> {
     let running = Path::new("/proc/self/exe");
     if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
-}
-
-/// What Ctrl-C does.
-#[cfg(unix)]
-fn interrupt(child: &mut Child) -> std::io::Result<()> {
-    use rustix::process::{Pid, Signal, kill_process};
-    // A child that was waited for has no number any more, and no other process gets the signal.
-    let pid = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
-    Ok(pid.map_or(Ok(()), |pid| kill_process(pid, Signal::INT))?)
-}
-
-#[cfg(not(unix))]
-fn interrupt(child: &mut Child) -> std::io::Result<()> {
-    child.start_kill()
 }
 
 /// A word as a shell takes it.

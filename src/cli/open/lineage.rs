@@ -21,7 +21,7 @@ pub async fn lineage(State(app): State<Arc<App>>) -> Answered {
             let path = file["path"].as_str().unwrap_or_default();
             let model = app.folder.place(path).and_then(|place| {
                 app.folder.check_references(&place)?;
-                Ok(Model::load(&place)?)
+                app.effects.known(Model::load(&place))
             });
             (path.to_owned(), model.map(|model| (model.digest(), model)))
         };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use axum::Json;
-use axum::extract::{Query, State};
+use axum::extract::State;
 use dynid::{Experiment, Run};
 use dynid_logs::quality;
 use dynid_model::{Device, JointKind, sha256_hex};
@@ -16,6 +16,7 @@ use serde_json::{Value, json};
 
 use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
+use super::files::{Named, named};
 use super::folder::{Stamp, all_named_by, digest_of, with_slashes};
 use super::series::Trace;
 
@@ -104,8 +105,8 @@ pub fn loaded(app: &App, path: &str) -> Result<Arc<Loaded>, Refusal> {
 }
 
 /// `GET api/experiment`
-pub async fn experiment(State(app): State<Arc<App>>, query: Query<HashMap<String, String>>) -> Answered {
-    let path = query.get("path").cloned().ok_or_else(|| Refusal::bad("say which: ?path=.."))?;
+pub async fn experiment(State(app): State<Arc<App>>, query: Named) -> Answered {
+    let path = named(&query, "path")?.to_owned();
     blocking(move || {
         let loaded = loaded(&app, &path)?;
         let mut answer = loaded.described.get_or_init(|| described(&loaded)).clone();

@@ -41,7 +41,7 @@ pub async fn touch(State(app): State<Arc<App>>, Asked(asked): Asked<TouchAsked>)
         }
         let mut setting = setting.map_or_else(Setting::shipped, |path| Setting::load(&path))?;
         let (name, mut file) = wall::wall_of(&asked.wall)?;
-        let model = wall::model_of(model.as_deref(), setting.device)?;
+        let model = app.effects.known(wall::model_of(model.as_deref(), setting.device))?;
         // What can be moved is told with the bounds that the values as they stand give.
         let movable: Vec<(Change, f64)> = changes(&file, &setting);
         for (key, value) in &asked.changes {

@@ -40,6 +40,9 @@ fn inside(matches: &ArgMatches, folder: &Folder) -> Result<(), Refusal> {
             }
             let path = Path::new(value);
             folder.check(path)?;
+            // Effects are read from a folder that is named, or lies beside a file.
+            folder.check_effects(path)?;
+            folder.check_effects(&path.with_file_name("effects"))?;
             folder.check_references(path)?;
         }
     }

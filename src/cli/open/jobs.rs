@@ -12,7 +12,7 @@ use axum::Json;
 use axum::extract::{Path as Segment, State};
 use axum::http::header;
 use axum::response::IntoResponse;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::{Child, Command};
@@ -43,7 +43,8 @@ pub struct Jobs {
     always: Vec<String>,
 }
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "lowercase")]
 enum JobState {
     Waiting,
     Running,
@@ -53,16 +54,6 @@ enum JobState {
 }
 
 impl JobState {
-    fn as_str(self) -> &'static str {
-        match self {
-            Self::Waiting => "waiting",
-            Self::Running => "running",
-            Self::Done => "done",
-            Self::Failed => "failed",
-            Self::Stopped => "stopped",
-        }
-    }
-
     fn is_over(self) -> bool {
         !matches!(self, Self::Waiting | Self::Running)
     }
@@ -93,7 +84,7 @@ impl Job {
             "id": self.id,
             "args": self.args,
             "command": self.command,
-            "state": self.state.as_str(),
+            "state": self.state,
             "status": self.status,
             "began": self.began.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64),
             "seconds": took.as_secs_f64(),

@@ -65,6 +65,8 @@ async function fitting(job, cleanup) {
         const now = await detail(job.id);
         (now.progress ?? []).forEach(take);
         const out = option(job.args, "--out");
+        // A fit that was over before anyone listened has written what the folder was not asked for since.
+        if (now.result?.out && !file(out)) await readFolder();
         put(place, h("h2", {}, `Fit: ${now.state}`), said, charts.element, command(now.command), h("p", { class: "row" },
             isOver(now) ? null : button("Stop and keep what is there", () => stop(job.id), { id: "stop-fit" }),
             now.result?.out && file(out) ? h("button", { type: "button", class: "main", id: "open-fit",

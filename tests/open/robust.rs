@@ -113,7 +113,7 @@ fn twenty_pages_are_answered_at_once() {
         let series = json!({ "of": { "key": compared["key"], "run": 0 }, "names": ["residual:4"], "width": 100 });
         assert_eq!(server.post("api/series", &series).ok()["series"][0]["t"].as_array().unwrap().len(), 100);
         let out = format!("page-{number}.toml");
-        let tried = json!({ "model": "believed.toml", "values": {}, "out": out });
+        let tried = json!({ "experiment": "experiment.toml", "model": "believed.toml", "values": {}, "out": out });
         server.post("api/tried", &tried).ok();
         server.post("api/tried", &tried).error(409);
         lines.find(|line| line.starts_with("data: ") && line.contains(&out)).unwrap();
@@ -189,7 +189,7 @@ fn a_full_disk_is_one_clear_message() {
     let edit = json!({ "path": "experiment.toml", "replaces": digest, "changes": [{ "keys": ["run", 0, "role"], "value": "validate" }] });
     clear(&server.post("api/edit", &edit).error(422), "experiment.toml");
     assert_eq!(server.get("api/file?path=experiment.toml").ok()["digest"], digest);
-    let tried = json!({ "model": "believed.toml", "values": {}, "out": "try.toml" });
+    let tried = json!({ "experiment": "experiment.toml", "model": "believed.toml", "values": {}, "out": "try.toml" });
     clear(&server.post("api/tried", &tried).error(422), "try.toml");
     let fit = server.done(&["fit", "experiment.toml", "--model", "believed.toml", "--out", "fitted.toml"]);
     assert_eq!(fit["state"], "failed", "{fit}");

@@ -351,7 +351,7 @@ impl Browser {
         panic!("the Tab key does not reach #{id}; it is at #{}\n{}", self.focus(), self.seen());
     }
 
-    /// Makes the window so large [pixels], in these colours.
+    /// Makes the window so large (pixels), in these colours.
     pub fn look(&self, width: u32, height: u32, scheme: Scheme) {
         self.devtools(
             "Emulation.setDeviceMetricsOverride",

@@ -56,8 +56,8 @@ pub use report::{Report, ReportSettings, report};
 pub use simulate::{SimulateSettings, Simulated, simulate};
 
 pub use dynid_check::{
-    Checked, Finding as LogFinding, FindingKind as LogFindingKind, Identifiability, Suggestion, Unanswered,
-    Verdict as CheckVerdict,
+    Asked as AskedOfLogs, Checked, Finding as LogFinding, FindingKind as LogFindingKind, Identifiability,
+    Question as QuestionOfLogs, Suggestion, Unanswered, Verdict as CheckVerdict,
 };
 pub use dynid_diagnose::{
     Candidate, Diagnosis, Event, Evidence, Finished, Note, Ranked, RejectedCandidate, Rejection, Statement, Verdict,

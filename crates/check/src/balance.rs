@@ -89,7 +89,7 @@ impl<'a> Balance<'a> {
     }
 
     /// Whether the joint's samples can be judged.
-    fn is_judged(&self, slot: usize) -> bool {
+    pub(crate) fn is_judged(&self, slot: usize) -> bool {
         let joint = self.run.free[slot];
         self.errors[slot].n_used() >= dynid_logs::part::LEAST_SAMPLES && moves(self.run, joint)
     }

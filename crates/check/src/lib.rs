@@ -4,6 +4,7 @@
 //! - [`columns`]: what a log shows without a model: time stamps, encoder wraps, repeated rows, coarse digits, cut commands;
 //! - [`balance`]: what the torque balance shows along the measured motion, a model's own parameters and common effects that it
 //!   may lack being free: units, sign, delay, hold, runs that contradict each other;
+//! - [`question`]: what is asked for that, and of how many runs;
 //! - [`excitation`]: joints that stand still, runs that are too short, motions of too few frequencies;
 //! - [`identifiability`]: parameters that the motion leaves open, and directions that no motion reveals.
 //!
@@ -15,6 +16,7 @@ pub mod excitation;
 pub mod finding;
 pub mod identifiability;
 mod least_squares;
+pub mod question;
 pub mod suggestion;
 pub mod unanswered;
 
@@ -27,6 +29,7 @@ use serde::Serialize;
 
 pub use finding::{Finding, FindingKind};
 pub use identifiability::Identifiability;
+pub use question::{Asked, Question};
 pub use suggestion::Suggestion;
 pub use unanswered::Unanswered;
 
@@ -44,6 +47,8 @@ pub struct Checked {
     pub suggestions: Vec<Suggestion>,
     /// What looks wrong.
     pub findings: Vec<Finding>,
+    /// What was asked to find it, and of how many runs.
+    pub questions: Vec<Asked>,
     /// What the motion tells of the parameters; `None` where no run has a torque balance.
     pub identifiability: Option<Identifiability>,
     /// The logs, one by one.
@@ -89,9 +94,9 @@ pub fn check(model: &Model, runs: &[&Run]) -> Result<Checked, CheckError> {
     let mut unanswered = excitation::unanswered(model, runs);
     let nothing = unanswered.iter().any(Unanswered::is_everything);
     let mut identifiability = None;
+    let mut balances = Vec::new();
     if !nothing {
         let along = runs.par_iter().map(|run| Balance::of(model, run)).collect::<Result<Vec<_>, _>>()?;
-        let mut balances = Vec::new();
         for (run, balance) in runs.iter().zip(along) {
             match balance {
                 Ok(balance) => balances.push(balance),
@@ -111,5 +116,6 @@ pub fn check(model: &Model, runs: &[&Run]) -> Result<Checked, CheckError> {
         (false, true, true) => Verdict::NothingWrong,
         _ => Verdict::Warnings,
     };
-    Ok(Checked { verdict, unanswered, suggestions, findings, identifiability, quality })
+    let questions = question::asked(runs.len(), &balances);
+    Ok(Checked { verdict, unanswered, suggestions, findings, questions, identifiability, quality })
 }

@@ -1,9 +1,24 @@
-//! Text for people: numbers in four digits ([`number`]), characters that HTML and SVG need escaped ([`escaped`]), and the error
-//! of an unknown name with the nearest known one ([`UnknownName`]).
+//! Text for people: numbers in four digits ([`number`]), characters that HTML and SVG need escaped ([`escaped`]), the error
+//! of an unknown name with the nearest known one ([`UnknownName`]), and command lines as a shell takes them ([`shell_line`]).
 
 /// Text as it may stand in SVG and HTML.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A command line of `dynid` with these arguments.
+pub fn shell_line<S: AsRef<str>>(arguments: &[S]) -> String {
+    let words = arguments.iter().map(|word| shell_word(word.as_ref()));
+    ["dynid".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
+}
+
+/// A word as a shell takes it.
+fn shell_word(word: &str) -> String {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_./,=:@%+".contains(&byte);
+    if !word.is_empty() && word.bytes().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 /// A number as people read it: four digits, an exponent only where it helps, a true minus sign.
@@ -80,5 +95,11 @@ mod tests {
                 "\u{2014}"
             ]
         );
+    }
+
+    #[test]
+    fn a_shell_reads_the_words_that_were_given() {
+        let words = ["check", "my log's.csv", "--column", "tau0=load [N*m]", ""];
+        assert_eq!(shell_line(&words), "dynid check 'my log'\\''s.csv' --column 'tau0=load [N*m]' ''");
     }
 }

@@ -1,7 +1,8 @@
 //! What logs cannot answer, how to excite what is missing, and what looks wrong in them.
 
 use dynid_check::{
-    Checked, Finding, FindingKind, Suggestion, Unanswered, Verdict, finding::DegreesBecause, suggestion::Signal,
+    Checked, Finding, FindingKind, Question, Suggestion, Unanswered, Verdict, finding::DegreesBecause,
+    suggestion::Signal,
 };
 use dynid_dynamics::simulate::Intersample;
 use dynid_format::{listed, number};
@@ -227,6 +228,19 @@ pub fn unanswered(unanswered: &Unanswered) -> String {
     }
 }
 
+/// What was asked, as it is where nothing looks wrong.
+pub fn question(question: Question) -> &'static str {
+    match question {
+        Question::TimeStamps => "Time stamps are even and complete",
+        Question::Positions => "Positions are measured, finely and without jumps",
+        Question::Commands => "Commands are there and not cut off",
+        Question::Units => "Units are right",
+        Question::Signs => "Signs are right",
+        Question::Timing => "Command and position belong to the same time",
+        Question::Agreement => "Runs agree with each other",
+    }
+}
+
 /// What to play.
 pub fn suggestion(suggestion: &Suggestion) -> String {
     let Suggestion { free, joints, parameters, from_hz, to_hz, speed, .. } = suggestion;
@@ -251,38 +265,45 @@ pub fn suggestion(suggestion: &Suggestion) -> String {
     format!("move {} between {} and {} Hz{range}{speed}{why}", numbered(joints), number(*from_hz), number(*to_hz))
 }
 
-/// The command line that makes it.
+/// The command line that makes it: [`arguments`] as a shell takes them.
 pub fn command(suggestion: &Suggestion, model: Option<&str>) -> String {
+    dynid_format::shell_line(&arguments(suggestion, model))
+}
+
+/// The arguments of `dynid` that make it.
+pub fn arguments(suggestion: &Suggestion, model: Option<&str>) -> Vec<String> {
     let Suggestion { device, free, from_hz, to_hz, rate_hz, signal, .. } = suggestion;
-    let joints: Vec<String> = free.iter().map(usize::to_string).collect();
     let plain = |value: f64| format!("{}", (value * 1e4).round() / 1e4);
-    let what = match signal {
+    let list = |each: Vec<String>| each.join(",");
+    let joints: Vec<String> = free.iter().map(usize::to_string).collect();
+    let mut words = vec!["excite".to_owned()];
+    words.extend(model.map(|_| "--model".to_owned()));
+    words.push(model.unwrap_or(device).to_owned());
+    let mut option = |key: &str, value: String| words.extend([key.to_owned(), value]);
+    option("--free", joints.join(","));
+    match signal {
         Signal::Optimised { position, as_torque } => {
-            let ranges: Vec<String> =
-                position.iter().map(|[low, high]| format!("{}:{}", plain(*low), plain(*high))).collect();
-            let harmonics = (to_hz / from_hz).round().max(2.0);
-            format!(
-                "--signal optimised --period {} --harmonics {harmonics} --position-limits={}{}",
-                plain(1.0 / from_hz),
-                ranges.join(","),
-                if *as_torque { " --as torque" } else { "" }
-            )
+            option("--signal", "optimised".to_owned());
+            option("--period", plain(1.0 / from_hz));
+            option("--harmonics", (to_hz / from_hz).round().max(2.0).to_string());
+            let ranges = position.iter().map(|[low, high]| format!("{}:{}", plain(*low), plain(*high)));
+            // One word: limits may begin with a minus.
+            words.push(format!("--position-limits={}", list(ranges.collect())));
+            if *as_torque {
+                words.extend(["--as", "torque"].map(str::to_owned));
+            }
         }
         Signal::Multisine { amplitude } => {
-            let amplitude = match amplitude {
-                Some(list) => list.iter().map(|own| plain(*own)).collect::<Vec<_>>().join(","),
-                None => "<AMPLITUDE>".to_owned(),
-            };
-            format!("--signal multisine --from {} --to {} --amplitude {amplitude}", plain(*from_hz), plain(*to_hz))
+            let amplitudes = amplitude.as_ref().map(|own| list(own.iter().map(|own| plain(*own)).collect()));
+            option("--signal", "multisine".to_owned());
+            option("--from", plain(*from_hz));
+            option("--to", plain(*to_hz));
+            option("--amplitude", amplitudes.unwrap_or_else(|| "<AMPLITUDE>".to_owned()));
         }
-    };
-    let model = model.map_or_else(|| device.clone(), |path| format!("--model {path}"));
-    format!(
-        "dynid excite {model} --free {} {what} --rate {} --out excite-{}.csv",
-        joints.join(","),
-        plain(rate_hz.round().max(1.0)),
-        joints.join("-")
-    )
+    }
+    let last = ["--rate", &plain(rate_hz.round().max(1.0)), "--out", &format!("excite-{}.csv", joints.join("-"))];
+    words.extend(last.map(str::to_owned));
+    words
 }
 
 fn numbered(joints: &[usize]) -> String {
@@ -301,11 +322,17 @@ pub fn json(checked: &Checked, model: Option<&str>) -> serde_json::Result<Value>
     json["unanswered"] = all(&checked.unanswered, unanswered).into();
     each(&mut json, "findings", &checked.findings, |own, entry| {
         entry["what"] = finding(own).into();
+        entry["question"] = json!(own.kind.question());
+        Ok(())
+    })?;
+    each(&mut json, "questions", &checked.questions, |own, entry| {
+        entry["what"] = question(own.question).into();
         Ok(())
     })?;
     each(&mut json, "suggestions", &checked.suggestions, |own, entry| {
         entry["what"] = suggestion(own).into();
         entry["command"] = command(own, model).into();
+        entry["arguments"] = arguments(own, model).into();
         Ok(())
     })?;
     json["quality"] = json!(checked.quality.iter().map(quality::json).collect::<serde_json::Result<Vec<Value>>>()?);
@@ -454,6 +481,7 @@ mod tests {
             "dynid excite --model model.toml --free 0,1 --signal optimised --period 10 --harmonics 10 \
              --position-limits=-1:1,-2:0 --as torque --rate 100 --out excite-0-1.csv"
         );
+        assert_eq!(arguments(&optimised, Some("my model.toml"))[..3], ["excite", "--model", "my model.toml"]);
         let multisine = Suggestion { signal: Signal::Multisine { amplitude: Some(vec![0.5, 0.1]) }, ..optimised };
         assert_eq!(
             command(&multisine, None),

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Deserializer};
 use serde_json::Value as Json;
-use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value};
+use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use super::answer::Refusal;
 
@@ -15,6 +15,8 @@ pub struct Change {
     value: Option<Json>,
     /// A table that joins the array of tables.
     insert: Option<Json>,
+    /// The table becomes as many, each with what is said of it: parts of a run.
+    parts: Option<Vec<serde_json::Map<String, Json>>>,
 }
 
 #[derive(Deserialize)]
@@ -49,6 +51,10 @@ fn made(root: &mut Item, change: &Change) -> Result<(), Refusal> {
         };
         item = inner.ok_or_else(nowhere)?;
     }
+    if let Some(parts) = &change.parts {
+        let Key::Index(index) = last else { return Err(nowhere()) };
+        return part(item, *index, parts);
+    }
     match (&change.value, &change.insert, last) {
         (Some(Json::Null), None, Key::Name(name)) => {
             item.as_table_like_mut().ok_or_else(nowhere)?.remove(name);
@@ -61,15 +67,7 @@ fn made(root: &mut Item, change: &Change) -> Result<(), Refusal> {
                 array.remove(*index);
             }
         }
-        (Some(json), None, Key::Name(name)) => {
-            let table = item.as_table_like_mut().ok_or_else(nowhere)?;
-            match table.get_mut(name).and_then(Item::as_value_mut) {
-                Some(old) => replace(old, json)?,
-                None => {
-                    table.insert(name, Item::Value(value(json)?));
-                }
-            }
-        }
+        (Some(json), None, Key::Name(name)) => set(item.as_table_like_mut().ok_or_else(nowhere)?, name, json)?,
         (Some(json), None, Key::Index(index)) => {
             let array = item.as_array_mut().ok_or_else(nowhere)?;
             replace(array.get_mut(*index).ok_or_else(nowhere)?, json)?;
@@ -90,11 +88,45 @@ fn made(root: &mut Item, change: &Change) -> Result<(), Refusal> {
             let at = if let Key::Index(index) = last { (*index).min(tables.len()) } else { tables.len() };
             let mut all: Vec<Table> = tables.iter().cloned().collect();
             all.insert(at, table);
-            // New places: tables are written in the order of their places.
-            all.iter_mut().for_each(|table| table.set_position(None));
-            *tables = all.into_iter().collect();
+            *tables = in_this_order(all);
         }
-        _ => return Err(Refusal::bad("a change has either `value`, or `insert` with a table")),
+        _ => return Err(Refusal::bad("a change has either `value`, or `insert` with a table, or `parts`")),
+    }
+    Ok(())
+}
+
+/// A table of an array of tables as several, one for each of `parts`, with what that says.
+fn part(item: &mut Item, index: usize, parts: &[serde_json::Map<String, Json>]) -> Result<(), Refusal> {
+    let tables = item.as_array_of_tables_mut().filter(|tables| index < tables.len());
+    let tables = tables.ok_or_else(|| Refusal::bad("what is parted is no [[table]] of the file; edit it as text"))?;
+    let mut all: Vec<Table> = tables.iter().cloned().collect();
+    let whole = all.remove(index);
+    for (place, changes) in parts.iter().enumerate() {
+        let mut own = whole.clone();
+        if place > 0 {
+            // The words above belong to the first.
+            own.decor_mut().set_prefix("\n");
+        }
+        changes.iter().try_for_each(|(name, json)| set(&mut own, name, json))?;
+        all.insert(index + place, own);
+    }
+    *tables = in_this_order(all);
+    Ok(())
+}
+
+/// Tables are written in the order of their places in the file they were read from: these have none.
+fn in_this_order(mut tables: Vec<Table>) -> ArrayOfTables {
+    tables.iter_mut().for_each(|table| table.set_position(None));
+    tables.into_iter().collect()
+}
+
+/// A value of a table, with the comments of what stood there.
+fn set(table: &mut dyn TableLike, name: &str, json: &Json) -> Result<(), Refusal> {
+    match table.get_mut(name).and_then(Item::as_value_mut) {
+        Some(old) => replace(old, json)?,
+        None => {
+            table.insert(name, Item::Value(value(json)?));
+        }
     }
     Ok(())
 }
@@ -172,5 +204,34 @@ mod tests {
         let nowhere: Vec<Change> =
             serde_json::from_value(serde_json::json!([{ "keys": ["run", 9, "role"], "value": "fit" }])).unwrap();
         assert!(edited(text, &nowhere).is_err());
+    }
+
+    #[test]
+    fn a_run_is_cut_into_parts() {
+        let text = "device = \"planar2r\"\n\n# the first\n[[run]]\nfile = \"a.csv\"\nrole = \"fit\" # seen\nrows = [\n  0, # all\n  900,\n]\n\n[run.columns]\ntau0 = \"i0\"\n\n[[run]]\nfile = \"b.csv\"\n\n[scale]\ntau0 = 2.0\n";
+        let parts = serde_json::json!([
+            { "rows": [0, 300], "role": "fit" },
+            { "rows": [300, 500], "role": "validate", "moving": true },
+            { "rows": [500, 900], "role": "fit", "moving": true },
+        ]);
+        let after = changed(text, serde_json::json!([{ "keys": ["run", 0], "parts": parts }]));
+        assert_eq!(after.matches("# the first").count(), 1, "{after}");
+        let table = after.parse::<toml::Table>().unwrap();
+        let part = |rows: [i64; 2], role: &str, moving: Option<bool>| {
+            let mut own = toml::toml! { file = "a.csv" };
+            own.insert("rows".into(), rows.to_vec().into());
+            own.insert("role".into(), role.into());
+            own.insert("columns".into(), toml::toml! { tau0 = "i0" }.into());
+            own.extend(moving.map(|moving| ("moving".to_owned(), moving.into())));
+            toml::Value::Table(own)
+        };
+        let runs = [
+            part([0, 300], "fit", None),
+            part([300, 500], "validate", Some(true)),
+            part([500, 900], "fit", Some(true)),
+            toml::Value::Table(toml::toml! { file = "b.csv" }),
+        ];
+        assert_eq!(table["run"].as_array().unwrap()[..], runs, "{after}");
+        assert_eq!(table["scale"]["tau0"].as_float(), Some(2.0), "{after}");
     }
 }

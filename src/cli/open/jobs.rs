@@ -12,6 +12,7 @@ use axum::Json;
 use axum::extract::{Path as Segment, State};
 use axum::http::header;
 use axum::response::IntoResponse;
+use dynid_format::shell_line;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
@@ -169,10 +170,10 @@ impl Jobs {
             list.remove(over);
         }
         let id = 1 + list.back().map_or(0, |job| job.id);
-        let words = ["dynid"].into_iter().chain(self.always.iter().chain(&args).map(String::as_str)).map(quoted);
+        let words: Vec<&String> = self.always.iter().chain(&args).collect();
         let job = Job {
             id,
-            command: words.collect::<Vec<_>>().join(" "),
+            command: shell_line(&words),
             state: JobState::Waiting,
             status: None,
             began: SystemTime::now(),
@@ -309,15 +310,6 @@ fn spawn(always: &[String], args: &[String]) -> std::io::Result<Child> {
 fn program() -> std::io::Result<PathBuf> {
     let running = Path::new("/proc/self/exe");
     if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
-}
-
-/// A word as a shell takes it.
-fn quoted(word: &str) -> String {
-    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_./,=:@%+".contains(&byte);
-    if !word.is_empty() && word.bytes().all(is_plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 #[derive(Deserialize)]

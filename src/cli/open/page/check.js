@@ -1,19 +1,8 @@
 // Check: what the logs answer, as a list that turns green, and whether a fit can be had.
 
-import { button, command, digits, h, line, noExperiment, note, prose, table, number, waiting, words } from "./dom.js";
+import { button, command, digits, h, line, noExperiment, note, prose, table, number, waiting } from "./dom.js";
 import { alike, current, detail, file, files, fresh, isCurrent, isOver, last, option, start, stem, unused, work } from "./server.js";
 import { about, departure, state } from "./state.js";
-
-/** What is looked for, by the kinds of findings that speak of it. */
-const QUESTIONS = [
-    ["Time stamps are even and complete", ["gaps", "uneven_sampling", "bunched_samples"]],
-    ["Positions are measured, finely and without jumps", ["encoder_wrap", "repeated_positions", "no_noise", "coarse_quantum"]],
-    ["Commands are there and not cut off", ["zero_torque", "saturated"]],
-    ["Units are right", ["degrees", "thousand"]],
-    ["Signs are right", ["wrong_sign"]],
-    ["Command and position belong to the same time", ["delay", "hold"]],
-    ["Runs agree with each other", ["contradicts"]],
-];
 
 const same = (args) => alike(about("check"))(args);
 
@@ -22,25 +11,24 @@ const item = (kind, title, ...more) => h("li", { class: `item ${kind}` },
     h("div", {}, h("strong", {}, title), h("span", { class: "unseen" }, { good: ": yes", bad: ": no", open: ": open" }[kind]), more));
 
 /** A command that is offered as a remedy, with a button that runs it. */
-function remedy(text) {
-    const args = words(text);
+function remedy(args) {
     const as = (name) => args.map((own, index) => (args[index - 1] === "--out" ? name(own) : own));
     return h("div", { class: "remedy" }, command(line(as(unused))), button("Write this file", () => work(as(fresh))));
 }
 
 function list(result) {
-    const seen = new Set();
-    const questions = QUESTIONS.map(([title, kinds]) => {
-        const own = result.findings.filter((finding) => kinds.includes(finding.kind?.kind ?? finding.kind));
-        own.forEach((finding) => seen.add(finding));
-        return item(own.length ? "bad" : "good", title, own.map((finding) => h("p", {}, h("code", {}, finding.run), ": ", prose(finding.what))));
+    const all = result.quality.length;
+    const questions = result.questions.map(({ question, what, runs }) => {
+        const own = result.findings.filter((finding) => finding.question === question);
+        const where = runs < all ? h("p", {}, runs ? `Asked of ${runs} of ${all} runs.` : "Not asked: no run says anything of it.") : null;
+        return item(own.length ? "bad" : runs ? "good" : "open", what, where, own.map((finding) => h("p", {}, h("code", {}, finding.run), ": ",
+            prose(finding.what))));
     });
-    const others = result.findings.filter((finding) => !seen.has(finding)).map((finding) => item("bad", finding.run, h("p", {}, prose(finding.what))));
     const runs = result.quality.map((own) => item(own.warnings.length ? "bad" : "good",
         `${own.run}: ${digits(own.duration_s)} s at ${digits(own.rate_hz)} Hz`, own.warnings.map((one) => h("p", {}, prose(one)))));
     const open = result.unanswered.map((own) => item("open", own));
-    const play = result.suggestions.map((own) => item("open", `To be played: ${own.what}`, remedy(own.command)));
-    return [h("h3", {}, "Is something wrong in the logs?"), h("ul", { class: "list" }, questions, others, runs), h("h3", {}, "What do they leave open?"),
+    const play = result.suggestions.map((own) => item("open", `To be played: ${own.what}`, remedy(own.arguments)));
+    return [h("h3", {}, "Is something wrong in the logs?"), h("ul", { class: "list" }, questions, runs), h("h3", {}, "What do they leave open?"),
         h("ul", { class: "list" }, open.length ? open : item("good", "Nothing: every parameter is excited"), play)];
 }
 

@@ -107,9 +107,6 @@ export function command(line, id = null) {
 const quoted = (word) => (/^[\w@%+=:,./*-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
 export const line = (args) => ["dynid", ...args].map(quoted).join(" ");
 
-/** The words of a shell line without `dynid`. */
-export const words = (text) => [...text.matchAll(/'([^']*)'|"([^"]*)"|(\S+)/g)].map((own) => own[1] ?? own[2] ?? own[3]).slice(1);
-
 /** Shows a dialog; resolves to the value of the button that closes it. */
 export const dialog = (label, buttons, ...content) => new Promise((resolve) => {
     const own = h("dialog", { "aria-label": label, onclose: () => { own.remove(); resolve(own.returnValue); } }, content,

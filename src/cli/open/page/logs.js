@@ -11,6 +11,7 @@ let deviceWish = "";
 /** What was typed and not yet written: texts of experiments, and corrections of the columns of one `new`. */
 const drafts = new Map();
 let corrections = { key: "" };
+let answers = { id: null };
 let devices = null;
 let marked = null;
 
@@ -117,17 +118,19 @@ async function make(args) {
     arrive("The experiment is written.", { view: "logs", experiment: path ?? state.experiment, model: model ?? state.model, run: 0, joint: null });
 }
 
-/** What the last `new` guessed of this experiment, with a way to correct each guess. */
-async function guesses() {
-    const all = await Promise.all([...jobs.values()].filter((job) => job.args[0] === "new").map(({ id }) => detail(id)));
+/** Every `new` that is known. */
+const guesses = () => Promise.all([...jobs.values()].filter((job) => job.args[0] === "new").map(({ id }) => detail(id)));
+
+/** What the last of them asks for, and what was guessed of this experiment (`text`), with a way to correct it. */
+function guessed(all, text) {
     const own = all.filter(({ result }) => result?.written.includes(state.experiment)).at(-1);
-    return [all.at(-1)?.error ? failed(all.at(-1)) : null, own ? await columnsOf(own) : null];
+    return [all.at(-1)?.error ? failed(all.at(-1)) : null, own ? columnsOf(own, text) : null].filter(Boolean);
 }
 
-async function columnsOf(own) {
+function columnsOf(own, text) {
     const { columns, unused, remarks, findings, written } = own.result;
     // The factors as they stand in the file now, which may have been changed since.
-    const factors = (await read(state.experiment)).text.split(/^\[scale\]/m)[1]?.split(/^\s*\[/m)[0] ?? "";
+    const factors = text.split(/^\[scale\]/m)[1]?.split(/^\s*\[/m)[0] ?? "";
     const factorOf = (column) => factors.match(new RegExp(`^[ \\t]*${column.logical}[ \\t]*=[ \\t]*([^\\s#]+)`, "m"))?.[1] ?? String(column.scale);
     const names = [...new Set([...columns.map(({ name }) => name), ...unused.map((one) => one.name ?? one)])];
     const key = `${own.id} ${state.experiment}`;
@@ -166,7 +169,8 @@ async function columnsOf(own) {
 function failed(own) {
     const names = [...own.error.matchAll(/`([^`]+)`/g)].map((one) => one[1]).filter((one) => !one.startsWith("--"));
     const ours = own.error.match(/--column (\w+)=/)?.[1] ?? "";
-    const fields = { ours, theirs: "", free: "" };
+    if (answers.id !== own.id) answers = { id: own.id, fields: { ours, theirs: "", free: "" } };
+    const { fields } = answers;
     const input = (id, label, list) => h("label", { class: "field" }, h("span", {}, label),
         h("input", { id, list, value: fields[id], oninput: (event) => { fields[id] = event.target.value; } }));
     const again = () => make([...own.args, ...(fields.ours && fields.theirs ? ["--column", `${fields.ours}=${fields.theirs}`] : []),
@@ -178,47 +182,25 @@ function failed(own) {
             input("free", "or: free joints, as 0,1"), button("Again", again, { id: "new-again", class: "main" })), command(own.command));
 }
 
-const blocksOf = (text) => text.split(/^(?=[ \t]*\[\[\s*run\s*\]\])/m);
-
-/** The [[run]] of the experiment's text with parts of its rows as runs of their own. */
-export function cut(text, run, parts) {
-    const blocks = blocksOf(text);
-    const block = blocks[run + 1];
-    if (block === undefined) throw new Error("The runs of this experiment are not written as [[run]]: edit it as text.");
-    const set = (own, key, value) => {
-        const end = own.slice(2).search(/^[ \t]*\[/m);
-        const [top, rest] = end < 0 ? [own, ""] : [own.slice(0, end + 2), own.slice(end + 2)];
-        const known = new RegExp(`^([ \\t]*${key}[ \\t]*=)(?!.*\\[[^\\]]*$).*$`, "m");
-        // What is written over several lines, or without a line for the file, is not for this.
-        if (!known.test(top) && (new RegExp(`^[ \\t]*${key}[ \\t]*=`, "m").test(top) || !/^[ \t]*file[ \t]*=.*\n/m.test(top))) {
-            throw new Error("This run is written in a way that the page cannot cut: edit the experiment as text.");
-        }
-        return (known.test(top) ? top.replace(known, `$1 ${value}`) : top.replace(/^([ \t]*file[ \t]*=.*\n)/m, `$1${key} = ${value}\n`)) + rest;
-    };
-    const whole = block.endsWith("\n") ? block : `${block}\n`;
-    blocks[run + 1] = parts.map(({ rows, role, isLater }) => set(set(isLater ? set(whole, "moving", "true") : whole, "rows", `[${rows.join(", ")}]`),
-        "role", `"${role}"`).trimEnd()).join("\n\n") + (run + 2 < blocks.length ? "\n\n" : "\n");
-    return blocks.join("");
-}
-
-async function write(text, digest, words) {
+/** Changes the experiment, with a way back. */
+async function write(change, digest, words) {
     const before = await read(state.experiment);
     const { path } = before;
-    const after = await post("api/write", { path, text, replaces: digest });
+    const after = await post("changes" in change ? "api/edit" : "api/write", { path, replaces: digest, ...change });
     const undo = button("Undo", async () => { await post("api/write", { path, text: before.text, replaces: after.digest }); undo.parentElement.remove(); });
     toast(words, "good", undo);
 }
 
 async function holdOut(experiment, run, from, to, role) {
-    const { text, digest } = await read(state.experiment);
+    const { digest } = await read(state.experiment);
     const [first, end] = run.rows ?? [0, run.samples];
     let [a, b] = (await post("api/rows", { experiment: state.experiment, run: run.run, from, to })).rows;
     // A rest of a few rows is no run.
     [a, b] = [a - first < 20 ? first : a, end - b < 20 ? end : b];
     if (b - a < 20) throw new Error("Mark at least 20 rows.");
-    const parts = [{ rows: [first, a], role: run.role }, { rows: [a, b], role, isLater: a > first },
-        { rows: [b, end], role: run.role, isLater: true }].filter(({ rows }) => rows[1] > rows[0]);
-    await write(cut(text, run.run, parts), digest, `Rows ${a} to ${b} of \`${run.file}\` are ${role === "validate" ? "held out" : "fitted"} now.`);
+    const parts = [[[first, a], run.role], [[a, b], role], [[b, end], run.role]].filter(([rows]) => rows[1] > rows[0])
+        .map(([rows, own]) => ({ rows, role: own, ...(rows[0] > first ? { moving: true } : {}) }));
+    await write({ changes: [{ keys: ["run", run.run], parts }] }, digest, `Rows ${a} to ${b} of \`${run.file}\` are ${role === "validate" ? "held out" : "fitted"} now.`);
     marked = null;
 }
 
@@ -290,14 +272,13 @@ function trace(experiment, run, again) {
 }
 
 let isEditing = false;
-async function editor(again) {
-    const now = await read(state.experiment);
+function editor(now, again) {
     const { text, digest } = drafts.get(now.path) ?? now;
     const area = h("textarea", { id: "experiment-text", rows: Math.min(30, text.split("\n").length + 1), spellcheck: "false",
         "aria-label": state.experiment, value: text,
         oninput: () => drafts.set(now.path, { digest, text: area.value }) });
     const save = async () => {
-        await write(area.value, digest, `\`${now.path}\` is written.`);
+        await write({ text: area.value }, digest, `\`${now.path}\` is written.`);
         drafts.delete(now.path);
     };
     const drop = () => { drafts.delete(now.path); again(); };
@@ -311,10 +292,12 @@ export default {
     title: "Logs",
     grounds: () => [files("log").map(({ path }) => path), stampOfLogs(), last("new")?.id, last("new")?.state],
     async render({ cleanup, again }) {
-        const begin = beginning(again);
-        if (!state.experiment) return [begin, ...(await guesses()).filter(Boolean), note("No experiment is chosen: drop logs and make one.")];
-        const [experiment, own, guessed] = await Promise.all([readExperiment(), editor(again), guesses()]);
-        const parts = [begin, ...guessed];
+        // What people type into is made last: nothing that they type meanwhile is lost.
+        if (!state.experiment) {
+            const all = await guesses();
+            return [beginning(again), ...guessed(all, ""), note("No experiment is chosen: drop logs and make one.")];
+        }
+        const [experiment, now, all] = await Promise.all([readExperiment(), read(state.experiment), guesses()]);
         const run = experiment.runs.find((one) => one.run === state.run) ?? experiment.runs[0];
         const { charts, element } = trace(experiment, run, again);
         cleanup(() => charts.close());
@@ -322,7 +305,7 @@ export default {
             h("h2", {}, `${experiment.device.name}: ${experiment.runs.length === 1 ? "one run" : `${experiment.runs.length} runs`}`),
             runs(experiment),
             h("p", { class: "row" }, h("button", { type: "button", class: "main", id: "to-check", onclick: () => go({ view: "check" }) },
-                "Check these logs"))), element), h("div", {}, parts.filter(Boolean), own));
+                "Check these logs"))), element), h("div", {}, beginning(again), guessed(all, now.text), editor(now, again)));
     },
 };
 

@@ -1,8 +1,8 @@
 // Try: a slider for each parameter, the simulation drawn while it is dragged, and a fit of those that are ticked.
 
-import { act, button, choice, command, digits, h, noExperiment, number, put, table } from "./dom.js";
+import { act, button, choice, command, digits, h, noExperiment, note, number, prose, put, table } from "./dom.js";
 import { Charts } from "./chart.js";
-import { basis, detail, file, fresh, isOver, last, name, on, option, post, readFolder, start, stop } from "./server.js";
+import { basis, detail, file, files, fresh, isOver, jobs, last, name, on, option, post, readFolder, start, stop } from "./server.js";
 import { asked, go, state } from "./state.js";
 import { readExperiment } from "./logs.js";
 import { slider } from "./slider.js";
@@ -99,7 +99,7 @@ async function fit() {
 
 export default {
     title: "Try",
-    grounds: () => lastFit()?.id,
+    grounds: () => [lastFit()?.id, files("checkpoint").length],
     keys(event) {
         if (!(event.ctrlKey || event.metaKey)) return false;
         const key = event.key.toLowerCase();
@@ -157,11 +157,14 @@ export default {
                 ontoggle: (event) => opened.set(effect, event.target.open) }, h("summary", {}, effect), h("ul", {}, list.map(knob)))));
         refresh();
         const job = lastFit();
+        const writes = (checkpoint) => [...jobs.values()].some(({ args }) => checkpoint === `${option(args, "--out")}.checkpoint`);
+        const left = files("checkpoint").map(({ path }) => path).filter((path) => !writes(path));
         const pick = (id, label, list, value, key) => choice(id, label, list, value, (chosen) => go({ [key]: Number(chosen) }));
         return h("div", { class: "beside" }, panel, h("div", { class: "stays" },
             h("section", { class: "card", "aria-label": "Picture" }, h("div", { class: "row" },
             pick("try-run", "Run", experiment.runs.map((one) => [one.run, one.label ?? one.file]), run.run, "run"),
             pick("try-joint", "Joint", run.free.map((one) => [one, `joint ${one}`]), joint, "joint"), errors), charts.element),
-            job ? await fitting(job, cleanup) : null));
+            job ? await fitting(job, cleanup) : null, left.map((path) => note(prose(`\`${path}\` is what a fit or diagnosis that did not end `
+                + `has reached: the same command with \`--out ${path.replace(/\.checkpoint$/, "")} --resume\` goes on from there.`)))));
     },
 };

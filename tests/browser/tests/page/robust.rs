@@ -29,15 +29,27 @@ fn the_server_is_killed_during_a_fit_and_started_again() {
     browser.click("#fit-these");
     browser.shown("#open-fit");
     // A fit that takes some seconds is in the middle of it.
-    browser.value(
-        "fetch('api/jobs', { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify({ args: ['fit', \
-         'experiment.toml', '--model', 'believed.toml', '--error', 'position', '--starts', '20', '--out', 'many.toml'] }) }); return 0",
+    let begin = |more: &str| {
+        browser.value(&format!(
+            "fetch('api/jobs', {{ method: 'POST', headers: {{ 'Content-Type': 'application/json' }}, body: JSON.stringify({{ args: ['fit', \
+             'experiment.toml', '--model', 'believed.toml', '--error', 'position', '--starts', '6', '--out', 'many.toml'{more}] }}) }}); return 0"
+        ));
+    };
+    begin("");
+    browser.until(
+        "[...document.querySelectorAll('.job.running')].some((own) => own.textContent.includes('many.toml') && \
+         own.querySelector('.said').textContent.includes('iteration'))",
     );
-    browser.until("document.querySelector('.job.running .said')?.textContent.includes('iteration')");
     let port = server.port().to_owned();
     server.kill();
     let many = folder.path().join("many.toml");
     assert!(!many.is_file(), "the fit was not over");
+    let kept = folder.path().join("many.toml.checkpoint");
+    let begun = Instant::now();
+    while !kept.is_file() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "a fit whose server was killed keeps what it has");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 
     // One message, which says what to do; nothing that was there is gone.
     browser.until("document.getElementById('link').textContent.includes('open the address that it printed')");
@@ -53,7 +65,11 @@ fn the_server_is_killed_during_a_fit_and_started_again() {
     browser.shown("[id='rung-believed-tried.toml']");
     browser.idle();
     assert_eq!(browser.text("document.getElementById('link').textContent"), "");
-    // The fit is a process of its own: it came to its end, and what it wrote appears by itself.
+    // The fit ended with its server and kept what it had: the page says so, and it goes on from there.
+    browser.go(&format!("{}#view=try&model=believed.toml", server.address));
+    browser.reload();
+    browser.until("document.getElementById('view').textContent.includes('many.toml.checkpoint')");
+    begin(", '--resume'");
     browser.until("[...document.querySelectorAll('#choose-model option')].some((own) => own.value === 'many.toml')");
     let _ = json(folder.path(), &["compare", "experiment.toml", "--model", "many.toml"]);
     // Fits can be had as before.
@@ -76,6 +92,33 @@ fn the_server_is_killed_during_a_fit_and_started_again() {
         let _ = json(folder.path(), &["compare", "experiment.toml", "--model", &name]);
     }
     assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// What is typed stays, whatever is written in the folder meanwhile and however often the view is drawn anew for it.
+#[test]
+fn what_is_typed_stays() {
+    let folder = tour(&FILES);
+    let server = Server::open(folder.path(), &["experiment.toml", "--model", "believed.toml"]);
+    let browser = Browser::new();
+    browser.go(&format!("{}#view=logs", server.address));
+    browser.shown("#experiment-text");
+    browser.idle();
+    browser.value("document.querySelector('details:has(#experiment-text)').open = true; return 0");
+    for (place, written) in [("device", "freedom6s-of-mine"), ("experiment-text", "# by hand, slowly")] {
+        browser.value(&format!(
+            "const own = document.getElementById('{place}'); own.focus(); own.setSelectionRange?.(0, 0); return 0"
+        ));
+        for (n, letter) in written.chars().enumerate() {
+            fs::copy(folder.path().join("wrist-1.csv"), folder.path().join(format!("{place}-{n}.csv"))).unwrap();
+            browser.press(&letter.to_string());
+            std::thread::sleep(Duration::from_millis(120));
+        }
+        browser.until(&format!("document.getElementById('tick-{place}-{}.csv')", written.len() - 1));
+        browser.idle();
+        let value = browser.text(&format!("document.getElementById('{place}').value"));
+        assert!(value.contains(written), "{value}");
+    }
+    browser.assert_clean(&server.address);
 }
 
 /// An old address is refused and says so; the page of a server that is gone does not turn into an empty one.

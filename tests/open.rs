@@ -2,6 +2,8 @@
 
 #[path = "open/robust.rs"]
 mod robust;
+#[path = "open/secret.rs"]
+mod secret;
 mod wrist;
 
 use std::fs;
@@ -54,12 +56,11 @@ impl Server {
 
     /// Of a command that ends in a server; what it says before is passed over.
     fn of(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_dynid"))
-            .args(arguments)
-            .current_dir(folder)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        Self::by(Command::new(env!("CARGO_BIN_EXE_dynid")).args(arguments).current_dir(folder))
+    }
+
+    fn by(command: &mut Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stdout.as_mut().unwrap()).lines().map(Result::unwrap);
         let address = lines.find_map(|line| line.strip_prefix("open: http://").map(str::to_owned)).unwrap();
         let address = address.strip_suffix('/').unwrap();
@@ -97,6 +98,12 @@ impl Server {
 
     fn get(&self, path: &str) -> Response {
         self.raw("GET", &self.at(path), &[], b"")
+    }
+
+    /// A page of the folder, at the address that the server tells.
+    fn page(&self, path: &str) -> Response {
+        let pages = self.get("api/folder").ok()["pages"].as_str().unwrap().to_owned();
+        self.raw("GET", &format!("{pages}?path={path}"), &[], b"")
     }
 
     fn post(&self, path: &str, body: &Value) -> Response {
@@ -214,7 +221,7 @@ fn nothing_outside_the_folder_is_reached() {
     }
     for place in places {
         server.get(&format!("api/file?path={place}")).error(403);
-        server.get(&format!("api/page?path={place}")).error(403);
+        server.page(place).error(403);
         server.get(&format!("api/experiment?path={place}")).error(403);
         server.post("api/write", &json!({ "path": place, "text": "mine", "replaces": null })).error(403);
         server.post("api/edit", &json!({ "path": place, "replaces": "", "changes": [] })).error(403);
@@ -344,9 +351,9 @@ fn what_a_log_or_an_effect_is_called_is_text() {
     let job = server.done(&["check", "odd.toml"]);
     assert!(job["state"] == "failed" && job["error"].as_str().unwrap().contains(name), "{job}");
     // A page of the folder is shown where it can ask nothing.
-    let page = server.get("api/page?path=odd.html");
+    let page = server.page("odd.html");
     assert!(page.head.contains("content-security-policy: sandbox allow-scripts; default-src 'none'"), "{}", page.head);
-    server.get("api/page?path=odd.csv").error(400);
+    server.page("odd.csv").error(400);
 }
 
 #[test]
@@ -753,7 +760,7 @@ fn an_effect_of_the_user_is_told_of_by_its_name_and_not_by_an_old_one() {
     server.get(EXPERIMENT).ok();
     let report = server.done(&["report", "experiment.toml", "own.toml", "--out", "report.html"]);
     assert_eq!(report["state"], "done", "{report}");
-    let page = server.get("api/page?path=report.html");
+    let page = server.page("report.html");
     assert!(!String::from_utf8_lossy(&page.body).contains("<script>alert"));
 
     // Commands know what is new at once; what is kept in memory is not made of what is old.

@@ -91,6 +91,8 @@ struct App {
     effects: OwnEffects,
     hub: Hub,
     jobs: Arc<Jobs>,
+    /// The secret below which pages of the folder are shown, and nothing else: what they bring may tell others their address.
+    pages: String,
     writing: Mutex<()>,
     /// Comparisons are made one after the other: each uses all processors.
     comparing: Semaphore,
@@ -156,6 +158,7 @@ fn app(arguments: &Arguments, effects: Option<&Path>) -> anyhow::Result<App> {
         model,
         jobs: Arc::new(Jobs::new(hub.clone(), always)),
         hub,
+        pages: token()?,
         writing: Mutex::default(),
         comparing: Semaphore::new(1),
         experiments: Recent::new(4),
@@ -202,7 +205,7 @@ fn routes(token: &str, app: Arc<App>) -> Router {
         .route(&at("api/write"), post(files::write))
         .route(&at("api/edit"), post(files::edit))
         .route(&at("api/upload"), post(files::upload))
-        .route(&at("api/page"), get(files::page))
+        .route(&format!("/{}/api/page", app.pages), get(files::page))
         .route(&at("api/events"), get(events::events))
         .route(&at("api/jobs"), get(jobs::all).post(jobs::begin))
         .route(&at("api/jobs/{id}"), get(jobs::one))

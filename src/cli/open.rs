@@ -18,13 +18,13 @@ mod pyramid;
 mod query;
 mod recent;
 mod series;
+mod starter;
 mod touch;
 mod trial;
 
 use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, anyhow, bail};
@@ -185,8 +185,9 @@ async fn serve(arguments: &Arguments, app: App) -> anyhow::Result<()> {
     let url = format!("http://{address}/{token}/");
     let mut stdout = std::io::stdout();
     writeln!(stdout, "open: {url}").and_then(|()| stdout.flush())?;
-    if !arguments.no_browser {
-        show(&url);
+    let shown = if arguments.no_browser { Ok(None) } else { starter::show(&url) };
+    if let Err(error) = &shown {
+        eprintln!("note: no browser was started ({error}): open the address yourself");
     }
     // Pages listen as long as they are open, so nobody waits for them.
     let ended = tokio::select! {
@@ -249,19 +250,4 @@ async fn asked_to_end() {
     }
     // Where it cannot be listened for, Ctrl-C ends the program all the same.
     let _ = tokio::signal::ctrl_c().await;
-}
-
-/// Shows the page in a browser, where there is a screen to show it on.
-fn show(url: &str) {
-    let program = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };
-    let has_screen =
-        cfg!(target_os = "macos") || ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
-    if has_screen {
-        let mut command = Command::new(program);
-        command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-        // The address is printed: who has no such program opens it by hand.
-        if let Ok(mut shown) = command.spawn() {
-            std::thread::spawn(move || shown.wait());
-        }
-    }
 }

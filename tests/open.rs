@@ -496,6 +496,39 @@ fn pictures_leave_nothing_out() {
     server.post("api/series", &json!({ "of": { "key": "gone", "run": 0 }, "names": ["q4"], "width": 1 })).error(404);
 }
 
+/// What the torque error leaves out lies between samples that it counts: a spectrum does not take them for neighbours.
+#[test]
+fn a_spectrum_is_of_samples_that_lie_beside_each_other() {
+    let folder = tour();
+    let path = folder.path();
+    let server = Server::new(path, &[]);
+    let spectrum = |error: &str| {
+        let compared = server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": null })).ok();
+        let asked = json!({ "key": compared["key"], "run": 0, "joint": 4, "against": "frequency", "error": error });
+        server.post("api/scatter", &asked)
+    };
+    let whole = spectrum("torque").ok();
+    assert_eq!(whole["note"], json!(null));
+    let text = fs::read_to_string(path.join("experiment.toml")).unwrap();
+    fs::write(path.join("experiment.toml"), text.replace("free = [4, 5]", "free = [4, 5]\nmin_speed = [0.3, 0.0]"))
+        .unwrap();
+    let fast = spectrum("torque").ok();
+    let note = fast["note"].as_str().unwrap();
+    let words: Vec<&str> = note.split(' ').collect();
+    let times: Vec<f64> =
+        words.windows(2).filter(|pair| pair[1].starts_with('s')).filter_map(|pair| pair[0].parse().ok()).collect();
+    let [from, to] = times[..] else { panic!("{note}") };
+    // One stretch in which the joint is fast: its spectrum is as fine as it is long.
+    let step = fast["x"][1].as_f64().unwrap() - fast["x"][0].as_f64().unwrap();
+    assert!((step * (to - from) - 1.0).abs() < 0.1, "{step} Hz, {note}");
+    assert!(step > whole["x"][1].as_f64().unwrap(), "{note}");
+    assert_eq!(spectrum("position").ok()["note"], json!(null), "every sample of it counts");
+    let text = fs::read_to_string(path.join("experiment.toml")).unwrap();
+    fs::write(path.join("experiment.toml"), text.replace("[0.3, 0.0]", "[1e9, 0.0]")).unwrap();
+    let none = spectrum("torque").error(404);
+    assert!(none.contains("lie beside each other"), "{none}");
+}
+
 /// A finding that lies on one side of the joint's rest highlights the samples that the log has there.
 #[test]
 fn a_finding_says_where_its_samples_are() {

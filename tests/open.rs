@@ -4,6 +4,8 @@
 mod robust;
 #[path = "open/secret.rs"]
 mod secret;
+#[path = "open/walls.rs"]
+mod walls;
 mod wrist;
 
 use std::fs;
@@ -641,7 +643,9 @@ fn a_wall_is_touched_as_on_a_terminal() {
         dynid_control::Law::Linear(dynid_control::LinearLaw { k1: 2.0 * k1, ..law })
     });
     touch(json!({}), json!("hard.toml")).error(409);
-    touch(json!({ "k1": 100.0 * k1 }), json!(null)).error(400);
+    for wrong in [json!({ "k1": -k1 }), json!({ "sample_rate": 4.0 }), json!({ "sample_rate": 2e5 })] {
+        touch(wrong, json!(null)).error(400);
+    }
     touch(json!({ "k9": 1.0 }), json!(null)).error(400);
 }
 

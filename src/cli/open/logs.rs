@@ -91,7 +91,12 @@ fn columns(run: &Run) -> Vec<(String, &Vec<f64>)> {
 
 /// The unit of a joint's position.
 pub fn position_unit(device: &Device, joint: usize) -> &'static str {
-    if device.joints[joint].kind == JointKind::Prismatic { "m" } else { "rad" }
+    units_of(device, joint).0
+}
+
+/// The units of a joint's position and of the torque about it, or the force along it.
+pub fn units_of(device: &Device, joint: usize) -> (&'static str, &'static str) {
+    if device.joints[joint].kind == JointKind::Prismatic { ("m", "N") } else { ("rad", "N*m") }
 }
 
 /// The experiment of a request.

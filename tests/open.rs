@@ -293,6 +293,27 @@ fn a_body_says_what_it_is() {
     assert!(!folder.path().join("x.toml").exists() && !folder.path().join("a.csv").exists());
 }
 
+/// Also where the server takes a request apart before it is looked at.
+#[test]
+fn a_refusal_is_one_sentence_and_says_why() {
+    let folder = tour();
+    let path = folder.path();
+    let server = Server::new(path, &[]);
+    let at = |path: &str| server.at(path);
+    assert!(server.raw("DELETE", &at("api/folder"), &[], b"").error(405).contains("Method Not Allowed"));
+    server.raw("GET", &at("api/write"), &[], b"").error(405);
+    server.raw("GET", &at("api/jobs/%ff"), &[], b"").error(400);
+    server.raw("GET", &at("%ff.js"), &[], b"").error(400);
+    // The cause is told, too.
+    let refused = Command::new(env!("CARGO_BIN_EXE_dynid"))
+        .args(["open", "nowhere.toml", "--no-browser"])
+        .current_dir(path)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(said.contains("cannot open nowhere.toml") && said.contains("No such file"), "{said}");
+}
+
 #[test]
 fn nothing_is_overwritten_that_was_not_seen() {
     let folder = tour();

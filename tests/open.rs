@@ -489,11 +489,15 @@ fn pictures_leave_nothing_out() {
             assert_eq!((numbers("low"), numbers("high")), (of(f64::min), of(f64::max)), "{width} columns");
         }
     }
-    ask(&["q4"], of, json!(1e9), 10);
+    ask(&["q4"], of.clone(), json!(1e9), 10);
     let compared =
         server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": "believed.toml" })).ok();
     let key = &compared["key"];
     let drawn = ask(&["residual:4", "term:gravity:4", "q4"], json!({ "key": key, "run": 2 }), json!(null), 5000);
+    // What was measured is that of the log.
+    let measured = ask(&["measured:4"], json!({ "key": key, "run": 2 }), json!(null), 5000);
+    assert_eq!(measured["series"][0]["low"], drawn["series"][2]["low"]);
+    assert_eq!(compared["runs"][2]["joints"][0]["series"][0], "measured");
     let residual = drawn["series"][0]["low"].as_array().unwrap();
     let square: f64 = residual.iter().map(|value| value.as_f64().unwrap().powi(2)).sum();
     let rmse = compared["runs"][2]["joints"][0]["rmse"].as_f64().unwrap();

@@ -18,6 +18,7 @@ use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
 use super::files::{Named, named};
 use super::folder::{Stamp, all_named_by, digest_of, with_slashes};
+use super::recent::Room;
 use super::series::Trace;
 
 /// An experiment with what it was read from.
@@ -32,6 +33,20 @@ pub struct Loaded {
     /// What is told of it, made when it is first asked for.
     described: OnceLock<Value>,
     traces: Mutex<HashMap<(usize, String), Arc<Trace>>>,
+}
+
+impl Room for Loaded {
+    /// Its logs, and as much again for traces that are drawn.
+    fn bytes(&self) -> usize {
+        2 * self.experiment.runs.iter().map(bytes_of_log).sum::<usize>()
+    }
+}
+
+/// Numbers of a log (bytes).
+pub fn bytes_of_log(run: &Run) -> usize {
+    let log = &run.log;
+    let columns = 1 + log.q.len() + log.tau.len() + log.reference.as_ref().map_or(0, Vec::len);
+    columns * log.len() * size_of::<f64>()
 }
 
 impl Loaded {

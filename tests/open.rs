@@ -764,6 +764,26 @@ fn a_model_says_where_it_comes_from() {
     assert_eq!(best, json!({ "path": "best.toml", "parent": "fitted.toml", "how": "added_and_fitted" }));
 }
 
+/// What a diagnosis writes was fitted by it, from the model that it was asked about.
+#[test]
+fn a_diagnosis_writes_a_child_of_what_it_was_asked_about() {
+    let folder = tour();
+    let path = folder.path();
+    let diagnose = ["diagnose", "experiment.toml", "--model", "believed.toml", "--out", "better.toml", "--json"];
+    cli(path, &diagnose);
+    let server = Server::new(path, &[]);
+    let better = server.get("api/lineage").ok()["models"][1].clone();
+    assert_eq!(better, json!({ "path": "better.toml", "parent": "believed.toml", "how": "added_and_fitted" }));
+    let [believed, better] = ["believed.toml", "better.toml"].map(|name| dynid::Model::load(path.join(name)).unwrap());
+    let fit = better.fit.as_ref().unwrap();
+    assert_eq!((fit.error.as_str(), &fit.parent_digest), ("prediction", &believed.digest()));
+    assert!(fit.std_error["joint.4.input_coupling.5.gain"] > 0.0 && fit.cost_after.is_finite(), "{fit:?}");
+    let spring = "joint.4.spring.Ks";
+    assert_eq!(better.prior(spring), believed.parameter(spring).map(|own| own.value));
+    let ladder = cli(path, &["ladder", "experiment.toml", "believed.toml", "better.toml", "--json"]);
+    assert_eq!(ladder["rungs"][1]["lineage"], "added_and_fitted");
+}
+
 #[test]
 fn times_of_a_run_are_rows_of_its_file() {
     let folder = tour();

@@ -236,10 +236,19 @@ pub fn main() -> ExitCode {
         Ok(Answer::No) => ExitCode::from(1),
         Ok(Answer::Interrupted) => ExitCode::from(interrupt::STATUS),
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("error: {}", with_causes(&error));
             ExitCode::from(2)
         }
     }
+}
+
+/// An error with its causes, but for those that it names itself.
+fn with_causes(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
+        "" => cause,
+        told if told.contains(&cause) => told.to_owned(),
+        told => format!("{told}: {cause}"),
+    })
 }
 
 /// Runs the verb, and says in JSON where kernels are interpreted, which is slower.
@@ -262,5 +271,23 @@ fn print(outcome: &Outcome, json: bool) -> anyhow::Result<()> {
         // whoever reads has read enough, e.g. `dynid devices | head -1`
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
         written => Ok(written?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use anyhow::Context;
+
+    use super::*;
+
+    #[test]
+    fn an_error_is_told_with_its_causes_and_each_once() {
+        let cause = || io::Error::other("the disk is full");
+        let outer = Err::<(), _>(cause()).context("cannot remove x").unwrap_err();
+        assert_eq!(with_causes(&outer), "cannot remove x: the disk is full");
+        let named = dynid_files::FileError::Unwritable { path: "x".into(), source: cause() };
+        assert_eq!(with_causes(&named.into()), "cannot write x: the disk is full; nothing was written");
     }
 }

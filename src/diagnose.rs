@@ -76,5 +76,18 @@ pub fn diagnose(
         hear(DiagnoseProgress::Working);
         stopped.load(Ordering::Relaxed)
     };
-    Ok(diagnosis::diagnose(model, &runs, &settings.options(), &settings.finished, &tell, &stop)?)
+    let mut found = diagnosis::diagnose(model, &runs, &settings.options(), &settings.finished, &tell, &stop)?;
+    if let Some(better) = &mut found.better {
+        record(better, model, experiment);
+    }
+    Ok(found)
+}
+
+/// Writes into a model that was fitted on the way what it comes from, as a fit records it: the model that was handed in.
+fn record(fitted: &mut Model, parent: &Model, experiment: &Experiment) {
+    let Some(record) = &mut fitted.fit else { return };
+    record.data_digest.clone_from(&experiment.digest);
+    record.parent_digest = parent.digest();
+    let names = record.std_error.keys().chain(&record.not_identifiable).chain(&record.at_bound);
+    fitted.prior.extend(names.filter_map(|name| Some((name.clone(), parent.prior(name)?))));
 }

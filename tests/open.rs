@@ -2,6 +2,10 @@
 
 #[path = "open/robust.rs"]
 mod robust;
+#[path = "open/secret.rs"]
+mod secret;
+#[path = "open/walls.rs"]
+mod walls;
 mod wrist;
 
 use std::fs;
@@ -54,12 +58,11 @@ impl Server {
 
     /// Of a command that ends in a server; what it says before is passed over.
     fn of(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_dynid"))
-            .args(arguments)
-            .current_dir(folder)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        Self::by(Command::new(env!("CARGO_BIN_EXE_dynid")).args(arguments).current_dir(folder))
+    }
+
+    fn by(command: &mut Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stdout.as_mut().unwrap()).lines().map(Result::unwrap);
         let address = lines.find_map(|line| line.strip_prefix("open: http://").map(str::to_owned)).unwrap();
         let address = address.strip_suffix('/').unwrap();
@@ -97,6 +100,12 @@ impl Server {
 
     fn get(&self, path: &str) -> Response {
         self.raw("GET", &self.at(path), &[], b"")
+    }
+
+    /// A page of the folder, at the address that the server tells.
+    fn page(&self, path: &str) -> Response {
+        let pages = self.get("api/folder").ok()["pages"].as_str().unwrap().to_owned();
+        self.raw("GET", &format!("{pages}?path={path}"), &[], b"")
     }
 
     fn post(&self, path: &str, body: &Value) -> Response {
@@ -214,7 +223,7 @@ fn nothing_outside_the_folder_is_reached() {
     }
     for place in places {
         server.get(&format!("api/file?path={place}")).error(403);
-        server.get(&format!("api/page?path={place}")).error(403);
+        server.page(place).error(403);
         server.get(&format!("api/experiment?path={place}")).error(403);
         server.post("api/write", &json!({ "path": place, "text": "mine", "replaces": null })).error(403);
         server.post("api/edit", &json!({ "path": place, "replaces": "", "changes": [] })).error(403);
@@ -284,6 +293,27 @@ fn a_body_says_what_it_is() {
     assert!(!folder.path().join("x.toml").exists() && !folder.path().join("a.csv").exists());
 }
 
+/// Also where the server takes a request apart before it is looked at.
+#[test]
+fn a_refusal_is_one_sentence_and_says_why() {
+    let folder = tour();
+    let path = folder.path();
+    let server = Server::new(path, &[]);
+    let at = |path: &str| server.at(path);
+    assert!(server.raw("DELETE", &at("api/folder"), &[], b"").error(405).contains("Method Not Allowed"));
+    server.raw("GET", &at("api/write"), &[], b"").error(405);
+    server.raw("GET", &at("api/jobs/%ff"), &[], b"").error(400);
+    server.raw("GET", &at("%ff.js"), &[], b"").error(400);
+    // The cause is told, too.
+    let refused = Command::new(env!("CARGO_BIN_EXE_dynid"))
+        .args(["open", "nowhere.toml", "--no-browser"])
+        .current_dir(path)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(said.contains("cannot open nowhere.toml") && said.contains("No such file"), "{said}");
+}
+
 #[test]
 fn nothing_is_overwritten_that_was_not_seen() {
     let folder = tour();
@@ -344,9 +374,9 @@ fn what_a_log_or_an_effect_is_called_is_text() {
     let job = server.done(&["check", "odd.toml"]);
     assert!(job["state"] == "failed" && job["error"].as_str().unwrap().contains(name), "{job}");
     // A page of the folder is shown where it can ask nothing.
-    let page = server.get("api/page?path=odd.html");
+    let page = server.page("odd.html");
     assert!(page.head.contains("content-security-policy: sandbox allow-scripts; default-src 'none'"), "{}", page.head);
-    server.get("api/page?path=odd.csv").error(400);
+    server.page("odd.csv").error(400);
 }
 
 #[test]
@@ -459,11 +489,15 @@ fn pictures_leave_nothing_out() {
             assert_eq!((numbers("low"), numbers("high")), (of(f64::min), of(f64::max)), "{width} columns");
         }
     }
-    ask(&["q4"], of, json!(1e9), 10);
+    ask(&["q4"], of.clone(), json!(1e9), 10);
     let compared =
         server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": "believed.toml" })).ok();
     let key = &compared["key"];
     let drawn = ask(&["residual:4", "term:gravity:4", "q4"], json!({ "key": key, "run": 2 }), json!(null), 5000);
+    // What was measured is that of the log.
+    let measured = ask(&["measured:4"], json!({ "key": key, "run": 2 }), json!(null), 5000);
+    assert_eq!(measured["series"][0]["low"], drawn["series"][2]["low"]);
+    assert_eq!(compared["runs"][2]["joints"][0]["series"][0], "measured");
     let residual = drawn["series"][0]["low"].as_array().unwrap();
     let square: f64 = residual.iter().map(|value| value.as_f64().unwrap().powi(2)).sum();
     let rmse = compared["runs"][2]["joints"][0]["rmse"].as_f64().unwrap();
@@ -487,6 +521,39 @@ fn pictures_leave_nothing_out() {
         assert!(n > 10 && scatter["middle"].as_array().unwrap().len() == n, "{scatter}");
     }
     server.post("api/series", &json!({ "of": { "key": "gone", "run": 0 }, "names": ["q4"], "width": 1 })).error(404);
+}
+
+/// What the torque error leaves out lies between samples that it counts: a spectrum does not take them for neighbours.
+#[test]
+fn a_spectrum_is_of_samples_that_lie_beside_each_other() {
+    let folder = tour();
+    let path = folder.path();
+    let server = Server::new(path, &[]);
+    let spectrum = |error: &str| {
+        let compared = server.post("api/compared", &json!({ "experiment": "experiment.toml", "model": null })).ok();
+        let asked = json!({ "key": compared["key"], "run": 0, "joint": 4, "against": "frequency", "error": error });
+        server.post("api/scatter", &asked)
+    };
+    let whole = spectrum("torque").ok();
+    assert_eq!(whole["note"], json!(null));
+    let text = fs::read_to_string(path.join("experiment.toml")).unwrap();
+    fs::write(path.join("experiment.toml"), text.replace("free = [4, 5]", "free = [4, 5]\nmin_speed = [0.3, 0.0]"))
+        .unwrap();
+    let fast = spectrum("torque").ok();
+    let note = fast["note"].as_str().unwrap();
+    let words: Vec<&str> = note.split(' ').collect();
+    let times: Vec<f64> =
+        words.windows(2).filter(|pair| pair[1].starts_with('s')).filter_map(|pair| pair[0].parse().ok()).collect();
+    let [from, to] = times[..] else { panic!("{note}") };
+    // One stretch in which the joint is fast: its spectrum is as fine as it is long.
+    let step = fast["x"][1].as_f64().unwrap() - fast["x"][0].as_f64().unwrap();
+    assert!((step * (to - from) - 1.0).abs() < 0.1, "{step} Hz, {note}");
+    assert!(step > whole["x"][1].as_f64().unwrap(), "{note}");
+    assert_eq!(spectrum("position").ok()["note"], json!(null), "every sample of it counts");
+    let text = fs::read_to_string(path.join("experiment.toml")).unwrap();
+    fs::write(path.join("experiment.toml"), text.replace("[0.3, 0.0]", "[1e9, 0.0]")).unwrap();
+    let none = spectrum("torque").error(404);
+    assert!(none.contains("lie beside each other"), "{none}");
 }
 
 /// A finding that lies on one side of the joint's rest highlights the samples that the log has there.
@@ -601,7 +668,9 @@ fn a_wall_is_touched_as_on_a_terminal() {
         dynid_control::Law::Linear(dynid_control::LinearLaw { k1: 2.0 * k1, ..law })
     });
     touch(json!({}), json!("hard.toml")).error(409);
-    touch(json!({ "k1": 100.0 * k1 }), json!(null)).error(400);
+    for wrong in [json!({ "k1": -k1 }), json!({ "sample_rate": 4.0 }), json!({ "sample_rate": 2e5 })] {
+        touch(wrong, json!(null)).error(400);
+    }
     touch(json!({ "k9": 1.0 }), json!(null)).error(400);
 }
 
@@ -695,6 +764,26 @@ fn a_model_says_where_it_comes_from() {
     assert_eq!(best, json!({ "path": "best.toml", "parent": "fitted.toml", "how": "added_and_fitted" }));
 }
 
+/// What a diagnosis writes was fitted by it, from the model that it was asked about.
+#[test]
+fn a_diagnosis_writes_a_child_of_what_it_was_asked_about() {
+    let folder = tour();
+    let path = folder.path();
+    let diagnose = ["diagnose", "experiment.toml", "--model", "believed.toml", "--out", "better.toml", "--json"];
+    cli(path, &diagnose);
+    let server = Server::new(path, &[]);
+    let better = server.get("api/lineage").ok()["models"][1].clone();
+    assert_eq!(better, json!({ "path": "better.toml", "parent": "believed.toml", "how": "added_and_fitted" }));
+    let [believed, better] = ["believed.toml", "better.toml"].map(|name| dynid::Model::load(path.join(name)).unwrap());
+    let fit = better.fit.as_ref().unwrap();
+    assert_eq!((fit.error.as_str(), &fit.parent_digest), ("prediction", &believed.digest()));
+    assert!(fit.std_error["joint.4.input_coupling.5.gain"] > 0.0 && fit.cost_after.is_finite(), "{fit:?}");
+    let spring = "joint.4.spring.Ks";
+    assert_eq!(better.prior(spring), believed.parameter(spring).map(|own| own.value));
+    let ladder = cli(path, &["ladder", "experiment.toml", "believed.toml", "better.toml", "--json"]);
+    assert_eq!(ladder["rungs"][1]["lineage"], "added_and_fitted");
+}
+
 #[test]
 fn times_of_a_run_are_rows_of_its_file() {
     let folder = tour();
@@ -753,7 +842,7 @@ fn an_effect_of_the_user_is_told_of_by_its_name_and_not_by_an_old_one() {
     server.get(EXPERIMENT).ok();
     let report = server.done(&["report", "experiment.toml", "own.toml", "--out", "report.html"]);
     assert_eq!(report["state"], "done", "{report}");
-    let page = server.get("api/page?path=report.html");
+    let page = server.page("report.html");
     assert!(!String::from_utf8_lossy(&page.body).contains("<script>alert"));
 
     // Commands know what is new at once; what is kept in memory is not made of what is old.

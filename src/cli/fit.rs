@@ -207,7 +207,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 fn or_clip(error: anyhow::Error, path: Option<&Path>, outside: Outside) -> anyhow::Error {
     let is_clippable = |path: &Path| Model::load(path).is_err() && Model::load_clipped(path).is_ok();
     let helps = outside == Outside::Refuse && path.is_some_and(is_clippable);
-    if helps { anyhow!("{error}; or let --clip start from the nearest value allowed") } else { error }
+    if helps {
+        anyhow!("{}; or let --clip start from the nearest value allowed", super::with_causes(&error))
+    } else {
+        error
+    }
 }
 
 /// What is asked for, as the library takes it.

@@ -18,13 +18,13 @@ mod pyramid;
 mod query;
 mod recent;
 mod series;
+mod starter;
 mod touch;
 mod trial;
 
 use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, anyhow, bail};
@@ -42,7 +42,7 @@ use answer::{LARGEST_BODY, Refusal};
 use compared::Comparison;
 use effects::OwnEffects;
 use events::Hub;
-use folder::Folder;
+use folder::{Folder, with_slashes};
 use guard::{Guard, guard, token};
 use jobs::Jobs;
 use logs::Loaded;
@@ -91,6 +91,8 @@ struct App {
     effects: OwnEffects,
     hub: Hub,
     jobs: Arc<Jobs>,
+    /// The secret below which pages of the folder are shown, and nothing else: what they bring may tell others their address.
+    pages: String,
     writing: Mutex<()>,
     /// Comparisons are made one after the other: each uses all processors.
     comparing: Semaphore,
@@ -156,6 +158,7 @@ fn app(arguments: &Arguments, effects: Option<&Path>) -> anyhow::Result<App> {
         model,
         jobs: Arc::new(Jobs::new(hub.clone(), always)),
         hub,
+        pages: token()?,
         writing: Mutex::default(),
         comparing: Semaphore::new(1),
         experiments: Recent::new(4),
@@ -182,8 +185,14 @@ async fn serve(arguments: &Arguments, app: App) -> anyhow::Result<()> {
     let url = format!("http://{address}/{token}/");
     let mut stdout = std::io::stdout();
     writeln!(stdout, "open: {url}").and_then(|()| stdout.flush())?;
-    if !arguments.no_browser {
-        show(&url);
+    let shown = if arguments.no_browser { Ok(None) } else { starter::show(&url) };
+    if let Err(error) = &shown {
+        eprintln!("note: no browser was started ({error}): open the address yourself");
+    }
+    if let Some(experiment) = app.experiment.clone() {
+        // What is looked at first is read while the browser starts; the page is told what is wrong with it.
+        let app = Arc::clone(&app);
+        tokio::task::spawn_blocking(move || drop(logs::described(&app, &with_slashes(&experiment))));
     }
     // Pages listen as long as they are open, so nobody waits for them.
     let ended = tokio::select! {
@@ -202,7 +211,7 @@ fn routes(token: &str, app: Arc<App>) -> Router {
         .route(&at("api/write"), post(files::write))
         .route(&at("api/edit"), post(files::edit))
         .route(&at("api/upload"), post(files::upload))
-        .route(&at("api/page"), get(files::page))
+        .route(&format!("/{}/api/page", app.pages), get(files::page))
         .route(&at("api/events"), get(events::events))
         .route(&at("api/jobs"), get(jobs::all).post(jobs::begin))
         .route(&at("api/jobs/{id}"), get(jobs::one))
@@ -246,19 +255,4 @@ async fn asked_to_end() {
     }
     // Where it cannot be listened for, Ctrl-C ends the program all the same.
     let _ = tokio::signal::ctrl_c().await;
-}
-
-/// Shows the page in a browser, where there is a screen to show it on.
-fn show(url: &str) {
-    let program = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };
-    let has_screen =
-        cfg!(target_os = "macos") || ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
-    if has_screen {
-        let mut command = Command::new(program);
-        command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-        // The address is printed: who has no such program opens it by hand.
-        if let Ok(mut shown) = command.spawn() {
-            std::thread::spawn(move || shown.wait());
-        }
-    }
 }

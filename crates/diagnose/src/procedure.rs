@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use dynid_identify::FitError;
 use dynid_identify::identify::{ErrorSignal, default_error};
-use dynid_identify::position::PositionFitError;
+use dynid_identify::position::{Estimate, PositionFitError};
 use dynid_identify::prediction::{JointInnovations, State};
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
 use dynid_logs::part::looked_at;
-use dynid_user_model::Model;
+use dynid_user_model::{FitRecord, Model};
 
 use crate::missing::{Fitted, Logs, noise_at};
 use crate::refit::{EffectParameter, Judge, Refit, is_null, is_own};
@@ -284,8 +284,28 @@ fn refit(judge: &Judge<'_>, fitted: &Fitted, base_unknowns: f64) -> Result<Refit
         unknowns: fitted.unknowns - base_unknowns,
         status: fitted.fit.status(),
         one_step: one_step(fitted, judge.runs),
+        record: Some(record(fitted, judge.runs)),
         ..judge.as_it_is(model)?
     })
+}
+
+/// How the values were found; of which logs and from which model is added by who knows the files.
+fn record(fitted: &Fitted, runs: &[&Run]) -> FitRecord {
+    let parameters = &fitted.fit.parameters;
+    let names =
+        |is_so: fn(&Estimate) -> bool| parameters.iter().filter(move |own| is_so(own)).map(|own| own.name.clone());
+    // As a fit states its cost.
+    let shortfall =
+        |own: &JointInnovations| own.samples * (own.deviation / noise_at(runs.iter().copied(), own.joint)).ln();
+    FitRecord {
+        error: ErrorSignal::Prediction.to_string(),
+        status: fitted.fit.status().as_str().to_owned(),
+        cost_after: fitted.fit.joints.iter().map(shortfall).sum(),
+        not_identifiable: names(|own| !own.identifiable).collect(),
+        std_error: parameters.iter().filter_map(|own| Some((own.name.clone(), own.std_error?))).collect(),
+        at_bound: names(|own| own.at_bound).collect(),
+        ..FitRecord::default()
+    }
 }
 
 /// The largest error of a one-step prediction over the noise of its log, on the runs held out where there are some.

@@ -12,7 +12,7 @@ use dynid_identify::{FitStatus, identify::ErrorSignal, position::noise_of};
 use dynid_judge::{compare::Comparison, compare::compare};
 use dynid_logs::{experiment::Role, experiment::Run, noise::noise_of_log};
 use dynid_signal::is_white;
-use dynid_user_model::{EffectInstance, Model};
+use dynid_user_model::{EffectInstance, FitRecord, Model};
 
 /// A model that was fitted, and what it leaves.
 #[derive(Debug, Clone)]
@@ -21,6 +21,8 @@ pub struct Refit {
     pub candidate: Option<Candidate>,
     /// The model, as a file.
     pub model: String,
+    /// How its values were found; `None` where they are those that were given.
+    pub record: Option<FitRecord>,
     /// How the fit ended.
     pub status: FitStatus,
     /// The candidate's own parameters; of the model itself all that moved.
@@ -82,7 +84,9 @@ impl Refit {
     /// # Errors
     /// Never for a refit of this program; a checkpoint that was tampered with.
     pub fn parsed(&self) -> Result<Model, DiagnoseError> {
-        Ok(Model::parse(&self.model, std::path::Path::new("refitted.toml"))?)
+        let mut model = Model::parse(&self.model, std::path::Path::new("refitted.toml"))?;
+        model.fit = self.record.clone().or(model.fit);
+        Ok(model)
     }
 
     /// What is left on the runs held out, or on those fitted to.
@@ -132,6 +136,7 @@ impl Judge<'_> {
             torque_percent_validate: comparison.torque_percent_validate,
             left: left(&comparison, self.runs, self.shown),
             one_step: None,
+            record: None,
             model: model.to_toml(),
         })
     }
@@ -242,6 +247,7 @@ pub(super) mod tests {
         Refit {
             candidate: None,
             model: String::new(),
+            record: None,
             status: FitStatus::Converged,
             parameters: Vec::new(),
             unknowns: 0.0,

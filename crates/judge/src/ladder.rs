@@ -169,7 +169,8 @@ impl Lineage {
         }
         let parent = model.fit.as_ref().map(|fit| fit.parent_digest.as_str());
         if parent == Some(before.digest().as_str()) {
-            return Self::Fitted;
+            // A diagnosis adds what is missing while it fits.
+            return if only_in(model, before).is_empty() { Self::Fitted } else { Self::AddedAndFitted };
         }
         // As `add` puts effects in, where they vanish; or with their first guesses.
         let at_null = extended(before, model, Model::add_effect_at_null).map(|extended| extended.digest());
@@ -438,6 +439,8 @@ mod tests {
         let better = fitted_from(&added, better);
         assert_eq!(Lineage::of(&fitted, &better), Lineage::AddedAndFitted);
         assert_eq!(Lineage::of(&start, &better), Lineage::OtherParent, "not from the first rung");
+        let diagnosed = fitted_from(&fitted, better);
+        assert_eq!(Lineage::of(&fitted, &diagnosed), Lineage::AddedAndFitted);
     }
 
     #[test]

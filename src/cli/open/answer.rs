@@ -9,6 +9,8 @@ use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
+use crate::cli::with_causes;
+
 /// Why a request is not answered.
 #[derive(Debug)]
 pub struct Refusal {
@@ -44,7 +46,7 @@ impl Refusal {
 /// What the library says of files and models: the user can mend it.
 impl<E: Into<anyhow::Error>> From<E> for Refusal {
     fn from(error: E) -> Self {
-        Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.into().to_string())
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, with_causes(&error.into()))
     }
 }
 

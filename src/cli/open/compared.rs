@@ -19,6 +19,7 @@ use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
 use super::folder::{all_named_by, digest_of};
 use super::logs::{Loaded, loaded, position_unit};
+use super::recent::Room;
 use super::series::Trace;
 use crate::cli::inputs;
 
@@ -36,11 +37,22 @@ struct OfRun {
     traces: HashMap<String, Arc<Trace>>,
 }
 
+impl Room for Comparison {
+    /// Its traces, as much again for what they were made from, and the experiment, which may be kept by nobody else.
+    fn bytes(&self) -> usize {
+        let traces = self.runs.values().flat_map(|run| run.traces.values());
+        2 * traces.map(|trace| trace.bytes()).sum::<usize>() + self.loaded.bytes()
+    }
+}
+
 impl Comparison {
-    /// A series of a run: of the comparison, such as `residual:4`, or of its log.
+    /// A series of a run: of the comparison, such as `residual:4`, or of its log, of which `measured:4` is `q4`.
     pub fn trace(&self, run: usize, name: &str) -> Result<Arc<Trace>, Refusal> {
-        let own = self.runs.get(&run).and_then(|run| run.traces.get(name));
-        own.map_or_else(|| self.loaded.trace(run, name), |trace| Ok(Arc::clone(trace)))
+        if let Some(trace) = self.runs.get(&run).and_then(|run| run.traces.get(name)) {
+            return Ok(Arc::clone(trace));
+        }
+        let of_log = name.strip_prefix("measured:").map(|joint| format!("q{joint}"));
+        self.loaded.trace(run, of_log.as_deref().unwrap_or(name))
     }
 
     /// A run, and what was compared of it.
@@ -149,14 +161,13 @@ impl Comparison {
     }
 }
 
-/// All series of a run, by name.
+/// All series of a run but those of its log, by name.
 fn traces(loaded: &Loaded, index: usize, compared: &RunComparison, terms: Vec<JointTerms>) -> Vec<(String, Trace)> {
     let run = &loaded.experiment.runs[index];
     let t = loaded.time(index);
     let mut traces = Vec::new();
     for (slot, joint) in run.free.iter().enumerate() {
         let measured = &run.log.q[*joint];
-        traces.push((format!("measured:{joint}"), Trace::new(Arc::clone(&t), measured.clone())));
         if let Some(simulated) = compared.simulated.as_ref().map(|simulated| &simulated[slot]) {
             let residual = measured.iter().zip(simulated).map(|(measured, simulated)| measured - simulated).collect();
             traces.push((format!("simulated:{joint}"), Trace::new(Arc::clone(&t), simulated.clone())));
@@ -182,7 +193,7 @@ fn of_run(loaded: &Loaded, index: usize, compared: &RunComparison, traces: &[(St
     let device = loaded.experiment.device;
     let joints = compared.joints.iter().map(|joint| {
         let of_joint = traces.iter().filter_map(|(name, _)| name.strip_suffix(&format!(":{}", joint.joint)));
-        let series: Vec<&str> = of_joint.collect();
+        let series: Vec<&str> = ["measured"].into_iter().chain(of_joint).collect();
         json!({
             "joint": joint.joint,
             "unit": position_unit(device, joint.joint),

@@ -31,8 +31,7 @@ const LARGEST_LOG: u64 = 2 << 30;
 /// What may be handed in.
 const HANDED_IN: [&str; 9] = ["csv", "tsv", "txt", "parquet", "mcap", "urdf", "xml", "mjcf", "toml"];
 
-/// What a report may do when it is shown: its own pictures and styles, and the one script that the program writes into it. Others
-/// could read the address, and so the secret.
+/// What a report may do when it is shown: its own pictures and styles, and the one script that the program writes into it.
 fn page_policy() -> Result<HeaderValue, InvalidHeaderValue> {
     let script = BASE64_STANDARD.encode(Sha256::digest(format!("\n{SCRIPT}")));
     HeaderValue::from_str(&format!(
@@ -57,6 +56,7 @@ pub async fn folder(State(app): State<Arc<App>>) -> Answered {
             "experiment": app.experiment.as_deref().map(with_slashes),
             "model": app.model.as_deref().map(with_slashes),
             "version": env!("CARGO_PKG_VERSION"),
+            "pages": format!("/{}/api/page", app.pages),
             "files": files,
         });
         if more > 0 {
@@ -220,7 +220,8 @@ fn are_equal(one: &Path, other: &Path) -> std::io::Result<bool> {
     bytes.try_fold(true, |same, (one, other)| Ok(same && one? == other?))
 }
 
-/// `GET api/page`
+/// `GET api/page`, below the secret of pages. A page may be of elsewhere, and needs no script to hand its address on: it may lead to
+/// another site, and ask the browser to say where it came from.
 pub async fn page(State(app): State<Arc<App>>, query: Named) -> Result<impl IntoResponse, Refusal> {
     let path = app.folder.place(named(&query, "path")?)?;
     if path.extension().is_none_or(|extension| extension != "html") {

@@ -9,7 +9,7 @@ use axum::http::{HeaderValue, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::answer::Refusal;
+use super::answer::{LARGEST_BODY, Refusal};
 
 /// What the page may do: show and ask what is its own.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
@@ -44,7 +44,7 @@ impl Guard {
 /// Checks every request, and adds to every answer what keeps a browser from doing more than it should.
 pub async fn guard(State(guard): State<Arc<Guard>>, request: Request, next: Next) -> Response {
     let mut response = match guard.check(&request) {
-        Ok(()) => next.run(request).await,
+        Ok(()) => as_sentence(next.run(request).await).await,
         Err(refusal) => refusal.into_response(),
     };
     let headers = response.headers_mut();
@@ -53,6 +53,19 @@ pub async fn guard(State(guard): State<Arc<Guard>>, request: Request, next: Next
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     response
+}
+
+/// A refusal in the form of all others, where it is in the words of what takes requests apart.
+async fn as_sentence(response: Response) -> Response {
+    let status = response.status();
+    let is_json = response.headers().get(header::CONTENT_TYPE).is_some_and(|media| media == "application/json");
+    if is_json || !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let words = axum::body::to_bytes(response.into_body(), LARGEST_BODY).await.unwrap_or_default();
+    let words = String::from_utf8_lossy(&words);
+    let words = if words.is_empty() { status.canonical_reason().unwrap_or_default() } else { &words };
+    Refusal::new(status, format!("this is not asked as the page asks: {words}")).into_response()
 }
 
 /// A secret of 32 hexadecimal digits.

@@ -15,7 +15,7 @@ use axum::response::IntoResponse;
 use dynid_format::shell_line;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
+use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, BufReader};
 use tokio::process::{Child, Command};
 use tokio::sync::{Semaphore, mpsc};
 
@@ -30,6 +30,9 @@ const REMEMBERED: usize = 200;
 /// Lines of progress that are kept of each, and which of them are thinned.
 const MOST_LINES: usize = 2000;
 const REPEATED: [&str; 3] = ["count", "iteration", "searched"];
+/// Bytes of a command's answer that are kept, of its notes and of its error: more than the largest of them have, and little beside
+/// what is kept of logs.
+const LONGEST: usize = 16 << 20;
 /// Options of the program by which it answers programs.
 const TO_PROGRAMS: [&str; 3] = ["--json", "--progress", "json"];
 /// How long a command may take to keep what it has, once it is told to stop (s).
@@ -71,6 +74,8 @@ struct Job {
     took: Option<Duration>,
     progress: Vec<Value>,
     notes: Vec<String>,
+    /// Bytes of all its notes.
+    noted: usize,
     /// The JSON object that it printed.
     result: Option<String>,
     error: Option<String>,
@@ -79,6 +84,25 @@ struct Job {
 }
 
 impl Job {
+    fn new(id: u64, args: Vec<String>, command: String, stop: mpsc::UnboundedSender<()>) -> Self {
+        Self {
+            id,
+            args,
+            command,
+            state: JobState::Waiting,
+            status: None,
+            began: SystemTime::now(),
+            started: Instant::now(),
+            took: None,
+            progress: Vec::new(),
+            notes: Vec::new(),
+            noted: 0,
+            result: None,
+            error: None,
+            stop,
+        }
+    }
+
     fn summary(&self) -> Value {
         let took = self.took.unwrap_or_else(|| self.started.elapsed());
         json!({
@@ -121,13 +145,19 @@ impl Job {
                 self.progress.push(told.clone());
             }
             // An error is told last, and may go on over lines.
-            (None, Some(error)) => {
+            (None, Some(error)) if error.len() < LONGEST => {
                 error.push('\n');
                 error.push_str(&line);
             }
+            (None, Some(_)) => {}
             (None, None) => match line.strip_prefix("error: ") {
                 Some(error) => self.error = Some(error.to_owned()),
-                None => self.notes.push(line.strip_prefix("note: ").unwrap_or(&line).to_owned()),
+                None => {
+                    self.noted += line.len();
+                    if self.noted <= LONGEST {
+                        self.notes.push(line.strip_prefix("note: ").unwrap_or(&line).to_owned());
+                    }
+                }
             },
         }
         told
@@ -171,21 +201,7 @@ impl Jobs {
         }
         let id = 1 + list.back().map_or(0, |job| job.id);
         let words: Vec<&String> = self.always.iter().chain(&args).collect();
-        let job = Job {
-            id,
-            command: shell_line(&words),
-            state: JobState::Waiting,
-            status: None,
-            began: SystemTime::now(),
-            started: Instant::now(),
-            took: None,
-            progress: Vec::new(),
-            notes: Vec::new(),
-            result: None,
-            error: None,
-            stop,
-            args: args.clone(),
-        };
+        let job = Job::new(id, args.clone(), shell_line(&words), stop);
         let summary = job.summary();
         list.push_back(job);
         drop(list);
@@ -216,15 +232,20 @@ impl Jobs {
             match ended {
                 Ok((status, out, was_stopped)) => {
                     job.status = status;
-                    let text = String::from_utf8(out).ok().map(|text| text.trim().to_owned());
+                    let is_kept = out.is_some();
+                    let text = out.and_then(|out| Some(String::from_utf8(out).ok()?.trim().to_owned()));
                     job.result =
                         text.filter(|text| serde_json::from_str::<serde_json::Map<String, Value>>(text).is_ok());
+                    if !is_kept {
+                        let sentence = "the answer is too long to be shown here; run the command on a terminal";
+                        job.error.get_or_insert_with(|| sentence.to_owned());
+                    }
                     // Ended by Ctrl-C, a signal, or the verb that was told to end.
                     let stopped =
                         status == Some(i32::from(super::super::interrupt::STATUS)) || (was_stopped && status.is_none());
                     job.state = match status {
                         _ if stopped => JobState::Stopped,
-                        Some(0 | 1) => JobState::Done,
+                        Some(0 | 1) if is_kept => JobState::Done,
                         _ => JobState::Failed,
                     };
                 }
@@ -236,22 +257,21 @@ impl Jobs {
         });
     }
 
-    /// Hears of a command until it ends: its exit status, what it printed, and whether somebody stopped it.
+    /// Hears of a command until it ends: its exit status, what it printed unless that is too long, and whether somebody stopped it.
     async fn follow(
         &self,
         id: u64,
         mut child: Child,
         stops: &mut mpsc::UnboundedReceiver<()>,
-    ) -> std::io::Result<(Option<i32>, Vec<u8>, bool)> {
+    ) -> std::io::Result<(Option<i32>, Option<Vec<u8>>, bool)> {
         let (out, err) = (child.stdout.take(), child.stderr.take());
         // Without it the command does as after Ctrl-C; so it does when this server ends, in whichever way.
         let mut stdin = child.stdin.take();
         let read = async {
-            let mut bytes = Vec::new();
-            if let Some(mut out) = out {
-                out.read_to_end(&mut bytes).await?;
+            match out {
+                Some(out) => read_up_to(LONGEST, out).await,
+                None => Ok(Some(Vec::new())),
             }
-            std::io::Result::Ok(bytes)
         };
         let listen = async {
             let Some(err) = err else { return Ok(()) };
@@ -293,6 +313,18 @@ impl Jobs {
             }
         }
     }
+}
+
+/// All that is printed, or nothing of what is longer. It is read to its end: who prints waits for that.
+async fn read_up_to(most: usize, mut printed: impl AsyncRead + Unpin) -> std::io::Result<Option<Vec<u8>>> {
+    let mut bytes = Vec::new();
+    (&mut printed).take(most as u64 + 1).read_to_end(&mut bytes).await?;
+    if bytes.len() <= most {
+        return Ok(Some(bytes));
+    }
+    drop(bytes);
+    tokio::io::copy(&mut printed, &mut tokio::io::sink()).await?;
+    Ok(None)
 }
 
 /// Runs the program beside this one.
@@ -347,4 +379,38 @@ pub async fn stop(State(app): State<Arc<App>>, Segment(id): Segment<String>, _: 
 fn found<T>(app: &App, id: &str, of: impl FnOnce(&mut Job) -> T) -> Result<T, Refusal> {
     let found = id.parse().ok().and_then(|id| app.jobs.with(id, of));
     found.ok_or_else(|| Refusal::missing(format!("there is no job {id}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_command_says_is_kept_up_to_a_limit() {
+        let (stop, _stops) = mpsc::unbounded_channel();
+        let mut job = Job::new(1, Vec::new(), String::new(), stop);
+        let line = "x".repeat(LONGEST / 4);
+        (0..9).for_each(|_| assert!(job.hear(line.clone()).is_none()));
+        assert_eq!(job.notes.len(), 4);
+        // What went wrong is said after all notes.
+        job.hear("error: no".to_owned());
+        (0..9).for_each(|_| assert!(job.hear(line.clone()).is_none()));
+        let error = job.error.unwrap();
+        assert!(error.starts_with("no\nx") && error.len() < 2 * LONGEST, "{}", error.len());
+    }
+
+    #[tokio::test]
+    async fn what_a_command_prints_is_kept_whole_or_not_at_all() {
+        for (printed, kept) in
+            [(&b"{}"[..], Some(b"{}".to_vec())), (b"12345678", Some(b"12345678".to_vec())), (b"123456789", None)]
+        {
+            let (mut from, to) = tokio::io::duplex(2);
+            let print = async {
+                tokio::io::AsyncWriteExt::write_all(&mut from, printed).await.unwrap();
+                drop(from);
+            };
+            let (read, ()) = tokio::join!(read_up_to(8, to), print);
+            assert_eq!(read.unwrap(), kept);
+        }
+    }
 }

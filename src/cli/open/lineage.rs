@@ -46,8 +46,9 @@ fn told(models: &[Read], place: usize) -> Value {
     let recorded = own.fit.as_ref().map(|fit| &fit.parent_digest);
     // What was copied may be younger than what came of it.
     let by_record = older().chain(known.filter(|(_, (other, _))| other != digest));
-    let by_record =
-        by_record.filter(|(_, (other, _))| Some(other) == recorded).map(|(path, _)| (path, Lineage::Fitted));
+    let by_record = by_record
+        .filter(|(_, (other, _))| Some(other) == recorded)
+        .map(|(path, (_, other))| (path, Lineage::of(other, own)));
     let by_content =
         older().map(|(path, (_, other))| (path, Lineage::of(other, own))).filter(|(_, how)| how.is_child());
     let (parent, how) = by_record.chain(by_content).next().unzip();

@@ -18,6 +18,7 @@ use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
 use super::files::{Named, named};
 use super::folder::{Stamp, all_named_by, digest_of, with_slashes};
+use super::recent::Room;
 use super::series::Trace;
 
 /// An experiment with what it was read from.
@@ -32,6 +33,20 @@ pub struct Loaded {
     /// What is told of it, made when it is first asked for.
     described: OnceLock<Value>,
     traces: Mutex<HashMap<(usize, String), Arc<Trace>>>,
+}
+
+impl Room for Loaded {
+    /// Its logs, and as much again for traces that are drawn.
+    fn bytes(&self) -> usize {
+        2 * self.experiment.runs.iter().map(bytes_of_log).sum::<usize>()
+    }
+}
+
+/// Numbers of a log (bytes).
+pub fn bytes_of_log(run: &Run) -> usize {
+    let log = &run.log;
+    let columns = 1 + log.q.len() + log.tau.len() + log.reference.as_ref().map_or(0, Vec::len);
+    columns * log.len() * size_of::<f64>()
 }
 
 impl Loaded {
@@ -91,7 +106,12 @@ fn columns(run: &Run) -> Vec<(String, &Vec<f64>)> {
 
 /// The unit of a joint's position.
 pub fn position_unit(device: &Device, joint: usize) -> &'static str {
-    if device.joints[joint].kind == JointKind::Prismatic { "m" } else { "rad" }
+    units_of(device, joint).0
+}
+
+/// The units of a joint's position and of the torque about it, or the force along it.
+pub fn units_of(device: &Device, joint: usize) -> (&'static str, &'static str) {
+    if device.joints[joint].kind == JointKind::Prismatic { ("m", "N") } else { ("rad", "N*m") }
 }
 
 /// The experiment of a request.
@@ -107,16 +127,18 @@ pub fn loaded(app: &App, path: &str) -> Result<Arc<Loaded>, Refusal> {
 /// `GET api/experiment`
 pub async fn experiment(State(app): State<Arc<App>>, query: Named) -> Answered {
     let path = named(&query, "path")?.to_owned();
-    blocking(move || {
-        let loaded = loaded(&app, &path)?;
-        let mut answer = loaded.described.get_or_init(|| described(&loaded)).clone();
-        answer["path"] = path.into();
-        Ok(Json(answer))
-    })
-    .await
+    blocking(move || described(&app, &path).map(Json)).await
 }
 
-fn described(loaded: &Loaded) -> Value {
+/// What is told of an experiment.
+pub fn described(app: &App, path: &str) -> Result<Value, Refusal> {
+    let loaded = loaded(app, path)?;
+    let mut answer = loaded.described.get_or_init(|| of_all(&loaded)).clone();
+    answer["path"] = path.into();
+    Ok(answer)
+}
+
+fn of_all(loaded: &Loaded) -> Value {
     let Experiment { device, runs, .. } = &loaded.experiment;
     let joints = device.joints.iter().enumerate().map(|(number, joint)| {
         json!({

@@ -81,7 +81,7 @@ pub async fn scatter(State(app): State<Arc<App>>, Asked(asked): Asked<ScatterAsk
         let (position, command) = (position_unit(device, asked.joint), &device.joints[asked.joint].command_unit);
         let unit = if error == Signal::Torque { command.as_str() } else { position };
         let (label, x_unit, x) = match asked.against {
-            Against::Frequency => return Ok(Json(samples.spectrum(error, unit))),
+            Against::Frequency => return Ok(Json(samples.spectrum(error, unit)?)),
             Against::Speed => ("speed", format!("{position}/s"), &samples.speed),
             Against::Position => ("position", position.to_owned(), &samples.position),
             Against::Load => ("commanded torque", command.clone(), &samples.load),
@@ -99,7 +99,10 @@ pub async fn scatter(State(app): State<Arc<App>>, Asked(asked): Asked<ScatterAsk
 
 /// An error of a joint with what it may follow; one entry a sample that counts.
 struct Samples {
+    /// Between two samples that lie beside each other (s).
     step: f64,
+    /// Which of the evenly spaced samples of the run each is.
+    place: Vec<usize>,
     time: Vec<f64>,
     position: Vec<f64>,
     speed: Vec<f64>,
@@ -125,9 +128,8 @@ impl Samples {
                 (at(&straight(&run.log.t, &residual, &motion.grid)), vec![true; motion.kept.len()])
             }
         };
-        let counted = |values: Vec<f64>| -> Vec<f64> {
-            values.into_iter().zip(&used).filter(|(_, used)| **used).map(|(value, _)| value).collect()
-        };
+        let place: Vec<usize> = (0..used.len()).filter(|place| used[*place]).collect();
+        let counted = |values: Vec<f64>| place.iter().map(|place| values[*place]).collect::<Vec<f64>>();
         Ok(Self {
             step: motion.grid.step * motion.kept.get(1).copied().unwrap_or(1) as f64,
             time: counted(motion.kept.iter().map(|&k| motion.grid.time(k)).collect()),
@@ -135,6 +137,7 @@ impl Samples {
             speed: counted(at(&motion.dq[slot])),
             load: counted(motion.filtered(&motion.command[joint])),
             error: counted(values),
+            place,
         })
     }
 
@@ -162,11 +165,21 @@ impl Samples {
         json!({ "x": x, "low": low, "middle": middle, "high": high, "count": counts })
     }
 
-    /// Amplitudes of the error over frequency, neighbours together where there are many.
-    fn spectrum(&self, error: Signal, unit: &str) -> Value {
+    /// Amplitudes of the error over frequency, neighbours together where there are many: of the longest stretch of samples that lie
+    /// beside each other, since those across a gap are not evenly spaced.
+    fn spectrum(&self, error: Signal, unit: &str) -> Result<Value, Refusal> {
         const MOST: usize = 400;
-        let found = power_spectrum(&self.error, self.step);
-        let (resolution, density) = found.map_or((0.0, Vec::new()), |own| (own.resolution_hz, own.density));
+        let stretches = self.place.chunk_by(|one, next| one + 1 == *next).scan(0, |end, stretch| {
+            *end += stretch.len();
+            Some(*end - stretch.len()..*end)
+        });
+        // Of equals the first.
+        let longest = stretches.reduce(|longest, next| if next.len() > longest.len() { next } else { longest });
+        let longest = longest.unwrap_or_default();
+        let found = power_spectrum(&self.error[longest.clone()], self.step).ok_or_else(|| {
+            Refusal::missing("nowhere do enough samples that count lie beside each other for a spectrum; choose another error or run")
+        })?;
+        let (resolution, density) = (found.resolution_hz, found.density);
         let together = density.len().div_ceil(MOST).max(1);
         // The amplitude of the sine that has the power of the band.
         let amplitude = |band: &[f64]| (2.0 * band.iter().sum::<f64>() * resolution).sqrt();
@@ -174,9 +187,13 @@ impl Samples {
         let bands = density.chunks(together).enumerate();
         let x: Vec<f64> =
             bands.map(|(band, own)| resolution * ((band * together) as f64 + 0.5 * (own.len() - 1) as f64)).collect();
-        json!({
+        let note = (longest.len() < self.error.len()).then(|| {
+            let (from, to) = (self.time[longest.start], self.time[longest.end - 1]);
+            format!("Where this error does not count, e.g. in slow stretches, there is a gap: the spectrum is that of {from:.2} s to {to:.2} s, the longest stretch without one.")
+        });
+        Ok(json!({
             "error": error, "x_label": "frequency", "x_unit": "Hz", "y_unit": unit,
-            "x": x, "low": null, "middle": middle, "high": null, "count": null,
-        })
+            "x": x, "low": null, "middle": middle, "high": null, "count": null, "note": note,
+        }))
     }
 }

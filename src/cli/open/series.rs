@@ -32,6 +32,11 @@ impl Trace {
         Self { t, values, pyramid: OnceLock::new() }
     }
 
+    /// Its values (bytes); the times are shared.
+    pub fn bytes(&self) -> usize {
+        self.values.len() * size_of::<f64>()
+    }
+
     /// The trace in a window: of each column its time, its smallest and its largest value. Of few samples each is a column.
     pub fn columns(&self, name: &str, window: Window) -> Value {
         let (t, values) = (&self.t, &self.values);

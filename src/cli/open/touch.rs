@@ -1,18 +1,21 @@
 //! A virtual wall under a simulated hand, as `dynid wall run` plays it, with numbers of wall and controller changed by hand.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::State;
 use dynid_control::{Law, RuleTable};
-use dynid_haptics::wall::{Setting, WallFile};
+use dynid_haptics::wall::{SLOWEST_HZ, Sampling, Setting, WallFile};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use toml_edit::DocumentMut;
 
 use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
 use super::files::put;
+use super::logs::units_of;
 use crate::cli::wall;
 
 #[derive(Deserialize)]
@@ -39,17 +42,26 @@ pub async fn touch(State(app): State<Arc<App>>, Asked(asked): Asked<TouchAsked>)
         for document in model.iter().chain(&setting) {
             app.folder.check_references(document)?;
         }
-        let mut setting = setting.map_or_else(Setting::shipped, |path| Setting::load(&path))?;
+        let setting = match setting {
+            Some(path) => SettingText { text: dynid_files::read(&path)?, path },
+            None => SettingText { text: dynid_haptics::wall::SETTING.to_owned(), path: "setting.toml".into() },
+        };
+        let mut at_work = Setting::parse(&setting.text, &setting.path)?;
         let (name, mut file) = wall::wall_of(&asked.wall)?;
-        let model = app.effects.known(wall::model_of(model.as_deref(), setting.device))?;
-        // What can be moved is told with the bounds that the values as they stand give.
-        let movable: Vec<(Change, f64)> = changes(&file, &setting);
+        let model = app.effects.known(wall::model_of(model.as_deref(), at_work.device))?;
+        let movable: Vec<(Change, f64)> = changes(&file, &at_work);
         for (key, value) in &asked.changes {
             let (change, _) = movable.iter().find(|(change, _)| change.key == *key).ok_or_else(|| {
                 Refusal::bad(format!("`{key}` is no number of this wall; its answer lists them under `changes`"))
             })?;
-            change.make(*value, &mut file, &mut setting)?;
+            change.check(*value)?;
+            match change.what {
+                What::SampleRate => at_work = setting.sampled(1.0 / value, at_work.step_s)?,
+                What::Gain(gain) => gain(&mut file.law).into_iter().for_each(|own| *own = *value),
+                What::Rule(index) => set_rule(&mut file, index, *value)?,
+            }
         }
+        let setting = at_work;
         let played = wall::played(&model, &setting, (&name, &file), asked.speed.as_deref(), asked.hand)?;
         if let Some(out) = out {
             let _alone = app.writing();
@@ -67,6 +79,7 @@ pub async fn touch(State(app): State<Arc<App>>, Asked(asked): Asked<TouchAsked>)
             "position": contact.position,
             "torque": contact.torque,
             "wall": 0.0,
+            "units": units(&setting),
             "depth_max": deepest,
             "chatter": measures.chatter_rms,
             "felt": felt,
@@ -76,13 +89,49 @@ pub async fn touch(State(app): State<Arc<App>>, Asked(asked): Asked<TouchAsked>)
     .await
 }
 
+/// The text of a setting, and where it stands.
+struct SettingText {
+    text: String,
+    path: PathBuf,
+}
+
+impl SettingText {
+    /// The setting with another time between two ticks (s): read anew, for its filter goes by the same clock. A step of the simulation
+    /// is no longer than that.
+    fn sampled(&self, sample_s: f64, step_s: f64) -> Result<Setting, Refusal> {
+        let mut document: DocumentMut = self.text.parse()?;
+        document["controller"]["sample_s"] = toml_edit::value(sample_s);
+        document["simulation"]["step_s"] = toml_edit::value(step_s.min(sample_s));
+        Ok(Setting::parse(&document.to_string(), &self.path)?)
+    }
+}
+
+/// Units of what is shown, by the joint that meets the wall.
+fn units(setting: &Setting) -> Value {
+    let (position, torque) = units_of(setting.device, setting.joint);
+    json!({
+        "position": position,
+        "torque": torque,
+        "depth_max": position,
+        "chatter_rms": position,
+        "peak_to_peak": position,
+        "settled_position": position,
+        "frequency": "Hz",
+        "stiffness": format!("{torque}/{position}"),
+        "energy_out": "J",
+        // A share of the time.
+        "outside": "1",
+    })
+}
+
 /// A number that can be moved.
 struct Change {
     key: String,
     what: What,
+    /// What a wall's law and a setting's reader take, not what is wise; infinite where that has no end.
     lower: f64,
     upper: f64,
-    unit: &'static str,
+    unit: String,
 }
 
 #[derive(Clone, Copy)]
@@ -95,71 +144,100 @@ enum What {
 /// The place of a number in a law.
 type Gain = for<'a> fn(&'a mut Law) -> Option<&'a mut f64>;
 
+/// What a gain makes of the motion.
+#[derive(Clone, Copy)]
+enum Kind {
+    Share,
+    Stiffness,
+    Damping,
+    Inertia,
+}
+
+impl Kind {
+    /// The unit of a gain from positions in this unit to the output of the law, which has none: one of it is `torque_per_unit`.
+    fn unit(self, position: &str) -> String {
+        match self {
+            Self::Share => String::new(),
+            Self::Stiffness => format!("1/{position}"),
+            Self::Damping => format!("s/{position}"),
+            Self::Inertia => format!("s^2/{position}"),
+        }
+    }
+}
+
 /// The gains that laws have.
-const GAINS: [(&str, Gain); 9] = [
-    ("k1", |law| if let Law::Linear(own) | Law::Leaky { linear: own, .. } = law { Some(&mut own.k1) } else { None }),
-    ("k2", |law| if let Law::Linear(own) | Law::Leaky { linear: own, .. } = law { Some(&mut own.k2) } else { None }),
-    ("leak.stiffness", |law| if let Law::Leaky { stiffness, .. } = law { Some(stiffness) } else { None }),
-    ("leak.share", |law| if let Law::Leaky { share, .. } = law { Some(share) } else { None }),
-    ("coupling.inertia", |law| if let Law::Coupled(own) = law { Some(&mut own.inertia) } else { None }),
-    ("coupling.wall_stiffness", |law| if let Law::Coupled(own) = law { Some(&mut own.wall_stiffness) } else { None }),
-    ("coupling.wall_damping", |law| if let Law::Coupled(own) = law { Some(&mut own.wall_damping) } else { None }),
-    ("coupling.stiffness", |law| if let Law::Coupled(own) = law { Some(&mut own.stiffness) } else { None }),
-    ("coupling.damping", |law| if let Law::Coupled(own) = law { Some(&mut own.damping) } else { None }),
+const GAINS: [(&str, Kind, Gain); 9] = [
+    ("k1", Kind::Stiffness, |law| {
+        if let Law::Linear(own) | Law::Leaky { linear: own, .. } = law { Some(&mut own.k1) } else { None }
+    }),
+    ("k2", Kind::Damping, |law| {
+        if let Law::Linear(own) | Law::Leaky { linear: own, .. } = law { Some(&mut own.k2) } else { None }
+    }),
+    ("leak.stiffness", Kind::Share, |law| if let Law::Leaky { stiffness, .. } = law { Some(stiffness) } else { None }),
+    ("leak.share", Kind::Share, |law| if let Law::Leaky { share, .. } = law { Some(share) } else { None }),
+    ("coupling.inertia", Kind::Inertia, |law| if let Law::Coupled(own) = law { Some(&mut own.inertia) } else { None }),
+    ("coupling.wall_stiffness", Kind::Stiffness, |law| {
+        if let Law::Coupled(own) = law { Some(&mut own.wall_stiffness) } else { None }
+    }),
+    ("coupling.wall_damping", Kind::Damping, |law| {
+        if let Law::Coupled(own) = law { Some(&mut own.wall_damping) } else { None }
+    }),
+    (
+        "coupling.stiffness",
+        Kind::Stiffness,
+        |law| if let Law::Coupled(own) = law { Some(&mut own.stiffness) } else { None },
+    ),
+    ("coupling.damping", Kind::Damping, |law| if let Law::Coupled(own) = law { Some(&mut own.damping) } else { None }),
 ];
 
 /// What can be moved, and where it stands.
 fn changes(file: &WallFile, setting: &Setting) -> Vec<(Change, f64)> {
-    /// Rates of a controller (Hz).
-    const RATES: (f64, f64) = (10.0, 10_000.0);
+    let (position, _) = units_of(setting.device, setting.joint);
     let mut changes = Vec::new();
     let mut law = file.law.clone();
-    for (key, gain) in GAINS {
+    for (key, kind, gain) in GAINS {
         if let Some(value) = gain(&mut law).copied() {
-            let (lower, upper) =
-                if key == "leak.share" { (0.0, 1.0) } else { (value.min(0.0) * 4.0, value.max(0.0) * 4.0) };
-            changes.push((Change { key: key.to_owned(), what: What::Gain(gain), lower, upper, unit: "" }, value));
+            // A wall resists; one of a file that helps along may go on to.
+            let (lower, upper) = (value.min(0.0), if key == "leak.share" { 1.0 } else { f64::INFINITY });
+            let unit = kind.unit(position);
+            changes.push((Change { key: key.to_owned(), what: What::Gain(gain), lower, upper, unit }, value));
         }
     }
     if let Law::Rules(table) = &file.law {
-        let largest = table.outputs().iter().fold(0.0_f64, |largest, output| largest.max(output.abs()));
         for (index, value) in table.outputs().iter().enumerate() {
             let (row, column) = (index / table.position().len(), index % table.position().len());
             let key = format!("rules.{}.{}", table.velocity().names()[row], table.position().names()[column]);
-            let (lower, upper) = (-2.0 * largest, 2.0 * largest);
-            changes.push((Change { key, what: What::Rule(index), lower, upper, unit: "" }, *value));
+            // What is beyond the limit of the torque does nothing more.
+            let most = (setting.torque_limit / file.scale).max(value.abs());
+            let what = What::Rule(index);
+            changes.push((Change { key, what, lower: -most, upper: most, unit: String::new() }, *value));
         }
     }
-    let (lower, upper) = RATES;
-    let rate = Change { key: "sample_rate".to_owned(), what: What::SampleRate, lower, upper, unit: "Hz" };
+    // Chatter that a slower controller has does not show, and the reader of settings refuses it.
+    let (lower, upper) = ((2.0 * SLOWEST_HZ).next_up(), 1.0 / Sampling::SHORTEST_S);
+    let unit = "Hz".to_owned();
+    let rate = Change { key: "sample_rate".to_owned(), what: What::SampleRate, lower, upper, unit };
     changes.push((rate, 1.0 / setting.sample_s));
     changes
 }
 
 impl Change {
-    fn make(&self, value: f64, file: &mut WallFile, setting: &mut Setting) -> Result<(), Refusal> {
-        if !(self.lower..=self.upper).contains(&value) {
-            return Err(Refusal::bad(format!(
-                "{} = {value} lies outside of {} to {}",
-                self.key, self.lower, self.upper
-            )));
+    fn check(&self, value: f64) -> Result<(), Refusal> {
+        // An infinite end is none.
+        if value.is_finite() && (self.lower..=self.upper).contains(&value) {
+            return Ok(());
         }
-        match self.what {
-            What::Gain(gain) => gain(&mut file.law).into_iter().for_each(|own| *own = value),
-            What::Rule(index) => {
-                if let Law::Rules(table) = &file.law {
-                    let mut outputs = table.outputs().to_vec();
-                    outputs[index] = value;
-                    file.law = Law::Rules(RuleTable::new(table.position().clone(), table.velocity().clone(), outputs)?);
-                }
-                // Rules that were changed do not come from a linear law any more.
-                file.base = None;
-            }
-            What::SampleRate => {
-                setting.sample_s = 1.0 / value;
-                setting.step_s = setting.step_s.min(setting.sample_s);
-            }
-        }
-        Ok(())
+        Err(Refusal::bad(format!("{} = {value} lies outside of {} to {}", self.key, self.lower, self.upper)))
     }
+}
+
+fn set_rule(file: &mut WallFile, index: usize, value: f64) -> Result<(), Refusal> {
+    if let Law::Rules(table) = &file.law {
+        let mut outputs = table.outputs().to_vec();
+        outputs[index] = value;
+        file.law = Law::Rules(RuleTable::new(table.position().clone(), table.velocity().clone(), outputs)?);
+    }
+    // Rules that were changed do not come from a linear law any more.
+    file.base = None;
+    Ok(())
 }

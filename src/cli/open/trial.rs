@@ -22,7 +22,8 @@ use super::answer::{Answered, Asked, Refusal, blocking};
 use super::compared::model;
 use super::files::put;
 use super::folder::with_slashes;
-use super::logs::{Loaded, loaded};
+use super::logs::{Loaded, bytes_of_log, loaded};
+use super::recent::Room;
 use super::series::{Trace, Window};
 
 #[derive(Deserialize)]
@@ -94,6 +95,13 @@ pub struct Trial {
     options: Options,
     t: Arc<Vec<f64>>,
     noise: Vec<f64>,
+    bytes: usize,
+}
+
+impl Room for Trial {
+    fn bytes(&self) -> usize {
+        self.bytes
+    }
 }
 
 impl Trial {
@@ -108,7 +116,9 @@ impl Trial {
         let settings = position::Options { steps: Some(options.steps), ..position::Options::default() };
         let better = if follows { position::initial_positions(&fit_run, &settings).ok() } else { None };
         let noise = run.free.iter().map(|&joint| noise_of_log(&run.log.q[joint])).collect();
-        Ok(Self { model, start: better.unwrap_or(first), fit_run, options, t, noise })
+        // The run of the fit has the log's numbers for itself.
+        let bytes = bytes_of_log(run);
+        Ok(Self { model, start: better.unwrap_or(first), fit_run, options, t, noise, bytes })
     }
 
     /// Positions of each free joint with these values: without any, those of a comparison; else with steps that no picture tells from

@@ -174,6 +174,9 @@ pub struct Sampling {
 }
 
 impl Sampling {
+    /// Controllers that are faster are not simulated (s).
+    pub const SHORTEST_S: f64 = 1e-5;
+
     /// How many steps of the integration a sample takes, and how long they are (s).
     pub(super) fn steps(&self) -> (usize, f64) {
         let steps = (self.sample_s / self.step_s - 1e-9).ceil().max(1.0) as usize;
@@ -183,7 +186,7 @@ impl Sampling {
     pub(super) fn read(root: &Table<'_>, controller: &Table<'_>) -> Result<Self, ModelError> {
         let simulation = root.table("simulation", "how the device is simulated")?;
         simulation.only(&["step_s", "after_s"])?;
-        let sample_s = within(controller, "sample_s", (1e-5, 1.0))?;
+        let sample_s = within(controller, "sample_s", (Self::SHORTEST_S, 1.0))?;
         let step_s = within(&simulation, "step_s", (1e-6, 1.0))?;
         if step_s > sample_s {
             let entry = simulation.required("step_s", "")?;

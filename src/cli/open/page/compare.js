@@ -8,7 +8,7 @@ import { readExperiment, stampOfLogs } from "./logs.js";
 
 const AGAINST = ["time", "speed", "position", "load", "frequency"];
 const kept = new Map();
-let against = "speed";
+let [against, kind] = ["speed", "position"];
 let view = { key: "", range: null };
 const picked = { key: "", numbers: new Set() };
 
@@ -90,16 +90,20 @@ function chips({ key, findings }, charts, run, joint) {
         elsewhere.length ? h("details", {}, h("summary", {}, `${elsewhere.length} in other runs and joints`), h("ul", { class: "chips" }, elsewhere)) : null);
 }
 
-function scatter(run, joint, cleanup) {
+function scatter(run, { joint, series }, cleanup) {
     const place = h("div", {});
     let [charts, turn] = [null, 0];
+    const kinds = ["position", ...(series.includes("torque_residual") ? ["torque"] : [])];
+    if (!kinds.includes(kind)) kind = "position";
     const fill = async () => {
         const now = (turn += 1);
         place.setAttribute("aria-busy", "true");
-        const own = await about(state.model, "api/scatter", (key) => ({ key, run: run.run, joint, against, error: "position" }));
+        const own = await about(state.model, "api/scatter", (key) => ({ key, run: run.run, joint, against, error: kind })).catch((error) => error);
         if (now !== turn) return;
         charts?.close();
-        const isSpectrum = own.low === null || own.low[0] === null || own.low[0] === undefined;
+        place.removeAttribute("aria-busy");
+        if (own instanceof Error) return place.replaceChildren(note(own.message));
+        const isSpectrum = own.low === null;
         const data = { residual: isSpectrum ? { t: own.x, low: own.middle, high: own.middle } : { t: own.x, low: own.low, high: own.high,
             middle: own.middle } };
         charts = new Charts({ label: `Residual against ${against}`, x: { label: own.x_label, unit: own.x_unit },
@@ -107,15 +111,15 @@ function scatter(run, joint, cleanup) {
         charts.panel({ label: isSpectrum ? "amplitude of the residual" : "residual: median and quartiles", unit: own.y_unit, tall: true,
             zero: isSpectrum, series: [{ name: "residual", label: isSpectrum ? "amplitude" : "median, quartiles", color: "--series-0",
             kind: isSpectrum ? "line" : "quartiles" }] });
-        place.replaceChildren(charts.element);
-        place.removeAttribute("aria-busy");
+        place.replaceChildren(charts.element, note(own.note ?? ""));
     };
     cleanup(() => { turn = -1; charts?.close(); });
     const pick = h("div", { class: "row", role: "radiogroup", "aria-label": "Residual against" }, "Residual against",
         AGAINST.map((own) => h("label", {}, h("input", { type: "radio", name: "against", id: `against-${own}`, value: own, checked: own === against,
-            onchange: () => { against = own; fill().catch((error) => place.replaceChildren(note(error.message))); } }), ` ${own}`)));
-    fill().catch((error) => place.replaceChildren(note(error.message)));
-    return h("section", { class: "card", "aria-label": "Residual against" }, pick, place);
+            onchange: () => { against = own; fill(); } }), ` ${own}`)));
+    fill();
+    return h("section", { class: "card", "aria-label": "Residual against" }, choice("residual-of", "Residual of", kinds, kind,
+        (own) => { kind = own; fill(); }), pick, place);
 }
 
 function numbers(answer, chosen, joint) {
@@ -182,7 +186,7 @@ export default {
                 choice("choose-joint", "Joint", run.joints.map((one) => [one.joint, `joint ${one.joint}`]), joint, (value) => go({ joint: Number(value) })),
                 h("p", {}, "error ", number(own.rmse, own.unit), ", noise ", number(own.noise, own.unit),
                     run.lost ? h("strong", {}, " · the simulation drifts away from this log: judge by the torque error") : "")),
-            grown, chips(answer, charts, run, joint), charts.element), scatter(run, joint, cleanup)),
+            grown, chips(answer, charts, run, joint), charts.element), scatter(run, own, cleanup)),
                 h("div", {}, h("section", { class: "card", "aria-label": "Numbers" }, h("h2", {}, "Numbers"), numbers(answer, run, joint),
                 said.length ? h("ul", {}, said.map((one) => h("li", {}, prose(one)))) : null, command(line(args("compare"))),
             h("p", { class: "row" }, h("button", { type: "button", id: "to-diagnose", class: "main", onclick: () => go({ view: "diagnose" }) },

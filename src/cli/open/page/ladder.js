@@ -1,7 +1,7 @@
 // Ladder: the lineage as a graph, the error falling rung by rung, two rungs beside each other, and the report of a path.
 
 import { act, button, choice, command, h, note, number, prose, put, table, toast } from "./dom.js";
-import { current, detail, file, files, fresh, isOver, jobs, name, read, work } from "./server.js";
+import { current, detail, file, files, folder, fresh, isOver, jobs, name, read, work } from "./server.js";
 import { residuals } from "./compare.js";
 import { fall, graph, lineage, pathTo } from "./lineage.js";
 import { go, state } from "./state.js";
@@ -59,12 +59,15 @@ function rungs(result) {
     h("p", {}, "Noise of the logs: ", number(result.noise_floor)), result.notes.map((one) => note(prose(one)))]];
 }
 
+/** A page of the folder, which knows nothing of this one. */
+const link = (path, words = path) => h("a", { href: `${folder.pages}?path=${encodeURIComponent(path)}`, target: "_blank", rel: "noopener" }, words);
+
 async function report(path) {
     const out = fresh(`${name(path.at(-1))}-report.html`);
     const diagnoses = files("diagnosis").sort((a, b) => a.modified - b.modified);
     const own = diagnoses.filter((one) => path.some((model) => one.path.includes(`${name(model)}-diagnosis`))).at(-1) ?? diagnoses.at(-1);
     await work(["report", state.experiment, ...path, ...(own ? ["--diagnosis", own.path] : []), "--out", out]);
-    toast(`\`${out}\` is written.`, "good", h("a", { href: `api/page?path=${encodeURIComponent(out)}`, target: "_blank", rel: "noopener" }, "Open it"));
+    toast(`\`${out}\` is written.`, "good", link(out, "Open it"));
 }
 
 export default {
@@ -93,12 +96,11 @@ export default {
             }
         };
         const experiment = state.experiment ? await readExperiment() : null;
-        const pages = files("page");
         const beside = h("div", {}, choice("choose-other", "Beside it (A; also Shift and click)", models.map((one) => one.path).filter((one) => one !== chosen), other,
             (value) => { other = value; again(); }));
         const two = h("div", {});
         if (other && experiment) act(async () => put(two, await twoRungs(other, chosen, experiment, cleanup)), two);
-        const links = pages.map((page) => h("a", { href: `api/page?path=${encodeURIComponent(page.path)}`, target: "_blank", rel: "noopener" }, page.path));
+        const links = files("page").map((page) => link(page.path));
         const [picture, facts] = own?.result ? rungs(own.result) : [note(own?.error ?? "Comparing the rungs on the same runs …"), null];
         return [h("div", { class: "beside" }, h("section", { class: "card", "aria-label": "Lineage" }, h("h2", {}, "Lineage"),
             h("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Graph" },

@@ -225,16 +225,14 @@ function runs(experiment) {
 
 function trace(experiment, run, again) {
     const free = new Map(experiment.device.joints.map((joint) => [joint.number, joint]));
-    const names = { q: [], tau: [], ref: [] };
-    for (const joint of run.free) for (const kind of Object.keys(names)) if (run.columns.includes(`${kind}${joint}`)) names[kind].push(joint);
-    const series = (kind) => names[kind].map((joint, index) => ({ name: `${kind}${joint}`, label: `${kind}${joint} ${free.get(joint)?.name ?? ""}`,
-        ...look(index) }));
+    const series = (kind) => run.free.filter((joint) => run.columns.includes(`${kind}${joint}`)).map((joint, index) => ({ joint,
+        name: `${kind}${joint}`, label: `${kind}${joint} ${free.get(joint).name}`, ...look(index), ...(kind === "ref" ? { dash: [2, 3] } : {}) }));
     const form = h("div", { class: "row", role: "group", "aria-label": "Part of the run" });
     const other = run.role === "fit" ? "validate" : "fit";
     const charts = new Charts({
         label: run.label ?? run.file, range: [run.t0, run.t1],
         load: async (from, to, width) => byName(await post("api/series",
-            { of: { experiment: state.experiment, run: run.run }, names: [...series("q"), ...series("tau"), ...series("ref")].map(({ name }) => name),
+            { of: { experiment: state.experiment, run: run.run }, names: ["q", "tau", "ref"].flatMap(series).map(({ name }) => name),
             from, to, width })),
         onselect: (from, to) => mark(Math.max(from, run.t0), Math.min(to, run.t1)),
     });
@@ -262,10 +260,11 @@ function trace(experiment, run, again) {
     };
     fill();
     if (marked) charts.spans = [[...part(), "--select"]];
-    const unit = (joint) => free.get(joint)?.unit ?? "rad";
-    charts.panel({ label: "position", unit: unit(run.free[0]), series: [...series("q"), ...series("ref").map((own) => ({ ...own, dash: [2, 3] }))],
-        tall: true });
-    charts.panel({ label: "torque", unit: free.get(run.free[0])?.command_unit ?? "N*m", series: series("tau") });
+    // A panel has one unit: joints that slide have panels of their own.
+    for (const [label, key, kinds] of [["position", "unit", ["q", "ref"]], ["torque", "command_unit", ["tau"]]]) {
+        Map.groupBy(kinds.flatMap(series), ({ joint }) => free.get(joint)[key]).forEach((own, unit) =>
+            charts.panel({ label, unit, series: own, tall: label === "position" }));
+    }
     return { charts, element: h("section", { class: "card", "aria-label": "Trace" }, h("h2", {}, run.label ?? run.file),
         note(`This run is ${run.role === "fit" ? "fitted" : "held out"}. Drag over the trace, or give two times, to `,
             other === "validate" ? "hold a part of it out." : "fit a part of it."), form, charts.element) };

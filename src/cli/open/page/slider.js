@@ -2,16 +2,18 @@
 
 import { digits, h, number } from "./dom.js";
 
-/** Ends of a slider for a value whose bounds may be missing or wide. */
+const STEPS = 2000;
+// Of a value, the most that one step may change it by: what is further off than such steps reach is typed.
+const FINEST = 0.01;
+
+/** Ends of a slider: the bounds, as far as fine steps reach from the value. */
 function ends({ value, lower, upper }) {
-    const size = Math.abs(value) || 1;
-    const isFinite = (own) => own !== null && own !== undefined && Math.abs(own) < 1e6;
-    const low = isFinite(lower) ? lower : value > 0 && lower === 0 ? 0 : value - 2 * size;
-    const high = isFinite(upper) ? upper : value + 2 * size;
-    if (low > 0 && high / low > 50) return { isLog: true, low: Math.max(low, size * 1e-3), high: Math.min(high, size * 1e3) };
-    // Bounds that are far beyond the value would leave it no travel.
-    const reach = 20 * size;
-    return { isLog: false, low: value !== 0 ? Math.max(low, value - reach) : low, high: value !== 0 ? Math.min(high, value + reach) : high };
+    const [least, most] = [lower ?? -Infinity, upper ?? Infinity];
+    const size = Math.abs(value) || Math.max(...[lower, upper].map((bound) => Math.abs(bound ?? 0))) || 1;
+    const isLog = least > 0 && most - least > FINEST * STEPS * least;
+    const [low, high] = isLog ? [size / (1 + FINEST) ** (STEPS / 2), size * (1 + FINEST) ** (STEPS / 2)]
+        : [value - size * FINEST * STEPS / 2, value + size * FINEST * STEPS / 2];
+    return { isLog, low: Math.max(low, least), high: Math.min(high, most) };
 }
 
 /** `own` is {name, label, value, lower, upper, unit, std_error, origin}; calls `onmove(value)` while it is dragged and `onend()` after. */
@@ -19,7 +21,6 @@ export function slider(asked, onmove, onend) {
     // Bounds that leave no travel are none.
     const own = asked.upper === asked.lower ? { ...asked, upper: null } : asked;
     const { isLog, low, high } = ends({ ...own, value: own.origin ?? own.value });
-    const STEPS = 2000;
     const place = (value) => Math.round(STEPS * (isLog ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low)));
     const within = (value) => Math.min(Math.max(value, own.lower ?? value), own.upper ?? value);
     const at = (step) => within(isLog ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);

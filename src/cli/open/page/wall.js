@@ -13,7 +13,7 @@ export default {
     title: "Wall",
     async render({ cleanup, again }) {
         const facts = h("dl", { class: "facts", "aria-live": "polite" });
-        const felt = { settled_position: "settled at", peak_to_peak: "swing", chatter_rms: "chatter RMS", frequency: "frequency [Hz]",
+        const felt = { settled_position: "settled at", peak_to_peak: "swing", chatter_rms: "chatter RMS", frequency: "frequency",
             energy_out: "energy out", stiffness: "stiffness", outside: "time outside" };
         // A model of another device than the setting's cannot meet it: then the setting's own does.
         let model = state.model;
@@ -28,10 +28,9 @@ export default {
                 said.replaceChildren(...prose(`The device's own model meets this wall, not \`${state.model}\`: ${error.message}`));
                 return without;
             });
-            const entries = [["deepest", answer.depth_max], ...Object.entries(felt).map(([key, words]) => [words,
-                (answer.felt?.measures ?? answer.felt)?.[key]])];
-            facts.replaceChildren(...entries.filter(([, value]) => value !== undefined).flatMap(([words, value]) => [h("dt", {}, words),
-                h("dd", {}, number(value))]));
+            const { units, depth_max, felt: { measures } } = answer;
+            facts.replaceChildren(...Object.entries({ depth_max: "deepest", ...felt }).flatMap(([key, words]) => [h("dt", {}, words),
+                h("dd", {}, number(key === "depth_max" ? depth_max : measures[key], units[key]))]));
             return answer;
         };
         // What cannot be played is said beside the choices that it comes from.
@@ -44,9 +43,9 @@ export default {
             return { position: flat(now.position), torque: flat(now.torque), wall: flat(now.t.map(() => now.wall)) };
         } });
         cleanup(() => charts.close());
-        charts.panel({ label: "position", unit: "rad", tall: true, series: [{ name: "position", label: "handle", color: "--series-0" },
+        charts.panel({ label: "position", unit: first?.units.position, tall: true, series: [{ name: "position", label: "handle", color: "--series-0" },
             { name: "wall", label: "wall: it is below this line", color: "--ink", dash: [7, 4] }] });
-        charts.panel({ label: "torque of the wall", unit: "N*m", series: [{ name: "torque", label: "torque", color: "--series-1" }] });
+        charts.panel({ label: "torque of the wall", unit: first?.units.torque, series: [{ name: "torque", label: "torque", color: "--series-1" }] });
         const walls = [...SHIPPED, ...files("wall").map(({ path }) => path)];
         const set = (changes) => { Object.assign(own, changes); again(); };
         const knob = (one) => h("li", {}, slider({ ...one, name: one.key, label: one.key.split(".").at(-1), value: own.changes[one.key] ?? one.value,

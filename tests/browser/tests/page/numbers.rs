@@ -168,3 +168,34 @@ fn of_a_wall() {
     assert_ne!(felt("wall.toml"), before);
     browser.assert_clean(&server.address);
 }
+
+/// A joint that turns and one that slides are not drawn over one scale.
+#[test]
+fn of_joints_of_two_kinds() {
+    let folder = tour(&[]);
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../model/devices/planar2r.toml");
+    let arm = fs::read_to_string(shipped).unwrap();
+    let arm = arm.replacen("theta = \"q1\", d = 0", "theta = 0, d = \"q1\"", 1);
+    let arm = arm.replacen("title = \"elbow\"", "title = \"rail\"\ncommand = \"N\"", 1);
+    fs::write(folder.path().join("arm.toml"), arm).unwrap();
+    let row = |k: u32| {
+        let t = 0.01 * f64::from(k);
+        format!("{t},{},{},{},{}\n", (2.0 * t).sin(), 0.1 * t.cos(), t.sin(), (3.0 * t).cos())
+    };
+    let log: String = (0..400).map(row).collect();
+    fs::write(folder.path().join("run.csv"), format!("t,q0,q1,tau0,tau1\n{log}")).unwrap();
+    let experiment = "device = \"arm.toml\"\n[[run]]\nfile = \"run.csv\"\nfree = [0, 1]\nrole = \"fit\"\n";
+    fs::write(folder.path().join("experiment.toml"), experiment).unwrap();
+    let server = Server::open(folder.path(), &["experiment.toml"]);
+    let browser = Browser::new();
+    browser.go(&format!("{}#view=logs", server.address));
+    browser.shown("section[aria-label=Trace] figcaption");
+    let panels = browser.value(
+        "[...document.querySelectorAll('section[aria-label=Trace] figcaption')].map((own) => own.textContent.match(/^(.*?)\\](.*)$/).slice(1).join('|'))",
+    );
+    let panels: Vec<&str> = panels.as_array().unwrap().iter().map(|own| own.as_str().unwrap()).collect();
+    let expected =
+        ["position [rad|q0 shoulder", "position [m|q1 rail", "torque [N*m|tau0 shoulder", "torque [N|tau1 rail"];
+    assert_eq!(panels, expected);
+    browser.assert_clean(&server.address);
+}

@@ -37,7 +37,12 @@ fn is_found(folder: &Path, browser: &Browser, server: &Server) {
 fn report_opens(folder: &Path, browser: &Browser, server: &Server) {
     browser.to_tab(1);
     browser.until("document.readyState === 'complete' && document.querySelector('h1')");
-    assert!(browser.text("location.href").starts_with(&format!("{}api/page", server.address)));
+    // It lies below a secret of its own, and knows nothing of the page that opened it.
+    let host = &server.address[..server.address.len() - 33];
+    let here = browser.text("location.href");
+    assert!(here.starts_with(host) && here.contains("/api/page?path=") && !here.starts_with(&server.address), "{here}");
+    assert_eq!(browser.text("document.referrer"), "");
+    assert_eq!(browser.value("window.opener").as_str(), None);
     let said = browser.text("document.body.innerText");
     assert!(
         said.contains(HIDDEN) && browser.value("document.querySelectorAll('svg').length").as_u64() > Some(0),

@@ -67,6 +67,50 @@ pub struct Analysis {
     pub lacking: Vec<Lacking>,
     /// How many looks were taken for changes; each counts.
     pub looks: usize,
+    /// What was looked at, by quantity and robot, without what all robots do alike.
+    #[serde(skip)]
+    pub series: Vec<Series>,
+}
+
+/// What happened to a robot at one time: changes whose nights may be the same.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Event {
+    /// Which robot.
+    pub robot: String,
+    /// The night of the surest of its changes.
+    pub night: String,
+    /// Its place among the fleet's nights.
+    pub index: usize,
+    /// The surest first.
+    pub changes: Vec<Change>,
+}
+
+impl Analysis {
+    /// What lasts, put together by robot and time. Strays are no events.
+    pub fn events(&self) -> Vec<Event> {
+        let mut events: Vec<(Event, [usize; 2])> = Vec::new();
+        let mut lasting: Vec<&Change> = self.changes.iter().filter(|own| own.shape != Shape::Stray).collect();
+        lasting.sort_by(|a, b| (&a.robot, a.between[0]).cmp(&(&b.robot, b.between[0])));
+        for own in lasting {
+            match events.last_mut().filter(|(event, [_, to])| event.robot == own.robot && own.between[0] <= *to) {
+                Some((event, [_, to])) => {
+                    *to = (*to).max(own.between[1]);
+                    event.changes.push(own.clone());
+                }
+                None => {
+                    let event =
+                        Event { robot: own.robot.clone(), night: String::new(), index: 0, changes: vec![own.clone()] };
+                    events.push((event, own.between));
+                }
+            }
+        }
+        let finished = |(mut event, _): (Event, [usize; 2])| {
+            event.changes.sort_by(|a, b| a.chance.total_cmp(&b.chance).then_with(|| a.quantity.cmp(&b.quantity)));
+            (event.night, event.index) = (event.changes[0].night.clone(), event.changes[0].index);
+            event
+        };
+        events.into_iter().map(finished).collect()
+    }
 }
 
 /// Looks at all estimates. Values that are no numbers are left out.
@@ -90,7 +134,7 @@ pub fn analyse(estimates: &[Estimate], settings: &Settings) -> Analysis {
     let mut changes: Vec<Change> = explained.into_iter().flatten().flat_map(|own| own.changes).collect();
     changes.iter_mut().for_each(|own| own.name(&nights));
     changes.sort_by(|a, b| (&a.robot, a.index, &a.quantity).cmp(&(&b.robot, b.index, &b.quantity)));
-    Analysis { robots, nights, scatter, changes, unlike, lacking, looks }
+    Analysis { robots, nights, scatter, changes, unlike, lacking, looks, series: quantities.concat() }
 }
 
 /// The series of one quantity, each with what explains it, and the scatter that is left.

@@ -19,6 +19,7 @@ use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::{Child, Command};
 use tokio::sync::{Semaphore, mpsc};
 
+use super::super::program;
 use super::App;
 use super::answer::{Answered, Asked, Refusal};
 use super::events::Hub;
@@ -304,12 +305,6 @@ fn spawn(always: &[String], args: &[String]) -> std::io::Result<Child> {
     #[cfg(unix)]
     command.process_group(0);
     command.spawn()
-}
-
-/// This very program, even where its file was replaced since it began.
-fn program() -> std::io::Result<PathBuf> {
-    let running = Path::new("/proc/self/exe");
-    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
 }
 
 #[derive(Deserialize)]

@@ -12,9 +12,12 @@ mod diagnose;
 mod excite;
 mod export;
 mod fit;
+mod fleet;
 mod inputs;
 mod interrupt;
+mod job;
 mod ladder;
+mod named;
 mod new;
 mod open;
 mod plan;
@@ -71,6 +74,8 @@ The loop, all of it plain files:
   dynid export   fitted.toml --as c --out robot.c                for other programs: also URDF, MJCF, JSON
   dynid wall     compare --model fitted.toml                     virtual walls, touched by many hands
   dynid open     experiment.toml                                 all of it on a live page
+  dynid job      jobs --out results --shard 1/16                 the same for many robots and nights
+  dynid fleet    results --out fleet.html                        what has changed on which, and since when
 
 A robot of your own? `dynid new --help` if you have logs; else `dynid device import robot.urdf --out robot.toml`.
 Never seen it work? `dynid tour` goes through this loop on logs that it carries, in seconds.
@@ -116,6 +121,10 @@ enum Verb {
     Export(export::Arguments),
     /// Touch a virtual wall: walls under many hands, and better walls.
     Wall(wall::Arguments),
+    /// The same work on many experiments, models or seeds.
+    Job(job::Arguments),
+    /// What has changed on which of many robots, and since when.
+    Fleet(fleet::Arguments),
 }
 
 /// What a verb has to say.
@@ -146,7 +155,7 @@ impl Verb {
         }
         match self {
             Verb::New(own) => vec![Path::new(&own.device)],
-            Verb::Device(_) | Verb::Tour(_) => Vec::new(),
+            Verb::Device(_) | Verb::Tour(_) | Verb::Job(_) | Verb::Fleet(_) => Vec::new(),
             Verb::Open(own) => own.files(),
             Verb::Devices(own) => {
                 own.check.as_deref().into_iter().chain(own.device.as_deref().map(Path::new)).collect()
@@ -220,6 +229,8 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         Verb::Export(arguments) => export::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),
+        Verb::Job(arguments) => job::run(arguments),
+        Verb::Fleet(arguments) => fleet::run(arguments),
     }
 }
 
@@ -256,6 +267,12 @@ fn outcome(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut outcome = run(arguments)?;
     note_kernels(&mut outcome.json);
     Ok(outcome)
+}
+
+/// This very program, even where its file was replaced since it began.
+fn program() -> std::io::Result<PathBuf> {
+    let running = Path::new("/proc/self/exe");
+    if running.exists() { Ok(running.to_owned()) } else { env::current_exe() }
 }
 
 fn note_kernels(json: &mut serde_json::Value) {

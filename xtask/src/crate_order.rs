@@ -24,6 +24,7 @@ const LAYERS: &[&[(&str, &str)]] = &[
     ],
     &[
         ("dynid-files", "reading and writing whole files"),
+        ("dynid-fleet", "what has changed on which of many robots"),
         ("dynid-lower", "named equations and effects to Rust and C"),
         ("dynid-plant", "an independent derivation, which tests are made of"),
         ("dynid-format", "how numbers and names are written for people"),

@@ -11,6 +11,7 @@
 
 mod diagnosis;
 mod findings;
+mod fleet;
 mod ladder;
 mod models;
 mod overlay;
@@ -24,6 +25,7 @@ use std::fmt::Write;
 
 pub use diagnosis::{Ranking, placed, sentences};
 pub use findings::{TorqueTerms, Where};
+pub use fleet::fleet_sections;
 pub use ladder::{LadderSection, changes, ladder_pictures};
 pub use models::{Accuracy, Budget, Cell, Models, ModelsRow, Standing};
 pub use overlay::{ShownErrors, panels, run_panels};

@@ -6,6 +6,7 @@
 
 pub mod dots;
 pub mod memberships;
+pub mod nights;
 pub mod steps;
 pub mod surface;
 pub mod terms;

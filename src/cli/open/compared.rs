@@ -15,9 +15,10 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::super::named::all_named_by;
 use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
-use super::folder::{all_named_by, digest_of};
+use super::folder::digest_of;
 use super::logs::{Loaded, loaded, position_unit};
 use super::recent::Room;
 use super::series::Trace;

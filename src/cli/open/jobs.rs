@@ -3,7 +3,6 @@
 mod permitted;
 
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -19,6 +18,7 @@ use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, BufReader};
 use tokio::process::{Child, Command};
 use tokio::sync::{Semaphore, mpsc};
 
+use super::super::program;
 use super::App;
 use super::answer::{Answered, Asked, Refusal};
 use super::events::Hub;
@@ -336,12 +336,6 @@ fn spawn(always: &[String], args: &[String]) -> std::io::Result<Child> {
     #[cfg(unix)]
     command.process_group(0);
     command.spawn()
-}
-
-/// This very program, even where its file was replaced since it began.
-fn program() -> std::io::Result<PathBuf> {
-    let running = Path::new("/proc/self/exe");
-    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
 }
 
 #[derive(Deserialize)]

@@ -14,10 +14,11 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::super::named::all_named_by;
 use super::App;
 use super::answer::{Answered, Asked, Refusal, blocking};
 use super::files::{Named, named};
-use super::folder::{Stamp, all_named_by, digest_of, with_slashes};
+use super::folder::{Stamp, digest_of, with_slashes};
 use super::recent::Room;
 use super::series::Trace;
 

@@ -1,0 +1,179 @@
+//! `dynid fleet`: what has changed on which of many robots, and since when.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use dynid_files::{Overwrite, check_output, write_new};
+use dynid_fleet::{Analysis, Estimate, Settings, analyse};
+use dynid_report::{Section, fleet_sections, page};
+use dynid_sentences::fleet as sentences;
+
+use super::{Answer, Outcome, job};
+
+/// Say what has changed on which of many robots and since when, and which are unlike the others.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  dynid fleet results --out fleet.html            results of `dynid job` whose jobs fit one night of one robot each
+  dynid fleet estimates.csv                       a table with the columns robot, night, quantity, value, std_error
+
+Jobs are told apart by their labels `robot` and `night`. What is looked at is every parameter that a fit could tell, and
+the error that it left (`misfit`, its logarithm): a law that is no longer the robot's shows there. What all robots do alike is taken
+out. Scatter from night to night is estimated from the whole fleet; a change is told where a fleet in which nothing happens would show
+as much anywhere, in any robot, night and parameter, with a probability below --false-alarms.")]
+pub struct Arguments {
+    /// Folders of results, result files, or tables (CSV).
+    #[arg(required = true)]
+    results: Vec<PathBuf>,
+    /// The page to write (HTML).
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Overwrite the page if it is there.
+    #[arg(long)]
+    force: bool,
+    /// Probability of any false statement of a kind.
+    #[arg(long, value_name = "P", default_value_t = 0.05, value_parser = probability)]
+    false_alarms: f64,
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && *number < 1.0);
+    number.ok_or_else(|| "expected a number between 0 and 1".to_owned())
+}
+
+/// The quantity that says how much a fit left.
+const MISFIT: &str = "misfit";
+
+/// Estimates, and the units of their quantities.
+#[derive(Default)]
+struct Found {
+    estimates: Vec<Estimate>,
+    units: BTreeMap<String, String>,
+}
+
+/// Reads, looks, writes.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let overwrite = Overwrite::if_forced(arguments.force);
+    arguments.out.iter().try_for_each(|out| check_output(out, overwrite))?;
+    let mut found = Found::default();
+    for place in &arguments.results {
+        if place.is_dir() {
+            job::json_files(place)?.iter().try_for_each(|file| of_result(file, &mut found))?;
+        } else if place.extension().is_some_and(|ending| ending == "json") {
+            of_result(place, &mut found)?;
+        } else {
+            of_table(place, &mut found)?;
+        }
+    }
+    if found.estimates.is_empty() {
+        bail!(
+            "nothing in these files says what a fit found of a robot in a night; give results of jobs with the labels `robot` and `night`"
+        );
+    }
+    let analysis = analyse(&found.estimates, &Settings { false_alarms: arguments.false_alarms });
+    let mut text = text(&analysis);
+    if let Some(out) = &arguments.out {
+        let unit = |quantity: &str| found.units.get(quantity).cloned().unwrap_or_default();
+        let sections = fleet_sections(&analysis, &unit);
+        let sections: Vec<&dyn Section> = sections.iter().map(Box::as_ref).collect();
+        write_new(out, &page("Fleet", &sections), overwrite)?;
+        text.push_str(&format!("written: {}\n", out.display()));
+    }
+    let mut json = sentences::json(&analysis)?;
+    json["page"] = arguments.out.as_ref().map(|out| out.display().to_string()).into();
+    // That nothing has changed is an answer, and a good one.
+    Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+fn text(analysis: &Analysis) -> String {
+    let mut text = format!("{}\n", sentences::verdict(analysis));
+    let mut section = |title: &str, lines: Vec<String>| {
+        if !lines.is_empty() {
+            text.push_str(&format!("\n{title}:\n"));
+            lines.iter().for_each(|line| text.push_str(&format!("  {line}\n")));
+        }
+    };
+    section("What has changed", analysis.events().iter().map(sentences::event).collect());
+    section("Unlike the others", analysis.unlike.iter().map(sentences::unlike).collect());
+    section("Lacking", analysis.lacking.iter().map(sentences::lacking).collect());
+    let strays = analysis.changes.iter().filter(|own| own.shape == dynid_fleet::Shape::Stray);
+    section("Nights that stand alone", strays.map(sentences::stray).collect());
+    text
+}
+
+/// What the result of a job that was a fit says; others say nothing here.
+fn of_result(path: &Path, found: &mut Found) -> anyhow::Result<()> {
+    let result = job::read_json(path)?;
+    let label = |name: &str| result["labels"][name].as_str().map(str::to_owned);
+    let (Some(robot), Some(night)) = (label("robot"), label("night")) else { return Ok(()) };
+    let fit = &result["result"];
+    let mut add = |quantity: &str, value: f64, std_error: f64| {
+        let (robot, night, quantity) = (robot.clone(), night.clone(), quantity.to_owned());
+        found.estimates.push(Estimate { robot, night, quantity, value, std_error });
+    };
+    for own in fit["parameters"].as_array().into_iter().flatten() {
+        // What the logs of a night could not tell is no estimate.
+        if let (Some(name), Some(value), Some(std_error)) =
+            (own["name"].as_str(), own["value"].as_f64(), own["std_error"].as_f64())
+        {
+            add(name, value, std_error);
+            found.units.insert(name.to_owned(), own["unit"].as_str().unwrap_or_default().to_owned());
+        }
+    }
+    let left = ["rmse_fit", "torque_percent_fit"].iter().find_map(|key| fit[*key].as_f64());
+    if let Some(left) = left.filter(|left| *left > 0.0) {
+        add(MISFIT, left.ln(), 0.0);
+    }
+    Ok(())
+}
+
+fn of_table(path: &Path, found: &mut Found) -> anyhow::Result<()> {
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .with_context(|| format!("{} cannot be read", path.display()))?;
+    let header = reader.headers().with_context(|| format!("{}: this is no table", path.display()))?.clone();
+    let place = |name: &str| {
+        let place = header.iter().position(|own| own == name);
+        place.with_context(|| {
+            format!(
+                "{}: no column is called `{name}`; give robot, night, quantity, value and std_error",
+                path.display()
+            )
+        })
+    };
+    let [robot, night, quantity, value] = [place("robot")?, place("night")?, place("quantity")?, place("value")?];
+    let std_error = place("std_error").ok();
+    for record in reader.records() {
+        let record = record.with_context(|| format!("{}: this is no table", path.display()))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let text = |place: usize| record.get(place).unwrap_or_default().to_owned();
+        let number = |place: usize| -> anyhow::Result<f64> {
+            let cell = text(place);
+            cell.parse().ok().with_context(|| format!("{}:{line}: expected a number, found `{cell}`", path.display()))
+        };
+        let [robot, night, quantity] = [text(robot), text(night), text(quantity)];
+        let std_error = std_error.map_or(Ok(0.0), number)?;
+        found.estimates.push(Estimate { robot, night, quantity, value: number(value)?, std_error });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_read_with_its_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("estimates.csv");
+        std::fs::write(&path, "night,robot,value,quantity\n1,a,2.5,p\n2,a,3,p\n").unwrap();
+        let mut found = Found::default();
+        of_table(&path, &mut found).unwrap();
+        assert_eq!((found.estimates.len(), found.estimates[1].value), (2, 3.0));
+        std::fs::write(&path, "night,robot,value,quantity\n1,a,much,p\n").unwrap();
+        let error = of_table(&path, &mut found).unwrap_err().to_string();
+        assert!(error.contains("estimates.csv:2") && error.contains("`much`"), "{error}");
+    }
+}

@@ -1,4 +1,4 @@
-//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `bench`, `hidden-effects`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `bench`, `hidden-effects`, `fleet`.
 
 mod api;
 mod bench;
@@ -6,6 +6,7 @@ mod browser;
 mod ci;
 mod crate_order;
 mod dependency_cycles;
+mod fleet;
 mod generate;
 mod hidden_effects;
 mod licences;
@@ -41,6 +42,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Hides one effect after another from the program and prints what it finds.
     HiddenEffects(hidden_effects::Arguments),
+    /// Plays many robots over many nights, in six of which something changes, and prints what `dynid fleet` finds.
+    Fleet(fleet::Arguments),
 }
 
 /// What was asked for does not exist; like clap's errors, it ends with 2.
@@ -62,6 +65,7 @@ fn main() -> ExitCode {
         Command::Api => api::write(),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
+        Command::Fleet(arguments) => fleet::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -30,9 +30,11 @@ mod tour;
 mod wall;
 
 use std::env;
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
+use std::sync::OnceLock;
 
 use clap::{Parser, Subcommand};
 
@@ -234,9 +236,17 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Reads the arguments, runs the verb, prints and returns the exit status.
-pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+/// The command that runs this program once more, where that is not its own file.
+static PROGRAM: OnceLock<Vec<OsString>> = OnceLock::new();
+
+/// Reads the arguments (the first is the program's name), runs the verb, prints and returns the exit status. What is run once more, for
+/// jobs, is this program's own file, or the command `again`.
+pub fn main(arguments: impl IntoIterator<Item = OsString>, again: Option<Vec<OsString>>) -> ExitCode {
+    if let Some(again) = again.filter(|again| !again.is_empty()) {
+        // It is said once a process.
+        let _ = PROGRAM.set(again);
+    }
+    let arguments = Arguments::parse_from(arguments);
     progress::choose(arguments.progress);
     if arguments.stop_with_stdin {
         interrupt::when_stdin_ends();
@@ -269,10 +279,15 @@ fn outcome(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// This very program, even where its file was replaced since it began.
-fn program() -> std::io::Result<PathBuf> {
+/// The command that runs this very program once more, even where its file was replaced since it began.
+fn program() -> std::io::Result<Command> {
+    if let Some([program, first @ ..]) = PROGRAM.get().map(Vec::as_slice) {
+        let mut command = Command::new(program);
+        command.args(first);
+        return Ok(command);
+    }
     let running = Path::new("/proc/self/exe");
-    if running.exists() { Ok(running.to_owned()) } else { env::current_exe() }
+    Ok(Command::new(if running.exists() { running.to_owned() } else { env::current_exe()? }))
 }
 
 fn note_kernels(json: &mut serde_json::Value) {

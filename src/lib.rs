@@ -30,8 +30,17 @@
 
 #![deny(missing_docs)]
 
+// The program names what it uses as other programs do.
+#[cfg(feature = "cli")]
+extern crate self as dynid;
+
 mod add;
 mod check;
+// The program, for those who start it: itself, and Python. No part of the library's promises.
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+#[allow(missing_docs)]
+pub mod cli;
 mod compare;
 mod diagnose;
 mod error;

@@ -1,9 +1,7 @@
 //! The `dynid` command.
 
-mod cli;
-
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    cli::main()
+    dynid::cli::main(std::env::args_os(), None)
 }

@@ -256,7 +256,6 @@ fn as_options(error: dynid::Error) -> anyhow::Error {
         }
         FitSettingsError::FromBelowZero => "--from-s takes a time after the log's first sample [s], not below 0",
         FitSettingsError::FirstHalfNotPositive => "--first-half takes a positive weight; the thesis's is 0.5",
-        other => return other.into(),
     };
     anyhow!(text)
 }

@@ -2,7 +2,7 @@
 
 use std::io::Read;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::thread;
 use std::time::Duration;
 
@@ -64,7 +64,7 @@ fn arguments(job: &Job, out: &Path) -> Vec<String> {
 }
 
 fn printed(arguments: &[String], interrupt: &Interrupt) -> anyhow::Result<Printed> {
-    let mut command = Command::new(program()?);
+    let mut command = program()?;
     command.args(["--json", "--stop-with-stdin"]).args(arguments);
     // Jobs share the processors, and no result depends on the number of threads.
     command.env("RAYON_NUM_THREADS", "1");

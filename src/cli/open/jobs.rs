@@ -329,7 +329,7 @@ async fn read_up_to(most: usize, mut printed: impl AsyncRead + Unpin) -> std::io
 
 /// Runs the program beside this one.
 fn spawn(always: &[String], args: &[String]) -> std::io::Result<Child> {
-    let mut command = Command::new(program()?);
+    let mut command = Command::from(program()?);
     command.args(TO_PROGRAMS).arg("--stop-with-stdin").args(always).args(args);
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
     // Ctrl-C on the terminal is the server's: it passes it on, once.

@@ -13,7 +13,7 @@ use arrow_array::{
         UInt64Type,
     },
 };
-use arrow_ipc::{RecordBatch, reader::StreamReader, root_as_message};
+use arrow_ipc::{reader::StreamReader, root_as_message};
 use arrow_schema::{ArrowError, DataType, Field, TimeUnit};
 
 use crate::{LARGEST_UNPACKED, NOTHING, Named, TableError};
@@ -25,57 +25,13 @@ pub(crate) fn columns(bytes: &[u8]) -> Result<Vec<Named>, TableError> {
     let schema = StreamReader::try_new(bytes, None).map_err(damaged)?.schema();
     let wanted: Vec<usize> = (0..schema.fields().len()).filter(|place| is_numeric(schema.field(*place))).collect();
     let reader = StreamReader::try_new(bytes, Some(wanted.clone())).map_err(damaged)?;
-    let mut columns: Vec<Building> = Vec::new();
-    for batch in reader {
-        let batch = batch.map_err(damaged)?;
-        let mut found = Vec::new();
-        for (array, place) in batch.columns().iter().zip(&wanted) {
-            flatten(schema.field(*place).name(), array, &mut found)?;
-        }
-        if columns.is_empty() {
-            columns = found;
-            continue;
-        }
-        let same = columns.len() == found.len() && columns.iter().zip(&found).all(|(own, more)| own.name == more.name);
-        if !same {
-            return Err(TableError::Unreadable("its lists are of different lengths in different rows".to_owned()));
-        }
-        columns.iter_mut().zip(found).for_each(|(own, more)| own.values.append(more.values));
+    let batches = reader.collect::<Result<Vec<_>, _>>().map_err(damaged)?;
+    let mut columns = Vec::new();
+    for (index, place) in wanted.iter().enumerate() {
+        let chunks: Vec<ArrayRef> = batches.iter().map(|batch| batch.column(index).clone()).collect();
+        flatten(schema.field(*place).name(), schema.field(*place), &chunks, &mut columns)?;
     }
-    Ok(columns.into_iter().map(Building::finish).collect())
-}
-
-/// A column that grows by batches.
-struct Building {
-    name: String,
-    values: Values,
-}
-
-enum Values {
-    Numbers(Vec<f64>),
-    /// Ticks of a clock, and how many are a second.
-    Times(Vec<Option<i64>>, f64),
-}
-
-impl Values {
-    fn append(&mut self, more: Self) {
-        match (self, more) {
-            (Self::Numbers(own), Self::Numbers(more)) => own.extend(more),
-            (Self::Times(own, _), Self::Times(more, _)) => own.extend(more),
-            // All batches have one schema.
-            _ => {}
-        }
-    }
-}
-
-impl Building {
-    fn finish(self) -> Named {
-        let values = match self.values {
-            Values::Numbers(values) => values,
-            Values::Times(ticks, per_second) => seconds_since_first(&ticks, per_second),
-        };
-        Named { name: self.name, values }
-    }
+    Ok(columns)
 }
 
 /// Seconds since the first of these times that there is, of a clock with so many ticks a second.
@@ -90,62 +46,82 @@ pub(crate) fn seconds_since_first(ticks: &[Option<i64>], per_second: f64) -> Vec
 fn is_numeric(field: &Field) -> bool {
     match field.data_type() {
         DataType::Boolean | DataType::Timestamp(..) | DataType::Duration(_) => true,
-        DataType::FixedSizeList(inner, _) | DataType::List(inner) | DataType::LargeList(inner) => is_numeric(inner),
+        DataType::FixedSizeList(inner, _) | DataType::List(inner) | DataType::LargeList(inner) => {
+            !inner.data_type().is_nested() && is_numeric(inner)
+        }
         DataType::Struct(fields) => fields.iter().any(|field| is_numeric(field)),
         kind => kind.is_integer() || kind.is_floating(),
     }
 }
 
-/// The columns that an array is.
-fn flatten(name: &str, array: &ArrayRef, found: &mut Vec<Building>) -> Result<(), TableError> {
-    let any = array.as_any();
-    let numbers = numbers(array).map(Values::Numbers).or_else(|| {
-        let (ticks, per_second) = ticks(array)?;
-        Some(Values::Times(ticks, per_second))
-    });
-    if let Some(values) = numbers {
-        found.push(Building { name: name.to_owned(), values });
-    } else if let Some(array) = any.downcast_ref::<StructArray>() {
-        for (field, inner) in array.fields().iter().zip(array.columns()) {
-            flatten(&format!("{name}.{}", field.name()), inner, found)?;
+/// Adds the columns that an array is, which comes in chunks.
+fn flatten(name: &str, field: &Field, chunks: &[ArrayRef], found: &mut Vec<Named>) -> Result<(), TableError> {
+    let named = |name: String, values| Named { name, values };
+    match field.data_type() {
+        DataType::Struct(fields) => {
+            let structs: Vec<&StructArray> = chunks.iter().filter_map(|chunk| chunk.as_any().downcast_ref()).collect();
+            for (place, inner) in fields.iter().enumerate() {
+                let own: Vec<ArrayRef> = structs.iter().map(|chunk| chunk.column(place).clone()).collect();
+                let before = found.len();
+                flatten(&format!("{name}.{}", inner.name()), inner, &own, found)?;
+                // What stands in a struct that is null does not count.
+                let rows = structs.iter().flat_map(|chunk| (0..chunk.len()).map(|row| chunk.is_null(row)));
+                for (row, _) in rows.enumerate().filter(|(_, is_null)| *is_null) {
+                    found[before..].iter_mut().for_each(|column| column.values[row] = NOTHING);
+                }
+            }
         }
-    } else if let Some(array) = any.downcast_ref::<FixedSizeListArray>() {
-        let (n_items, n_rows) = (array.value_length() as usize, array.len());
-        list(name, n_rows, |row| (row * n_items, n_items), |row| array.is_null(row), array.values(), found)?;
-    } else if let Some(array) = any.downcast_ref::<ListArray>() {
-        let range = |row: usize| (array.value_offsets()[row] as usize, array.value_length(row) as usize);
-        list(name, array.len(), range, |row| array.is_null(row), array.values(), found)?;
-    } else if let Some(array) = any.downcast_ref::<LargeListArray>() {
-        let range = |row: usize| (array.value_offsets()[row] as usize, array.value_length(row) as usize);
-        list(name, array.len(), range, |row| array.is_null(row), array.values(), found)?;
+        DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..) => {
+            let lists: Vec<Vec<Option<Vec<f64>>>> = chunks.iter().filter_map(lists).collect();
+            let lists: Vec<Option<Vec<f64>>> = lists.into_iter().flatten().collect();
+            let n_items = lists.iter().flatten().next().map_or(0, Vec::len);
+            if let Some(other) = lists.iter().flatten().find(|list| list.len() != n_items) {
+                return Err(TableError::Unreadable(format!(
+                    "the lists in column `{name}` have {n_items} items and {}; expected as many in all rows",
+                    other.len()
+                )));
+            }
+            found.extend((0..n_items).map(|item| {
+                let number = |list: &Option<Vec<f64>>| list.as_ref().map_or(NOTHING, |list| list[item]);
+                named(format!("{name}[{item}]"), lists.iter().map(number).collect())
+            }));
+        }
+        DataType::Timestamp(unit, _) => {
+            let per_second = match unit {
+                TimeUnit::Second => 1.0,
+                TimeUnit::Millisecond => 1e3,
+                TimeUnit::Microsecond => 1e6,
+                TimeUnit::Nanosecond => 1e9,
+            };
+            let times: Vec<Option<i64>> = chunks.iter().flat_map(ticks).flatten().collect();
+            found.push(named(name.to_owned(), seconds_since_first(&times, per_second)));
+        }
+        _ => {
+            let values: Option<Vec<Vec<f64>>> = chunks.iter().map(numbers).collect();
+            found.extend(values.map(|values| named(name.to_owned(), values.concat())));
+        }
     }
     Ok(())
 }
 
-/// A list as one column for each of its items; all lists that are not null must have as many.
-fn list(
-    name: &str,
-    n_rows: usize,
-    range: impl Fn(usize) -> (usize, usize),
-    is_null: impl Fn(usize) -> bool,
-    items: &ArrayRef,
-    found: &mut Vec<Building>,
-) -> Result<(), TableError> {
-    let Some(items) = numbers(items) else { return Ok(()) };
-    let n_items = (0..n_rows).find(|row| !is_null(*row)).map_or(0, |row| range(row).1);
-    let mut columns = vec![vec![NOTHING; n_rows]; n_items];
-    for row in (0..n_rows).filter(|row| !is_null(*row)) {
-        let (start, length) = range(row);
-        if length != n_items {
-            return Err(TableError::Unreadable(format!(
-                "the lists in column `{name}` have {n_items} items and {length}; expected as many in all rows"
-            )));
-        }
-        columns.iter_mut().zip(&items[start..start + length]).for_each(|(column, item)| column[row] = *item);
-    }
-    let named = |(item, values)| Building { name: format!("{name}[{item}]"), values: Values::Numbers(values) };
-    found.extend(columns.into_iter().enumerate().map(named));
-    Ok(())
+/// The numbers of each list of an array of such; `None` where the list is null.
+fn lists(array: &ArrayRef) -> Option<Vec<Option<Vec<f64>>>> {
+    let any = array.as_any();
+    let rows = 0..array.len();
+    let (items, ranges): (_, Vec<std::ops::Range<usize>>) = if let Some(list) = any.downcast_ref::<ListArray>() {
+        let offsets = list.value_offsets();
+        (list.values(), rows.map(|row| offsets[row] as usize..offsets[row + 1] as usize).collect())
+    } else if let Some(list) = any.downcast_ref::<LargeListArray>() {
+        let offsets = list.value_offsets();
+        (list.values(), rows.map(|row| offsets[row] as usize..offsets[row + 1] as usize).collect())
+    } else {
+        let list = any.downcast_ref::<FixedSizeListArray>()?;
+        let length = list.value_length() as usize;
+        (list.values(), rows.map(|row| row * length..(row + 1) * length).collect())
+    };
+    let items = numbers(items)?;
+    let list = |(row, range): (usize, std::ops::Range<usize>)| array.is_valid(row).then(|| items[range].to_vec());
+    Some(ranges.into_iter().enumerate().map(list).collect())
 }
 
 /// The numbers of an array that holds such.
@@ -175,47 +151,47 @@ fn primitive<T: ArrowPrimitiveType>(array: &ArrayRef, number: impl Fn(T::Native)
     Some(array.iter().map(|value| value.map_or(NOTHING, &number)).collect())
 }
 
-/// The times of an array that holds such, and how many ticks of its clock are a second.
-fn ticks(array: &ArrayRef) -> Option<(Vec<Option<i64>>, f64)> {
+/// The times of an array that holds such.
+fn ticks(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
     fn of<T: ArrowPrimitiveType<Native = i64>>(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
         Some(array.as_any().downcast_ref::<PrimitiveArray<T>>()?.iter().collect())
     }
-    let DataType::Timestamp(unit, _) = array.data_type() else { return None };
-    Some(match unit {
-        TimeUnit::Second => (of::<TimestampSecondType>(array)?, 1.0),
-        TimeUnit::Millisecond => (of::<TimestampMillisecondType>(array)?, 1e3),
-        TimeUnit::Microsecond => (of::<TimestampMicrosecondType>(array)?, 1e6),
-        TimeUnit::Nanosecond => (of::<TimestampNanosecondType>(array)?, 1e9),
-    })
+    of::<TimestampNanosecondType>(array)
+        .or_else(|| of::<TimestampMicrosecondType>(array))
+        .or_else(|| of::<TimestampMillisecondType>(array))
+        .or_else(|| of::<TimestampSecondType>(array))
 }
 
-/// A compressed part says how long it is when it is unpacked, and the library makes room for that before it looks.
+/// The library takes for granted that the parts of a batch lie within it, and makes room for what a compressed part claims to hold before
+/// it looks.
 fn check_claims(bytes: &[u8]) -> Result<(), TableError> {
     let mut rest = bytes;
     while let Some((metadata, body, after)) = message(rest) {
+        rest = after;
         let Ok(message) = root_as_message(metadata) else { return Ok(()) };
         let batch = message.header_as_record_batch();
-        let batch = batch.or_else(|| message.header_as_dictionary_batch().and_then(|batch| batch.data()));
-        let claims = batch.filter(|batch| batch.compression().is_some()).map(|batch| claims(&batch, body));
-        if claims.is_some_and(|claims| claims > LARGEST_UNPACKED) {
+        let Some(batch) = batch.or_else(|| message.header_as_dictionary_batch().and_then(|batch| batch.data())) else {
+            continue;
+        };
+        let mut claims: u64 = 0;
+        for buffer in batch.buffers().into_iter().flatten() {
+            let range = usize::try_from(buffer.offset()).ok().zip(usize::try_from(buffer.length()).ok());
+            let part = range.and_then(|(start, length)| body.get(start..)?.get(..length));
+            let Some(part) = part else {
+                return Err(TableError::Unreadable("parts of it lie outside of it: it is damaged or cut".to_owned()));
+            };
+            let claim = part.first_chunk().map_or(-1, |length| i64::from_le_bytes(*length));
+            // -1 stands before what is not compressed.
+            if batch.compression().is_some() && claim > 0 {
+                claims = claims.saturating_add(claim.unsigned_abs());
+            }
+        }
+        if claims > LARGEST_UNPACKED {
             let message = format!("a part of it claims to hold more than {LARGEST_UNPACKED} bytes, unpacked");
             return Err(TableError::Unreadable(message));
         }
-        rest = after;
     }
     Ok(())
-}
-
-/// Bytes that all parts of a compressed batch claim to hold.
-fn claims(batch: &RecordBatch<'_>, body: &[u8]) -> u64 {
-    let buffers = batch.buffers().into_iter().flatten();
-    let claim = |buffer: &arrow_ipc::Buffer| {
-        let start = usize::try_from(buffer.offset()).ok()?;
-        let length: [u8; 8] = body.get(start..start.checked_add(8)?)?.try_into().ok()?;
-        // -1 stands before what is not compressed.
-        u64::try_from(i64::from_le_bytes(length)).ok()
-    };
-    buffers.filter_map(claim).fold(0, u64::saturating_add)
 }
 
 /// The next message of a stream: what describes it, its body, and what follows; `None` at the end, or where a file is cut.
@@ -228,6 +204,3 @@ fn message(bytes: &[u8]) -> Option<(&[u8], &[u8], &[u8])> {
     let (body, rest) = rest.split_at_checked(body)?;
     Some((metadata, body, rest))
 }
-
-#[cfg(test)]
-mod tests;

@@ -218,6 +218,3 @@ fn matrix(
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes.split(|byte| *byte == 0).next().unwrap_or_default()).into_owned()
 }
-
-#[cfg(test)]
-mod tests;

@@ -189,6 +189,3 @@ impl Log {
         Ok(Some(()))
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -10,7 +10,7 @@ use parquet::{
     column::reader::{ColumnReader, ColumnReaderImpl},
     data_type::DataType,
     errors::ParquetError,
-    file::{reader::FileReader, serialized_reader::SerializedFileReader},
+    file::{metadata::ColumnChunkMetaData, reader::FileReader, serialized_reader::SerializedFileReader},
     schema::types::ColumnDescriptor,
 };
 use rayon::prelude::*;
@@ -47,7 +47,12 @@ struct Place {
 impl Columns {
     /// Reads which columns there are. How long lists are is seen in the first row group.
     pub fn open(file: File) -> Result<Self, TableError> {
+        let length = file.metadata()?.len();
         let reader = SerializedFileReader::new(file).map_err(damaged)?;
+        let chunks = reader.metadata().row_groups().iter().flat_map(|group| group.columns());
+        if !chunks.into_iter().all(|chunk| lies_within(chunk, length)) {
+            return Err(TableError::Unreadable("parts of it lie outside of it: it is damaged or cut".to_owned()));
+        }
         let metadata = reader.metadata().file_metadata();
         let n_rows = usize::try_from(metadata.num_rows()).map_err(|_| too_few())?;
         let schema = metadata.schema_descr_ptr();
@@ -128,6 +133,13 @@ impl Columns {
 
 fn damaged(error: ParquetError) -> TableError {
     TableError::Unreadable(format!("it is no whole file of Parquet ({error})"))
+}
+
+/// Whether a part lies within so many bytes, which the library takes for granted.
+fn lies_within(chunk: &ColumnChunkMetaData, length: u64) -> bool {
+    let start = chunk.dictionary_page_offset().unwrap_or(chunk.data_page_offset());
+    let end = start.checked_add(chunk.compressed_size()).and_then(|end| u64::try_from(end).ok());
+    start >= 0 && chunk.compressed_size() >= 0 && end.is_some_and(|end| end <= length)
 }
 
 fn too_few() -> TableError {
@@ -300,6 +312,3 @@ fn other_length(name: &str, n_items: usize) -> TableError {
         "the lists in column `{name}` are not all of {n_items} items as the first; expected as many in all rows"
     ))
 }
-
-#[cfg(test)]
-mod tests;

@@ -73,7 +73,7 @@ pub enum FirstGuessError {
     #[error(transparent)]
     Log(#[from] Box<LogError>),
     /// A file that is not there, or no table.
-    #[error("{}: cannot be read: {reason}; give the path of a log ({})", path.display(), dynid_tables::ENDINGS.join(", "))]
+    #[error("{}: cannot be read: {reason}; give the path of a log", path.display())]
     Unreadable {
         /// The log.
         path: PathBuf,

@@ -125,7 +125,7 @@ pub enum Repeated {
 #[non_exhaustive]
 pub enum LogError {
     /// The file cannot be opened, or is no table.
-    #[error("{path}: cannot be read: {reason}; give the path of a log ({}), relative to the experiment file", dynid_tables::ENDINGS.join(", "), path = path.display())]
+    #[error("{path}: cannot be read: {reason}; give the path of a log, relative to the experiment file", path = path.display())]
     Unreadable {
         /// The log.
         path: PathBuf,

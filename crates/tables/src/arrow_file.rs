@@ -16,11 +16,15 @@ use arrow_array::{
 use arrow_ipc::{reader::StreamReader, root_as_message};
 use arrow_schema::{ArrowError, DataType, Field, TimeUnit};
 
-use crate::{LARGEST_UNPACKED, NOTHING, Named, TableError};
+use crate::{LARGEST_UNPACKED, NOTHING, Named, TableError, guarded::guarded};
 
 /// All columns of numbers.
 pub(crate) fn columns(bytes: &[u8]) -> Result<Vec<Named>, TableError> {
     check_claims(bytes)?;
+    guarded(|| of_stream(bytes))
+}
+
+fn of_stream(bytes: &[u8]) -> Result<Vec<Named>, TableError> {
     let damaged = |error: ArrowError| TableError::Unreadable(format!("it is no whole file of Arrow ({error})"));
     let schema = StreamReader::try_new(bytes, None).map_err(damaged)?.schema();
     let wanted: Vec<usize> = (0..schema.fields().len()).filter(|place| is_numeric(schema.field(*place))).collect();
@@ -173,7 +177,9 @@ fn check_claims(bytes: &[u8]) -> Result<(), TableError> {
         let Some(batch) = batch.or_else(|| message.header_as_dictionary_batch().and_then(|batch| batch.data())) else {
             continue;
         };
-        let mut claims: u64 = 0;
+        // Of no kind of column a batch has more rows than what it holds may have bits.
+        let lengths = batch.nodes().into_iter().flatten().map(|node| node.length());
+        let mut claims = lengths.max().map_or(0, |length| length.unsigned_abs() / 8);
         for buffer in batch.buffers().into_iter().flatten() {
             let range = usize::try_from(buffer.offset()).ok().zip(usize::try_from(buffer.length()).ok());
             let part = range.and_then(|(start, length)| body.get(start..)?.get(..length));

@@ -15,6 +15,7 @@
 //! claims, but for what is compressed: that is unpacked up to [`LARGEST_UNPACKED`].
 
 mod arrow_file;
+mod guarded;
 mod matlab;
 mod mcap;
 mod parquet_file;
@@ -35,6 +36,14 @@ pub const ENDINGS: [&str; 14] = [
     "csv", "tsv", "txt", "csv.gz", "tsv.gz", "txt.gz", "csv.zst", "tsv.zst", "txt.zst", "parquet", "arrow", "feather",
     "mat", "mcap",
 ];
+
+/// The ending of a file's name, if it is one of [`ENDINGS`].
+pub fn ending(path: &Path) -> Option<&'static str> {
+    let name = path.file_name()?.to_string_lossy().to_lowercase();
+    ENDINGS
+        .into_iter()
+        .find(|ending| name.strip_suffix(ending).is_some_and(|stem| stem.len() > 1 && stem.ends_with('.')))
+}
 
 /// Bytes of a text, or of a part of another file, that is compressed.
 pub const LARGEST_UNPACKED: u64 = 4 << 30;
@@ -227,7 +236,10 @@ impl Table {
     }
 
     fn of_text(bytes: Vec<u8>) -> Result<Self, TableError> {
-        let (names, text) = Text::new(bytes).map_err(|error| TableError::Unreadable(error.to_string()))?;
+        let (names, text) = Text::new(bytes).map_err(|error| {
+            let readable = "a log is a text, or a file of Parquet, Arrow, MATLAB or MCAP";
+            TableError::Unreadable(format!("its header is no text ({error}); {readable}"))
+        })?;
         if names.iter().all(String::is_empty) {
             return Err(TableError::NoHeader);
         }

@@ -15,7 +15,7 @@ use parquet::{
 };
 use rayon::prelude::*;
 
-use crate::{NOTHING, TableError, arrow_file::seconds_since_first};
+use crate::{NOTHING, TableError, arrow_file::seconds_since_first, guarded::guarded};
 
 /// Records that are read at once.
 const BATCH: usize = 1 << 13;
@@ -47,6 +47,10 @@ struct Place {
 impl Columns {
     /// Reads which columns there are. How long lists are is seen in the first row group.
     pub fn open(file: File) -> Result<Self, TableError> {
+        guarded(|| Self::of_file(file))
+    }
+
+    fn of_file(file: File) -> Result<Self, TableError> {
         let length = file.metadata()?.len();
         let reader = SerializedFileReader::new(file).map_err(damaged)?;
         let chunks = reader.metadata().row_groups().iter().flat_map(|group| group.columns());
@@ -84,7 +88,7 @@ impl Columns {
         let mut leaves: Vec<usize> = places.iter().map(|place| self.columns[*place].leaf).collect();
         leaves.sort_unstable();
         leaves.dedup();
-        let read = leaves.par_iter().map(|leaf| self.leaf(*leaf)).collect::<Result<Vec<_>, _>>()?;
+        let read = leaves.par_iter().map(|leaf| guarded(|| self.leaf(*leaf))).collect::<Result<Vec<_>, _>>()?;
         let of_place = |place: &usize| {
             let Place { leaf, item, n_items, .. } = &self.columns[*place];
             let values = &read[leaves.partition_point(|other| other < leaf)];

@@ -196,7 +196,7 @@ fn damaged_files_are_read_or_refused_in_one_sentence() {
     let mut below = |end: usize| (random.unit() * end as f64) as usize;
     for name in ALL {
         let whole = fs::read(file(name)).unwrap();
-        for _ in 0..400 {
+        for _ in 0..150 {
             let mut bytes = whole.clone();
             for _ in 0..1 + below(3) {
                 let place = below(bytes.len());

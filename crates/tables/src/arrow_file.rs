@@ -152,7 +152,11 @@ fn numbers(array: &ArrayRef) -> Option<Vec<f64>> {
 
 fn primitive<T: ArrowPrimitiveType>(array: &ArrayRef, number: impl Fn(T::Native) -> f64) -> Option<Vec<f64>> {
     let array: &PrimitiveArray<T> = array.as_any().downcast_ref()?;
-    Some(array.iter().map(|value| value.map_or(NOTHING, &number)).collect())
+    // Most columns have a number in every row.
+    Some(match array.null_count() {
+        0 => array.values().iter().map(|value| number(*value)).collect(),
+        _ => array.iter().map(|value| value.map_or(NOTHING, &number)).collect(),
+    })
 }
 
 /// The times of an array that holds such.

@@ -215,7 +215,7 @@ impl Table {
             Kind::Gzip => Self::of_text(unpacked::gzip(file)?),
             Kind::Zstd => Self::of_text(unpacked::zstd(file)?),
             Kind::Parquet => {
-                let columns = parquet_file::Columns::open(file)?;
+                let columns = parquet_file::Columns::new(whole(file)?)?;
                 let (names, n_rows) = (columns.names(), columns.n_rows());
                 Self::checked(names, n_rows, Content::Parquet(columns), Vec::new())
             }

@@ -3,8 +3,7 @@
 //!
 //! A time becomes seconds since the first of its column, as in [`crate::arrow_file`].
 
-use std::fs::File;
-
+use bytes::Bytes;
 use parquet::{
     basic::{ConvertedType, LogicalType, TimeUnit, Type},
     column::reader::{ColumnReader, ColumnReaderImpl},
@@ -22,7 +21,7 @@ const BATCH: usize = 1 << 13;
 
 /// The columns of a file.
 pub(crate) struct Columns {
-    reader: SerializedFileReader<File>,
+    reader: SerializedFileReader<Bytes>,
     columns: Vec<Place>,
     n_rows: usize,
 }
@@ -46,13 +45,14 @@ struct Place {
 
 impl Columns {
     /// Reads which columns there are. How long lists are is seen in the first row group.
-    pub fn open(file: File) -> Result<Self, TableError> {
-        guarded(|| Self::of_file(file))
+    pub fn new(bytes: Vec<u8>) -> Result<Self, TableError> {
+        guarded(|| Self::of_file(bytes))
     }
 
-    fn of_file(file: File) -> Result<Self, TableError> {
-        let length = file.metadata()?.len();
-        let reader = SerializedFileReader::new(file).map_err(damaged)?;
+    fn of_file(bytes: Vec<u8>) -> Result<Self, TableError> {
+        let length = bytes.len() as u64;
+        // In memory: columns that are read side by side from a file would share its place.
+        let reader = SerializedFileReader::new(Bytes::from(bytes)).map_err(damaged)?;
         let chunks = reader.metadata().row_groups().iter().flat_map(|group| group.columns());
         if !chunks.into_iter().all(|chunk| lies_within(chunk, length)) {
             return Err(TableError::Unreadable("parts of it lie outside of it: it is damaged or cut".to_owned()));

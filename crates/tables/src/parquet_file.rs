@@ -267,15 +267,18 @@ impl Entries {
     }
 
     /// The values with those that are nothing; a row without a list has only such.
-    fn rows(self, n_items: usize, name: &str) -> Result<Vec<f64>, TableError> {
+    fn rows(mut self, n_items: usize, name: &str) -> Result<Vec<f64>, TableError> {
         let n_values = match &self.numbers {
             Numbers::Plain(values) => values.len(),
             Numbers::Times(values, _) => values.len(),
         };
+        let n_entries = if self.max_defined > 0 { self.defined.len() } else { n_values };
+        if let (Numbers::Plain(values), false, true) = (&mut self.numbers, self.is_list, n_values == n_entries) {
+            return Ok(std::mem::take(values));
+        }
         // Which value each entry has.
         let mut next = 0;
         let mut places: Vec<Option<usize>> = Vec::new();
-        let n_entries = if self.max_defined > 0 { self.defined.len() } else { n_values };
         let mut in_row = 0;
         for entry in 0..n_entries {
             let is_defined = self.defined.get(entry).is_none_or(|level| *level == self.max_defined);

@@ -5,11 +5,11 @@
 //!
 //! What a file is, its first bytes tell; [`ENDINGS`] are those that names of such files have:
 //!
-//! - text with cells and a header, also compressed ([`text`], [`unpacked`]);
-//! - Parquet ([`parquet_file`]) and Arrow, as a file or a stream ([`arrow_file`]): columns of numbers and of lists that are
+//! - text with cells and a header, also compressed (`text`, `unpacked`);
+//! - Parquet (`parquet_file`) and Arrow, as a file or a stream (`arrow_file`): columns of numbers and of lists that are
 //!   of one length;
-//! - MATLAB ([`matlab`]): variables of as many values;
-//! - MCAP ([`mcap`]): messages about joints.
+//! - MATLAB (`matlab`): variables of as many values;
+//! - MCAP (`mcap`): messages about joints.
 //!
 //! Nothing here depends on how many threads there are. No more memory is taken than a file fills, whatever lengths it
 //! claims, but for what is compressed: that is unpacked up to [`LARGEST_UNPACKED`].

@@ -397,7 +397,7 @@ impl Numbers {
 impl<'a> RunSource<'a> {
     fn read(&self, numbers: &mut Numbers) -> Result<Run, ExperimentError> {
         let file = self.file;
-        let name = file.string(self.required("file", "the path of a CSV file")?, "file")?;
+        let name = file.string(self.required("file", "the path of a log")?, "file")?;
         let free_value = self.required("free", "the free joints, e.g. free = [0, 1]")?;
         let free = self.free(free_value)?;
         let configuration = numbers.of(&free);

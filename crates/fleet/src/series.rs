@@ -56,7 +56,9 @@ pub(crate) fn of(estimates: &[Estimate], robots: &[String], nights: &[String]) -
         all.iter().filter_map(|name| Some((name.clone(), place(all, name)?))).collect()
     };
     let (robots_by_name, nights_by_name) = (places(robots), places(nights));
-    let mut found: BTreeMap<(&String, usize), BTreeMap<usize, (f64, f64)>> = BTreeMap::new();
+    /// Value and standard error by the place of the night.
+    type ByNight = BTreeMap<usize, (f64, f64)>;
+    let mut found: BTreeMap<(&String, usize), ByNight> = BTreeMap::new();
     for own in estimates.iter().filter(|own| own.value.is_finite()) {
         let known = Some(own.std_error).filter(|error| error.is_finite() && *error > 0.0).unwrap_or(0.0);
         let series = found.entry((&own.quantity, robots_by_name[&own.robot])).or_default();

@@ -15,6 +15,7 @@ const LAYERS: &[&[(&str, &str)]] = &[
     &[
         ("dynid-random", "random numbers from a stated seed"),
         ("dynid-signal-chain", "where an effect sits between command and log, and the symbols of links"),
+        ("dynid-tables", "files that hold logs, as columns of numbers"),
     ],
     &[
         ("dynid-model", "devices, effects and inputs as data, and their reader"),

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use dynid_logs::log::{LogError, delimiter};
+use dynid_logs::log::LogError;
+use dynid_tables::{Cell, RaggedRow, TableError};
 
 use crate::FirstGuessError;
 
@@ -14,15 +15,7 @@ pub(crate) struct Table {
     /// One vector a column, one entry a row; NaN where a cell is no number.
     pub columns: Vec<Vec<f64>>,
     /// The first cell of each column that is no number.
-    no_numbers: Vec<Option<NoNumber>>,
-}
-
-/// A cell that is no number.
-#[derive(Debug, Clone)]
-pub(crate) struct NoNumber {
-    /// From 1.
-    pub line: u64,
-    pub text: String,
+    no_numbers: Vec<Option<Cell>>,
 }
 
 impl Table {
@@ -33,7 +26,7 @@ impl Table {
     }
 
     /// The first cell of the column of that name that is no number.
-    pub fn no_number(&self, name: &str) -> Option<&NoNumber> {
+    pub fn no_number(&self, name: &str) -> Option<&Cell> {
         let place = self.names.iter().position(|own| own == name)?;
         self.no_numbers[place].as_ref()
     }
@@ -51,47 +44,33 @@ impl Table {
 
 /// Reads a table whose rows all have as many cells as its header.
 pub(crate) fn read(path: &Path) -> Result<Table, FirstGuessError> {
-    let unreadable = |reason: String| FirstGuessError::Unreadable { path: path.to_owned(), reason };
-    let text = std::fs::read(path).map_err(|error| unreadable(error.to_string()))?;
-    let header = text.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    let mut reader = csv::ReaderBuilder::new()
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .delimiter(delimiter(&String::from_utf8_lossy(header)))
-        .from_reader(text.as_slice());
-    let names = reader.headers().map_err(|error| unreadable(error.to_string()))?;
-    let names: Vec<String> = names.iter().map(str::to_owned).collect();
-    if names.iter().all(String::is_empty) {
-        return Err(LogError::Empty { path: path.to_owned(), found: "no header".to_owned() }.into());
-    }
+    let table = dynid_tables::Table::open(path).map_err(|error| match error {
+        TableError::NoHeader => LogError::of_table(path, error).into(),
+        error => FirstGuessError::Unreadable { path: path.to_owned(), reason: error.to_string() },
+    })?;
+    let names = table.names().to_vec();
     if let Some(number) = names.iter().find(|name| name.parse::<f64>().is_ok()) {
         return Err(FirstGuessError::NumbersForHeader { path: path.to_owned(), number: number.clone() });
     }
     if let [header] = &names[..] {
         return Err(FirstGuessError::OneCell { path: path.to_owned(), header: header.clone() });
     }
-    let mut columns = vec![Vec::new(); names.len()];
-    let mut no_numbers = vec![None; names.len()];
-    let mut record = csv::ByteRecord::new();
-    while reader.read_byte_record(&mut record).map_err(|error| unreadable(error.to_string()))? {
-        let line = record.position().map_or(0, csv::Position::line);
-        // A delimiter at the end of a row makes an empty cell more.
-        let cells = record.iter().rposition(|cell| !cell.is_empty()).map_or(0, |last| last + 1);
-        if cells > names.len() || record.len() < names.len() {
-            let (path, n_names) = (path.to_owned(), names.len());
-            return Err(FirstGuessError::RaggedRow { path, line, n_cells: record.len(), n_names });
-        }
-        for ((column, no_number), cell) in columns.iter_mut().zip(&mut no_numbers).zip(record.iter()) {
-            let text = String::from_utf8_lossy(cell);
-            column.push(text.parse().unwrap_or_else(|_| {
-                no_number.get_or_insert_with(|| NoNumber { line, text: text.into_owned() });
-                f64::NAN
-            }));
-        }
+    if let Some(RaggedRow { line, n_cells }) = table.ragged_row() {
+        return Err(FirstGuessError::RaggedRow { path: path.to_owned(), line, n_cells, n_names: names.len() });
     }
-    match columns[0].len() {
-        0 => Err(LogError::Empty { path: path.to_owned(), found: "a header but no rows".to_owned() }.into()),
-        1 => Err(LogError::Empty { path: path.to_owned(), found: "a single row".to_owned() }.into()),
-        _ => Ok(Table { path: path.to_owned(), names, columns, no_numbers }),
+    let empty = |found: &str| Err(LogError::Empty { path: path.to_owned(), found: found.to_owned() }.into());
+    match table.n_rows() {
+        0 => return empty("a header but no rows"),
+        1 => return empty("a single row"),
+        _ => {}
     }
+    let places: Vec<usize> = (0..names.len()).collect();
+    let columns = table.columns(&places, 0..table.n_rows());
+    let no_numbers = columns.iter().zip(places).map(|(column, place)| Some(table.cell(column.no_number?, place)));
+    Ok(Table {
+        path: path.to_owned(),
+        no_numbers: no_numbers.collect(),
+        names,
+        columns: columns.into_iter().map(|column| column.values).collect(),
+    })
 }

@@ -1,11 +1,12 @@
 //! The time column: which one it is, its unit, stamps that stand twice.
 
 use dynid_signal::median_step;
+use dynid_tables::Cell;
 
 use crate::chosen::Chosen;
 use crate::guess::{Factor, FactorReason, Remark};
 use crate::names::{Meaning, Quantity};
-use crate::table::{NoNumber, Table};
+use crate::table::Table;
 use crate::{ColumnGuess, FirstGuessError, WhyColumn};
 
 /// The time column of the logs.
@@ -53,7 +54,7 @@ pub(crate) fn choose(tables: &[Table], meanings: &[Meaning]) -> Result<ColumnGue
 pub(crate) fn refuse_words(tables: &[Table], name: &str) -> Result<(), FirstGuessError> {
     let found = tables.iter().find_map(|table| Some((table, table.no_number(name)?)));
     let Some((table, cell)) = found else { return Ok(()) };
-    let NoNumber { line, text } = cell.clone();
+    let Cell { line, text } = cell.clone();
     let remedy = if text.contains(',') && text.replace(',', ".").parse::<f64>().is_ok() {
         "write decimal points, not commas"
     } else if line == FIRST_LINE {

@@ -331,13 +331,11 @@ impl Experiment {
                 return Err(file.invalid(start.span().start, message, remedy));
             }
             let source = RunSource { file: &file, device, top, table, start: entry.span().start, number: index + 1 };
-            let run = source.read(&mut numbers)?;
-            hash.update([run.role as u8]);
-            hash.update((run.configuration as u64).to_le_bytes());
-            run.log.digest(&mut hash);
-            run.payload.iter().for_each(|name| hash.update(format!("payload {name}\n")));
-            read.push(run);
+            // A hash is made in one thread: meanwhile the next log is read in all others.
+            let (run, ()) = rayon::join(|| source.read(&mut numbers), || feed(&mut hash, read.last()));
+            read.push(run?);
         }
+        feed(&mut hash, read.last());
         let digest = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
         Ok(Self { path: path.to_owned(), device, runs: read, digest })
     }
@@ -346,6 +344,15 @@ impl Experiment {
     pub fn runs_of(&self, role: Role) -> impl Iterator<Item = &Run> {
         self.runs.iter().filter(move |run| run.role == role)
     }
+}
+
+/// Feeds every number of a run to `hash`.
+fn feed(hash: &mut Sha256, run: Option<&Run>) {
+    let Some(run) = run else { return };
+    hash.update([run.role as u8]);
+    hash.update((run.configuration as u64).to_le_bytes());
+    run.log.digest(hash);
+    run.payload.iter().for_each(|name| hash.update(format!("payload {name}\n")));
 }
 
 /// Whether runs without measured positions may be read.

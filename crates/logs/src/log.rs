@@ -5,18 +5,20 @@
 //! ([`crate::transmission`]). Sampling need not be uniform. Every number that is used must be finite and time must rise.
 //! Cells are parted by commas, semicolons or tabs, whichever parts the header into the most.
 
+mod columns;
+
 use std::{
     collections::BTreeMap,
-    fs::File,
-    io::{BufRead, BufReader},
     path::{Path, PathBuf},
 };
 
+use dynid_tables::{Table, TableError};
 use sha2::{Digest, Sha256};
 
 use dynid_model::nearest;
 
 use crate::transmission::Transmission;
+use columns::{Column, read_rows};
 
 /// What a run's log holds. Every inner vector has one entry a sample.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,10 +63,14 @@ impl Log {
 
     /// Feeds every number that a fit may use to `hash`.
     pub fn digest(&self, hash: &mut Sha256) {
+        // A hash takes many bytes at once quicker than a number at a time.
+        let mut bytes = Vec::new();
         let mut column = |values: &[f64]| {
             hash.update((values.len() as u64).to_le_bytes());
-            for value in values {
-                hash.update(value.to_le_bytes());
+            for some in values.chunks(512) {
+                bytes.clear();
+                bytes.extend(some.iter().flat_map(|value| value.to_le_bytes()));
+                hash.update(&bytes);
             }
         };
         column(&self.t);
@@ -205,63 +211,22 @@ pub enum LogError {
     },
 }
 
-/// One column of the file that the log needs.
-struct Column {
-    /// Its place in a row.
-    index: usize,
-    /// Its name in the file.
-    name: String,
-    /// To SI.
-    scale: f64,
-    /// How much a turn of its encoder is, in SI, where that begins anew after each.
-    turn: Option<f64>,
-    /// Its value in the row before, selected or not, where its encoder begins anew: the turns are counted from the first row of the file, so
-    /// that all parts of a log agree.
-    before: Option<f64>,
-    /// Values of the selected rows.
-    values: Vec<f64>,
-}
-
-impl Column {
-    /// What stands in its place of a row, without blanks around it.
-    fn cell<'a>(&self, record: &'a csv::ByteRecord) -> Option<&'a str> {
-        record.get(self.index).and_then(|cell| std::str::from_utf8(cell.trim_ascii()).ok())
-    }
-
-    /// A value in SI, with the turns that the encoder has forgotten.
-    fn in_si(&self, number: f64) -> f64 {
-        let value = number * self.scale;
-        match (self.turn, self.before) {
-            (Some(turn), Some(before)) => value + turn * ((before - value) / turn).round(),
-            _ => value,
+impl LogError {
+    /// Why the file at `path` is no table.
+    pub fn of_table(path: &Path, error: TableError) -> Self {
+        let path = path.to_owned();
+        match error {
+            TableError::NoHeader => Self::Empty { path, found: "no header".to_owned() },
+            error => Self::Unreadable { path, reason: error.to_string() },
         }
-    }
-
-    /// Counts the turns of a row that is not selected. What it holds beside that does not matter.
-    fn pass(&mut self, record: &csv::ByteRecord) {
-        let cell = self.cell(record);
-        let number = cell.and_then(|cell| cell.parse::<f64>().ok()).filter(|number| number.is_finite());
-        self.before = number.map(|number| self.in_si(number)).or(self.before);
     }
 }
 
 /// Reads the log at `path`.
 pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
-    let mut reader = csv::ReaderBuilder::new()
-        .flexible(true)
-        // Cells are trimmed where they are read: the reader would copy each row for it.
-        .trim(csv::Trim::Headers)
-        .buffer_capacity(1 << 16)
-        .delimiter(delimiter_of_file(path)?)
-        .from_path(path)
-        .map_err(|error| unreadable(path, &error))?;
-    let header: Vec<String> =
-        reader.headers().map_err(|error| unreadable(path, &error))?.iter().map(str::to_owned).collect();
-    if header.iter().all(String::is_empty) {
-        return Err(LogError::Empty { path: path.to_owned(), found: "no header".to_owned() });
-    }
-
-    let find = |logical: &str| Header { path, names: &header, format }.find(logical);
+    let table = Table::open(path).map_err(|error| LogError::of_table(path, error))?;
+    let header = Header { path, names: table.names(), format };
+    let find = |logical: &str| header.find(logical);
     let joints = 0..format.n_joints;
     let mut t = find("t")?;
     let mut tau = joints
@@ -288,30 +253,26 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
             found => found.map(Some),
         })
         .collect::<Result<Vec<_>, _>>()?;
-    let mut motors = Motors::find(&Header { path, names: &header, format })?;
+    let mut motors = Motors::find(&header)?;
     let has_reference = |joint: usize| format.comes_from_motors(Kind::Reference, joint) || reference[joint].is_some();
     let is_followed = format.free.iter().all(|joint| has_reference(*joint));
     if !is_followed {
         reference.iter_mut().for_each(|column| *column = None);
     }
-    let mut mask = format.mask.as_ref().map(|name| Header { path, names: &header, format }.named(name, "mask"));
-    if let Some(Err(error)) = mask {
-        return Err(error);
-    }
+    let mut mask = format.mask.as_ref().map(|name| header.named(name, "mask")).transpose()?;
 
     let mut columns: Vec<&mut Column> = vec![&mut t];
     columns.extend(tau.iter_mut().flatten());
     columns.extend(q.iter_mut().flatten());
     columns.extend(motors.columns());
     columns.extend(reference.iter_mut().flatten());
-    columns.extend(mask.iter_mut().flatten());
-    let (n_rows, left_out) = read_rows(path, &mut reader, format, &mut columns)?;
-
-    if let Some([from, to]) = format.rows
-        && (from >= to || to > n_rows)
-    {
+    columns.extend(mask.iter_mut());
+    let n_rows = table.n_rows();
+    let [from, to] = format.rows.unwrap_or([0, n_rows]);
+    if format.rows.is_some() && (from >= to || to > n_rows) {
         return Err(LogError::RowsOutOfRange { path: path.to_owned(), from, to, n_rows });
     }
+    let left_out = read_rows(path, &table, from..to, format.repeated, &mut columns)?;
     let n_samples = t.values.len();
     if n_samples < 2 {
         let found = if n_rows == 0 { "a header but no rows" } else { "a single row" };
@@ -337,88 +298,9 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
         tau,
         q,
         reference,
-        mask: mask.and_then(Result::ok).map(|column| column.values.iter().map(|&value| value != 0.0).collect()),
+        mask: mask.map(|column| column.values.iter().map(|&value| value != 0.0).collect()),
         left_out,
     })
-}
-
-/// What parts the cells below this header: of comma, semicolon and tab the one that stands in it most often.
-pub fn delimiter(header: &str) -> u8 {
-    let count = |delimiter: &u8| header.bytes().filter(|byte| byte == delimiter).count();
-    // Of equals the last is taken: a comma where there is none of them.
-    [b'\t', b';', b','].into_iter().max_by_key(count).unwrap_or(b',')
-}
-
-fn delimiter_of_file(path: &Path) -> Result<u8, LogError> {
-    let mut header = Vec::new();
-    let file = File::open(path).and_then(|file| BufReader::new(file).read_until(b'\n', &mut header));
-    file.map_err(|error| LogError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
-    Ok(delimiter(&String::from_utf8_lossy(&header)))
-}
-
-/// Reads the selected rows into the columns (the first is time); returns how many rows the file has, and which of the selected were left out.
-fn read_rows(
-    path: &Path,
-    reader: &mut csv::Reader<File>,
-    format: &LogFormat,
-    columns: &mut [&mut Column],
-) -> Result<(usize, Vec<usize>), LogError> {
-    let mut left_out = Vec::new();
-    let [from, to] = format.rows.unwrap_or([0, usize::MAX]);
-    let mut record = csv::ByteRecord::new();
-    let mut row = 0;
-    while reader.read_byte_record(&mut record).map_err(|error| unreadable(path, &error))? {
-        if (from..to).contains(&row) {
-            let line = record.position().map_or(0, csv::Position::line);
-            for (place, column) in columns.iter_mut().enumerate() {
-                let cell = column.cell(&record);
-                let number = cell.and_then(|cell| cell.parse::<f64>().ok()).map(|number| column.in_si(number));
-                let Some(number) = number.filter(|number| number.is_finite()) else {
-                    let found = match cell {
-                        None | Some("") => "nothing".to_owned(),
-                        Some(cell) => format!("`{cell}`"),
-                    };
-                    return Err(LogError::NotANumber {
-                        path: path.to_owned(),
-                        line,
-                        row,
-                        column: column.name.clone(),
-                        found,
-                    });
-                };
-                let is_repeated = place == 0 && column.values.last() == Some(&number);
-                if is_repeated && format.repeated == Repeated::Skip {
-                    left_out.push(row);
-                    break;
-                }
-                column.before = Some(number);
-                column.values.push(number);
-            }
-            if let [.., before, now] = columns[0].values[..]
-                && now <= before
-            {
-                return Err(LogError::TimeNotRising {
-                    path: path.to_owned(),
-                    line,
-                    row,
-                    column: columns[0].name.clone(),
-                    what: if now < before { "runs backwards" } else { "stands still" },
-                    before,
-                    now,
-                    remedy: if now < before {
-                        "sort the log, or split it where it restarts (rows = [from, to])"
-                    } else {
-                        "leave such rows out (repeated_times = \"skip\" in the experiment), or give each its own time"
-                    },
-                });
-            }
-        }
-        if row < from {
-            columns.iter_mut().filter(|column| column.turn.is_some()).for_each(|column| column.pass(&record));
-        }
-        row += 1;
-    }
-    Ok((row, left_out))
 }
 
 /// What a log has of a joint.
@@ -553,12 +435,4 @@ impl Header<'_> {
         let joint = joint("tau").or_else(|| joint("q")).or_else(|| joint("ref"));
         name == "t" || joint.is_some_and(|joint| joint < self.format.n_joints)
     }
-}
-
-fn unreadable(path: &Path, error: &csv::Error) -> LogError {
-    let reason = match error.kind() {
-        csv::ErrorKind::Io(error) => error.to_string(),
-        _ => error.to_string(),
-    };
-    LogError::Unreadable { path: path.to_owned(), reason }
 }

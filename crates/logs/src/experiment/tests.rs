@@ -222,6 +222,11 @@ fn bad_logs_are_refused_with_row_column_and_remedy() {
     assert_snapshot!(refused(&GOOD_LOG.replace("4.5", "fast")), @"log.csv:3: column `q1`, row 1: expected a finite number, found `fast`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
     assert_snapshot!(refused(&GOOD_LOG.replace("0.2,", "0.05,")), @"log.csv:4: column `t`, row 2: time runs backwards (0.1 s, then 0.05 s); sort the log, or split it where it restarts (rows = [from, to]) (run 1 of experiment.toml)");
     assert_snapshot!(refused(&GOOD_LOG.replace("0.2,", "0.1,")), @r#"log.csv:4: column `t`, row 2: time stands still (0.1 s, then 0.1 s); leave such rows out (repeated_times = "skip" in the experiment), or give each its own time (run 1 of experiment.toml)"#);
+    // The first in the file, whichever column it is in; and of a row whose time is wrong, the other cells.
+    let two = GOOD_LOG.replace("2,3,4.5", "2,x,4.5").replace("0.2,1", "0.2,y");
+    assert_snapshot!(refused(&two), @"log.csv:3: column `q0`, row 1: expected a finite number, found `x`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
+    let both = GOOD_LOG.replace("0.2,1,2,3,5", "0.05,1,2,3,z").replace('\n', "\r\n");
+    assert_snapshot!(refused(&both), @"log.csv:4: column `q1`, row 2: expected a finite number, found `z`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
     assert_snapshot!(refusal(&format!("{GOOD}rows = [1, 4]\n"), GOOD_LOG), @"log.csv: rows = [1, 4] lies outside the log, which has 3 rows; expected 0 <= from < to <= 3 (run 1 of experiment.toml)");
     assert_snapshot!(refusal(&format!("{GOOD}mask = \"used\"\n"), GOOD_LOG), @r#"log.csv: column `used` is missing; the log has `t`, `tau0`, `tau1`, `q0`, `q1`. If it has another name there, say so in the experiment: mask = "its name in the log" (run 1 of experiment.toml)"#);
     assert_snapshot!(refusal(&GOOD.replace("log.csv", "lag.csv"), GOOD_LOG), @"lag.csv: cannot be read: No such file or directory (os error 2); give the path of a CSV file, relative to the experiment file (run 1 of experiment.toml)");

@@ -5,17 +5,26 @@
 //!
 //! Nothing here depends on how many threads there are.
 
+mod numbers;
 mod text;
 
 use std::{ops::Range, path::Path};
 
+use numbers::Numbers;
 use text::Text;
 
-/// A file as a table.
+/// A file as a table, or columns that are at hand.
 #[derive(Debug)]
 pub struct Table {
     names: Vec<String>,
-    text: Text,
+    body: Body,
+}
+
+/// What stands below the names.
+#[derive(Debug)]
+enum Body {
+    Text(Text),
+    Numbers(Numbers),
 }
 
 /// The numbers of a column.
@@ -69,7 +78,13 @@ impl Table {
         if names.iter().all(String::is_empty) {
             return Err(TableError::NoHeader);
         }
-        Ok(Self { names, text })
+        Ok(Self { names, body: Body::Text(text) })
+    }
+
+    /// The table of these columns, which no file holds. They are as long as the shortest.
+    pub fn of_columns(columns: Vec<(String, Vec<f64>)>) -> Self {
+        let (names, columns) = columns.into_iter().unzip();
+        Self { names, body: Body::Numbers(Numbers::new(columns)) }
     }
 
     /// Names of the columns, in the order of the file; some may be empty or stand twice.
@@ -79,21 +94,33 @@ impl Table {
 
     /// Number of rows below the header; empty lines are none.
     pub fn n_rows(&self) -> usize {
-        self.text.n_rows()
+        match &self.body {
+            Body::Text(text) => text.n_rows(),
+            Body::Numbers(numbers) => numbers.n_rows(),
+        }
     }
 
     /// The numbers in these rows of these columns (places in [`Table::names`]), in the order that they are asked for.
     pub fn columns(&self, places: &[usize], rows: Range<usize>) -> Vec<Column> {
-        self.text.columns(places, rows)
+        match &self.body {
+            Body::Text(text) => text.columns(places, rows),
+            Body::Numbers(numbers) => numbers.columns(places, rows),
+        }
     }
 
     /// What stands in a row of a column.
     pub fn cell(&self, row: usize, place: usize) -> Cell {
-        self.text.cell(row, place)
+        match &self.body {
+            Body::Text(text) => text.cell(row, place),
+            Body::Numbers(numbers) => numbers.cell(row, place),
+        }
     }
 
     /// The first row of another number of cells than the header. Empty cells at the end of a row may be more.
     pub fn ragged_row(&self) -> Option<RaggedRow> {
-        self.text.ragged_row(self.names.len())
+        match &self.body {
+            Body::Text(text) => text.ragged_row(self.names.len()),
+            Body::Numbers(_) => None,
+        }
     }
 }

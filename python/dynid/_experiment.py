@@ -16,8 +16,7 @@ from dynid._optional import needed
 if TYPE_CHECKING:
     import pandas
 
-    Log: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Any"
-
+Log: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Any"
 Role: TypeAlias = Literal["fit", "validate"]
 
 
@@ -79,9 +78,9 @@ class Experiment:
         Without `free`, the joints that move by more than noise are free. `turn` is a turn of an encoder that begins anew after each, `rows`
         the part of the log that counts, `hold` how torques go on between samples; the others are those of an experiment file.
         """
-        is_path = isinstance(log, (str, os.PathLike))
+        path = os.fspath(log) if isinstance(log, (str, os.PathLike)) else None
         said: dict[str, Any] = {
-            "file": label or (os.fspath(log) if is_path else f"run {len(self.runs) + 1}"),
+            "file": label or path or f"run {len(self) + 1}",
             "role": role,
             "free": None if free is None else [int(joint) for joint in free],
             "columns": None if columns is None else dict(columns),
@@ -103,8 +102,7 @@ class Experiment:
             "transmission": None if transmission is None else dict(transmission),
         }
         settings = json.dumps({key: value for key, value in said.items() if value is not None})
-        path = os.path.abspath(os.fspath(log)) if is_path else None
-        self._own.add(settings, None if is_path else _columns(log), path)
+        self._own.add(settings, _columns(log) if path is None else None, path)
         return self
 
     @property
@@ -128,8 +126,7 @@ class Experiment:
 
     def frame(self, run: int) -> pandas.DataFrame:
         """The same as a DataFrame."""
-        pandas = needed("pandas", "pandas", "a DataFrame", "use `columns`")
-        made: pandas.DataFrame = pandas.DataFrame(self.columns(run))
+        made: pandas.DataFrame = needed("pandas", "pandas", "a DataFrame", "use `columns`").DataFrame(self.columns(run))
         return made
 
     def __len__(self) -> int:

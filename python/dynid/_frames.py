@@ -15,8 +15,7 @@ PARAMETERS = ["name", "value", "lower", "upper", "fixed", "unit", "std_error"]
 
 def frame(rows: Sequence[Any], columns: list[str], instead: str) -> pandas.DataFrame:
     """A DataFrame of rows."""
-    pandas = needed("pandas", "pandas", "a DataFrame", instead)
-    made: pandas.DataFrame = pandas.DataFrame(rows, columns=columns)
+    made: pandas.DataFrame = needed("pandas", "pandas", "a DataFrame", instead).DataFrame(rows, columns=columns)
     return made
 
 

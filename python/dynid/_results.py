@@ -72,7 +72,7 @@ class Fitted(Result):
     def parameters(self) -> pandas.DataFrame:
         """Start, value and standard error of every parameter that was fitted."""
         columns = ["name", "unit", "start", "value", "std_error", "identifiable", "at_bound"]
-        rows = [[own[column] for column in columns] for own in self._json["parameters"]]
+        rows = [[own.get(column) for column in columns] for own in self._json["parameters"]]
         return frame(rows, columns, 'use `.json()["parameters"]`').set_index("name")
 
     def compare(self, experiment: Experiment | None = None, *, progress: Progress = None) -> Compared:
@@ -90,7 +90,7 @@ class Fitted(Result):
 
     def _repr_html_(self) -> str:
         columns = ["name", "unit", "start", "value", "std_error", "at_bound"]
-        rows = [[own[column] for column in columns] for own in self._json["parameters"]]
+        rows = [[own.get(column) for column in columns] for own in self._json["parameters"]]
         return _html.titled("Fitted", self._sentences(), _html.table(columns, rows))
 
 
@@ -145,7 +145,7 @@ class Compared(Result):
         rows = []
         for run in self._json["runs"]:
             of_run = {"run": run["file"], "role": run["role"]}
-            rows += [[{**joint, **of_run}[column] for column in columns] for joint in run["joints"]]
+            rows += [[{**joint, **of_run}.get(column) for column in columns] for joint in run["joints"]]
         return rows
 
     def _sentences(self) -> list[str]:
@@ -167,7 +167,7 @@ class Candidate:
     @property
     def effect(self) -> _dynid.Effect:
         """Which, and where."""
-        return _dynid.Effect(self._json["effect"], self._json["joint"], self._json["from"])
+        return _dynid.Effect(self._json["effect"], self._json.get("joint"), self._json.get("from"))
 
     @property
     def delta_bic(self) -> float:
@@ -233,7 +233,7 @@ class Diagnosis(Result):
             "torque_percent_before",
             "torque_percent_after",
         ]
-        rows = [[own[column] for column in columns] for own in self._json["ranking"]]
+        rows = [[own.get(column) for column in columns] for own in self._json["ranking"]]
         return frame(rows, columns, "use `.candidates`")
 
     def plot(self) -> Figure:
@@ -246,7 +246,7 @@ class Diagnosis(Result):
 
     def _repr_html_(self) -> str:
         columns = ["effect", "joint", "from", "delta_bic", "rmse_validate_before", "rmse_validate_after"]
-        rows = [[own[column] for column in columns] for own in self._json["ranking"]]
+        rows = [[own.get(column) for column in columns] for own in self._json["ranking"]]
         return _html.titled("Diagnosis", self.sentences, _html.table(columns, rows))
 
 
@@ -262,7 +262,7 @@ class Ladder(Result):
     def rungs(self) -> pandas.DataFrame:
         """A row a model."""
         columns = ["model", "rmse_fit", "rmse_validate", "torque_percent_fit", "torque_percent_validate", "free_parameters", "bic", "delta_bic"]
-        rows = [[own[column] for column in columns] for own in self._json["rungs"]]
+        rows = [[own.get(column) for column in columns] for own in self._json["rungs"]]
         return frame(rows, columns, 'use `.json()["rungs"]`')
 
     def plot(self) -> Figure:
@@ -274,7 +274,7 @@ class Ladder(Result):
 
     def _repr_html_(self) -> str:
         columns = ["model", "rmse_fit", "rmse_validate", "torque_percent_fit", "torque_percent_validate", "bic"]
-        rows = [[own[column] for column in columns] for own in self._json["rungs"]]
+        rows = [[own.get(column) for column in columns] for own in self._json["rungs"]]
         return _html.titled("Ladder", [], _html.table(columns, rows))
 
 

@@ -12,7 +12,11 @@ pub type Array<'py> = PyArrayLikeDyn<'py, f64, numpy::AllowTypeChange>;
 
 /// The numbers, row after row; copied only where they do not stand so.
 pub fn rows<'a>(array: &'a Array<'_>) -> Cow<'a, [f64]> {
-    array.as_slice().map_or_else(|_| array.as_array().iter().copied().collect::<Vec<f64>>().into(), Cow::Borrowed)
+    match array.as_slice() {
+        // A slice may also be column after column.
+        Ok(slice) if array.is_c_contiguous() => Cow::Borrowed(slice),
+        _ => array.as_array().iter().copied().collect::<Vec<f64>>().into(),
+    }
 }
 
 /// The shape of an array without its last axis, which is as long as `n`.

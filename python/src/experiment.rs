@@ -84,12 +84,15 @@ impl Experiment {
         let columns = columns.map(table).transpose()?;
         let device = self.device;
         let run = work::done(py, None, |_| -> Result<dynid::Run, ExperimentError> {
-            let opened = path.map(|path| {
-                Table::open(&path)
-                    .map_err(|error| ExperimentError::GivenLog(Box::new(LogError::of_table(&path, error))))
-            });
-            let log = opened.transpose()?.or(columns);
-            dynid::Run::given(device, &settings.to_string(), Path::new(""), log.as_ref())
+            let log = match (columns, path) {
+                (Some(columns), _) => columns,
+                (None, path) => {
+                    let path = path.unwrap_or_default();
+                    let wrong = |error| ExperimentError::GivenLog(Box::new(LogError::of_table(&path, error)));
+                    Table::open(&path).map_err(wrong)?
+                }
+            };
+            dynid::Run::given(device, &settings.to_string(), Path::new(""), &log)
         })?;
         self.push(run);
         Ok(())
@@ -133,7 +136,7 @@ impl Experiment {
         let mut made = Vec::with_capacity(runs.len());
         for (settings, columns) in runs {
             let table = table(&columns)?;
-            made.push(dynid::Run::given(device.device, &settings, Path::new(""), Some(&table)).map_err(raised)?);
+            made.push(dynid::Run::given(device.device, &settings, Path::new(""), &table).map_err(raised)?);
         }
         let device = device.device;
         let runs = (!made.is_empty()).then(|| Arc::new(dynid::Experiment::of_runs(&path, device, made)));

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use dynid::Addition;
+use dynid_model::Parameter;
 use numpy::PyArrayLike1;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -108,7 +109,7 @@ impl Model {
     /// Name, value, bounds, whether it is fixed, unit and standard error of every parameter.
     fn _rows(&self) -> Vec<Row> {
         let errors = self.0.fit.as_ref().map(|fit| &fit.std_error);
-        let row = |(name, own): (String, dynid_model::Parameter)| {
+        let row = |(name, own): (String, Parameter)| {
             let (unit, error) = (self.0.unit(&name), errors.and_then(|errors| errors.get(&name).copied()));
             (name, own.value, own.lower, own.upper, own.fixed, unit, error)
         };
@@ -135,6 +136,17 @@ impl Model {
         let mut model = self.0.clone();
         for (name, value) in values {
             dynid::set_value(&mut model, &name, value).map_err(raised)?;
+        }
+        Ok(Self(model))
+    }
+
+    /// The model in which some parameters keep their values in fits, or are let go with `fixed=False`.
+    #[pyo3(signature = (names, fixed=true))]
+    fn fix(&self, names: Vec<String>, fixed: bool) -> PyResult<Self> {
+        let mut model = self.0.clone();
+        for name in names {
+            let parameter = model.require(&name).map_err(raised)?;
+            model.set(&name, Parameter { fixed, ..parameter }).map_err(raised)?;
         }
         Ok(Self(model))
     }

@@ -28,11 +28,13 @@ impl Residuals {
     fn new(
         py: Python<'_>,
         model: &Model,
-        experiment: Experiment,
+        experiment: &Bound<'_, PyAny>,
         error: &str,
         free: Option<Vec<usize>>,
         substeps: Option<usize>,
     ) -> PyResult<Self> {
+        // Users have `dynid.Experiment`, which holds ours.
+        let experiment: Experiment = experiment.getattr("_own")?.extract().map_err(PyErr::from)?;
         let (model, experiment) = (model.0.clone(), experiment.get()?);
         if !matches!(error, "position" | "torque") {
             return Err(raised(format!(

@@ -9,21 +9,15 @@ use toml::Value;
 use toml::de::DeTable;
 
 use crate::experiment::{ExperimentError, File, RUN_KEYS, Run, RunSource, Settings};
-use crate::log::LogError;
 use crate::noise::moves;
 
 impl Run {
-    /// The run of `device` that `settings` say, which are the keys of a `[[run]]` as an experiment file has them (TOML). Its log is `log`, or
-    /// the file that it names; paths begin at `folder`. Where `free` is not said, the joints that move by more than noise are free.
+    /// The run of `device` that `settings` say, which are the keys of a `[[run]]` as an experiment file has them (TOML); its `file` only names
+    /// `log`, and paths begin at `folder`. Where `free` is not said, the joints that move by more than noise are free.
     ///
     /// # Errors
     /// The first thing that is wrong with the settings or the log.
-    pub fn given(
-        device: &'static Device,
-        settings: &str,
-        folder: &Path,
-        log: Option<&Table>,
-    ) -> Result<Self, ExperimentError> {
+    pub fn given(device: &'static Device, settings: &str, folder: &Path, log: &Table) -> Result<Self, ExperimentError> {
         // Paths in an experiment begin at its file's folder.
         let path = folder.join("experiment");
         let file = File { path: &path, text: settings };
@@ -31,7 +25,8 @@ impl Run {
             .map_err(|error| file.invalid(0, error.message().to_owned(), "write it as TOML: `key = value`"))?;
         let (table, top) = (document.get_ref(), DeTable::new());
         let source = RunSource { file: &file, device, top: &top, table, start: 0, number: 1 };
-        source.read_given(log).map_err(|error| match error {
+        let run = file.known_keys(table, &RUN_KEYS).and_then(|()| source.read(Some(log)));
+        run.map_err(|error| match error {
             // A place in a text that the user did not write says nothing.
             ExperimentError::Invalid { message, remedy, .. } => {
                 let named = table.get("file").and_then(|name| name.get_ref().as_str());
@@ -98,19 +93,6 @@ impl Run {
 }
 
 impl RunSource<'_> {
-    /// With this log, else that of the file that the run names.
-    fn read_given(&self, log: Option<&Table>) -> Result<Run, ExperimentError> {
-        self.file.known_keys(self.table, &RUN_KEYS)?;
-        if let Some(log) = log {
-            return self.read(Some(log));
-        }
-        let name = self.file.string(self.required("file", "the path of the log")?, "file")?;
-        let path = self.file.relative(name);
-        let log = Table::open(&path)
-            .map_err(|error| ExperimentError::GivenLog(Box::new(LogError::of_table(&path, error))))?;
-        self.read(Some(&log))
-    }
-
     /// The joints whose positions move by more than noise.
     pub(crate) fn moving(&self, table: &Table, columns: &[(String, String)]) -> Result<Vec<usize>, ExperimentError> {
         let does_move = |joint: &usize| {
@@ -142,7 +124,7 @@ mod tests {
 
     fn again(run: &Run, device: &'static Device) -> Run {
         let (settings, columns) = run.as_given();
-        Run::given(device, &settings, Path::new(""), Some(&Table::of_columns(columns))).expect("it is the same run")
+        Run::given(device, &settings, Path::new(""), &Table::of_columns(columns)).expect("it is the same run")
     }
 
     #[test]
@@ -180,7 +162,7 @@ mod tests {
         let experiment = tour();
         let (_, columns) = experiment.runs[0].as_given();
         let table = Table::of_columns(columns);
-        let given = |settings: &str| Run::given(experiment.device, settings, Path::new(""), Some(&table));
+        let given = |settings: &str| Run::given(experiment.device, settings, Path::new(""), &table);
         assert_eq!(given("file = 'frame'\nrole = 'fit'").expect("two joints move").free, experiment.runs[0].free);
         let said = |settings: &str| given(settings).expect_err("something is wrong").to_string();
         assert_eq!(

@@ -183,7 +183,7 @@ model = dynid.Model.load(folder + "/believed.toml")
 columns = {name: values for name, values in logs.columns(0).items()}
 def work(count):
     for _ in range(count):
-        small = dynid.Experiment(logs.device).add(columns, role="fit", free=[4, 5])
+        small = dynid.Experiment(logs.device).add(columns, role="fit", free=[4, 5], rows=(0, 200))
         dynid.fit(model, small, error="torque", progress=lambda event: None).model.as_toml()
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * resource.getpagesize()

@@ -14,6 +14,7 @@ mod size;
 mod snapshots;
 mod sources;
 mod unused;
+mod wheel;
 mod workspace;
 
 use std::fmt;

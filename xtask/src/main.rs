@@ -1,4 +1,4 @@
-//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `bench`, `hidden-effects`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`.
 
 mod api;
 mod bench;
@@ -38,6 +38,8 @@ enum Command {
     Ci(ci::Arguments),
     /// Writes the list of the library's public items (`docs/api.txt`) anew.
     Api,
+    /// Builds the wheel for Python, installs it into an environment of its own, and tests it there.
+    Wheel,
     /// Runs the benchmarks.
     Bench(bench::Arguments),
     /// Hides one effect after another from the program and prints what it finds.
@@ -61,6 +63,7 @@ fn main() -> ExitCode {
         Command::Gen(arguments) => generate::run(&arguments),
         Command::Ci(arguments) => ci::run(&arguments),
         Command::Api => api::write(),
+        Command::Wheel => wheel::tests(),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
     };

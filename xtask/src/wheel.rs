@@ -1,5 +1,6 @@
 //! The library for Python, as a user has it: built and installed by pip, and tested there.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -28,7 +29,8 @@ pub fn tests() -> anyhow::Result<()> {
     let folder = shell::root().join(FOLDER);
     // Without a build environment of its own for each build, which would lie at another place, and what knows it be compiled anew.
     let mut install = pip(&python, &["install", "--no-build-isolation", "--no-deps", "--force-reinstall"]);
-    shell::succeed(install.arg(&folder).env("CARGO_TARGET_DIR", shell::root().join("target")))?;
+    install.arg(&folder).env("CARGO_TARGET_DIR", shell::root().join("target")).env("PATH", path_with(&python)?);
+    shell::succeed(&mut install)?;
     let run = |arguments: &[&str]| {
         let mut command = Command::new(&python);
         // Not in the folder of the sources, which have no compiled module beside them.
@@ -38,6 +40,13 @@ pub fn tests() -> anyhow::Result<()> {
     };
     run(&["-X", "dev", "-W", "error", "-m", "pytest", "--quiet", "-p", "no:cacheprovider", "."])?;
     run(&["-m", "mypy", "--strict", "--cache-dir", "../../target/python/mypy", "../examples", "../dynid"])
+}
+
+/// Where programs lie, those of the environment first: maturin is one.
+fn path_with(python: &Path) -> anyhow::Result<OsString> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let all = python.parent().map(Path::to_path_buf).into_iter().chain(std::env::split_paths(&path));
+    std::env::join_paths(all).context("the environment's folder cannot stand in PATH")
 }
 
 /// The program that was built.

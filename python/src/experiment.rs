@@ -120,7 +120,7 @@ impl Experiment {
         self.runs.iter().flat_map(|experiment| experiment.runs.iter().map(described)).collect()
     }
 
-    /// A run's settings (TOML) and its columns in SI, of which [`Experiment::restored`] makes it again.
+    /// A run's settings (TOML) and its columns in SI, of which `restored` makes it again.
     fn given<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Given<'py>> {
         let (settings, columns) = self.run(run)?.as_given();
         let dict = PyDict::new(py);

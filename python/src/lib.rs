@@ -1,7 +1,7 @@
 //! The library for Python: what `python/dynid` imports as `dynid._dynid`.
 //!
 //! Each class stands for a type of the library and holds it; results are handed on as the JSON that the program prints, of which the
-//! Python side makes objects. Work is done without Python's lock ([`work`]); errors are `dynid.Error` with the library's words.
+//! Python side makes objects. Work is done without Python's lock (`work.rs`); errors are `dynid.Error` with the library's words.
 
 mod arrays;
 mod arrow;

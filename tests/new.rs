@@ -139,7 +139,7 @@ fn a_log_that_is_not_there_is_one_error() {
     let folder = folder();
     let refused = dynid(folder.path(), &["new", "no.csv", "--device", "arm.urdf"]).code(2);
     let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("no.csv: cannot be read") && said.contains("give the path of a CSV file"), "{said}");
+    assert!(said.contains("no.csv: cannot be read") && said.contains("give the path of a log"), "{said}");
     assert!(!said.contains("experiment"), "there is none yet: {said}");
 }
 

@@ -169,5 +169,5 @@ fn table(columns: &Bound<'_, PyDict>) -> PyResult<Table> {
         }
         table.push((name, values));
     }
-    Ok(Table::of_columns(table))
+    Ok(Table::of_numbers(table))
 }

@@ -34,7 +34,7 @@ Then `dynid fit experiment.toml --model model.toml --out fitted.toml` runs. What
 
 What the logs do not tell is one error, which says how to state it. The files say beside each guess why it was made.")]
 pub struct Arguments {
-    /// Logs of one header: CSV files, cells parted by commas, semicolons or tabs.
+    /// Logs of one header: CSV (also .gz, .zst), Parquet, Arrow, MATLAB or MCAP.
     #[arg(required = true)]
     logs: Vec<PathBuf>,
     /// The robot: a device file, a URDF or an MJCF, or the name of a device that ships.

@@ -15,12 +15,12 @@ const LAYERS: &[&[(&str, &str)]] = &[
     &[
         ("dynid-random", "random numbers from a stated seed"),
         ("dynid-signal-chain", "where an effect sits between command and log, and the symbols of links"),
-        ("dynid-tables", "files that hold logs, as columns of numbers"),
     ],
     &[
         ("dynid-model", "devices, effects and inputs as data, and their reader"),
         ("dynid-optimise", "optimisers, and what they leave open"),
         ("dynid-signal", "sampled signals: filters, spectra and their statistics"),
+        ("dynid-tables", "files that hold logs, as columns of numbers"),
     ],
     &[
         ("dynid-files", "reading and writing whole files"),

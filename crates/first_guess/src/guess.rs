@@ -191,6 +191,31 @@ pub enum Remark {
     },
     /// No column is a reference that the positions follow.
     OpenLoop,
+    /// Topics of a log were joined on the times of one.
+    JoinedTopics {
+        /// The log.
+        log: String,
+        /// The topic whose messages are the rows.
+        clock: String,
+        /// The others.
+        others: Vec<String>,
+        /// Messages of the clock at which another topic says nothing.
+        left_out: usize,
+    },
+    /// Times are those at which messages were logged: some have no stamp of their own.
+    TimeOfLogging {
+        /// The log.
+        log: String,
+    },
+    /// Variables of a log that have another number of values than the others.
+    OtherLengths {
+        /// The log.
+        log: String,
+        /// What the others have.
+        n_rows: usize,
+        /// Their names.
+        names: Vec<String>,
+    },
     /// Rows whose time is that of the row before.
     RepeatedTimes {
         /// The log.

@@ -25,7 +25,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use dynid_dynamics::{simulate::Intersample, system::SystemError};
-use dynid_logs::log::LogError;
+use dynid_logs::log::{LogError, place};
 use dynid_model::Device;
 use serde::Serialize;
 
@@ -73,7 +73,7 @@ pub enum FirstGuessError {
     #[error(transparent)]
     Log(#[from] Box<LogError>),
     /// A file that is not there, or no table.
-    #[error("{}: cannot be read: {reason}; give the path of a CSV file", path.display())]
+    #[error("{}: cannot be read: {reason}; give the path of a log", path.display())]
     Unreadable {
         /// The log.
         path: PathBuf,
@@ -81,7 +81,7 @@ pub enum FirstGuessError {
         reason: String,
     },
     /// No logs.
-    #[error("there is no log to look at; name at least one CSV file")]
+    #[error("there is no log to look at; name at least one file")]
     NoLogs,
     /// The first line holds numbers.
     #[error("{}:1: the first line holds numbers (`{number}`); expected the names of the columns there: add a line with them", path.display())]
@@ -132,12 +132,12 @@ pub enum FirstGuessError {
         available: String,
     },
     /// A column named a time, with a cell that is no number.
-    #[error("{}:{line}: column `{column}` is named a time, but `{cell}` is no number; {remedy}", path.display())]
+    #[error("{}: column `{column}` is named a time, but `{cell}` is no number; {remedy}", place(path, *line))]
     TimeIsNoNumber {
         /// The log.
         path: PathBuf,
-        /// From 1.
-        line: u64,
+        /// From 1, where the file has lines.
+        line: Option<u64>,
         /// The column.
         column: String,
         /// What stands there.
@@ -280,7 +280,8 @@ pub fn first_guess(device: &'static Device, logs: &[PathBuf], known: &Known) -> 
     let tables = logs.iter().map(|path| table::read(path)).collect::<Result<Vec<_>, _>>()?;
     let Some(first) = tables.first() else { return Err(FirstGuessError::NoLogs) };
     let mut chosen = columns::choose(device, &tables, known)?;
-    let mut remarks = std::mem::take(&mut chosen.remarks);
+    let mut remarks: Vec<Remark> = tables.iter().flat_map(table::Table::said).collect();
+    remarks.append(&mut chosen.remarks);
 
     turns::factors(device, &tables, &mut chosen);
     let told = speed::compare(&tables, &chosen);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use dynid_logs::log::LogError;
 use dynid_tables::{Cell, RaggedRow, TableError};
 
-use crate::FirstGuessError;
+use crate::{FirstGuessError, Remark};
 
 /// All columns of one file.
 #[derive(Debug, Clone)]
@@ -16,6 +16,8 @@ pub(crate) struct Table {
     pub columns: Vec<Vec<f64>>,
     /// The first cell of each column that is no number.
     no_numbers: Vec<Option<Cell>>,
+    /// How the file became a table.
+    remarks: Vec<dynid_tables::Remark>,
 }
 
 impl Table {
@@ -36,6 +38,17 @@ impl Table {
         self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
+    /// How the file became a table, as remarks on it.
+    pub fn said(&self) -> impl Iterator<Item = Remark> {
+        use dynid_tables::Remark as Read;
+        let log = || self.name();
+        self.remarks.iter().map(move |remark| match remark.clone() {
+            Read::Joined { clock, others, left_out } => Remark::JoinedTopics { log: log(), clock, others, left_out },
+            Read::TimeOfLogging => Remark::TimeOfLogging { log: log() },
+            Read::OtherLengths { n_rows, names } => Remark::OtherLengths { log: log(), n_rows, names },
+        })
+    }
+
     /// The header, for messages.
     pub fn header(&self) -> String {
         self.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
@@ -44,10 +57,11 @@ impl Table {
 
 /// Reads a table whose rows all have as many cells as its header.
 pub(crate) fn read(path: &Path) -> Result<Table, FirstGuessError> {
-    let table = dynid_tables::Table::open(path).map_err(|error| match error {
+    let unreadable = |error: TableError| match error {
         TableError::NoHeader => LogError::of_table(path, error).into(),
         error => FirstGuessError::Unreadable { path: path.to_owned(), reason: error.to_string() },
-    })?;
+    };
+    let table = dynid_tables::Table::open(path).map_err(unreadable)?;
     let names = table.names().to_vec();
     if let Some(number) = names.iter().find(|name| name.parse::<f64>().is_ok()) {
         return Err(FirstGuessError::NumbersForHeader { path: path.to_owned(), number: number.clone() });
@@ -65,11 +79,14 @@ pub(crate) fn read(path: &Path) -> Result<Table, FirstGuessError> {
         _ => {}
     }
     let places: Vec<usize> = (0..names.len()).collect();
-    let columns = table.columns(&places, 0..table.n_rows());
-    let no_numbers = columns.iter().zip(places).map(|(column, place)| Some(table.cell(column.no_number?, place)));
+    let columns = table.columns(&places, 0..table.n_rows()).map_err(unreadable)?;
+    let cell = |row: usize, place| table.cell(row, place).map_err(unreadable);
+    let no_numbers =
+        columns.iter().zip(places).map(|(column, place)| column.no_number.map(|row| cell(row, place)).transpose());
     Ok(Table {
         path: path.to_owned(),
-        no_numbers: no_numbers.collect(),
+        no_numbers: no_numbers.collect::<Result<_, _>>()?,
+        remarks: table.remarks().to_vec(),
         names,
         columns: columns.into_iter().map(|column| column.values).collect(),
     })

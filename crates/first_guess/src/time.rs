@@ -57,7 +57,7 @@ pub(crate) fn refuse_words(tables: &[Table], name: &str) -> Result<(), FirstGues
     let Cell { line, text } = cell.clone();
     let remedy = if text.contains(',') && text.replace(',', ".").parse::<f64>().is_ok() {
         "write decimal points, not commas"
-    } else if line == FIRST_LINE {
+    } else if line == Some(FIRST_LINE) {
         "take lines between the header and the numbers out; a name may say the unit, as in `t [ms]`"
     } else {
         "repair the row, or take it out"

@@ -435,7 +435,7 @@ impl<'a> RunSource<'a> {
     /// With the log that is `given`, else that of its file.
     pub(crate) fn read(&self, given: Option<&Table>) -> Result<Run, ExperimentError> {
         let file = self.file;
-        let name = file.string(self.required("file", "the path of a CSV file")?, "file")?;
+        let name = file.string(self.required("file", "the path of a log")?, "file")?;
         let columns = self.pairs("columns", "a name, e.g. columns = { tau0 = \"tau_1\" }", |value| {
             value.get_ref().as_str().map(str::to_owned)
         })?;

@@ -9,6 +9,7 @@ use toml::Value;
 use toml::de::DeTable;
 
 use crate::experiment::{ExperimentError, File, RUN_KEYS, Run, RunSource, Settings};
+use crate::log::LogError;
 use crate::noise::moves;
 
 impl Run {
@@ -95,13 +96,15 @@ impl Run {
 impl RunSource<'_> {
     /// The joints whose positions move by more than noise.
     pub(crate) fn moving(&self, table: &Table, columns: &[(String, String)]) -> Result<Vec<usize>, ExperimentError> {
-        let does_move = |joint: &usize| {
+        let mut free = Vec::new();
+        for joint in 0..self.device.joints.len() {
             let logical = format!("q{joint}");
             let name = columns.iter().find(|(own, _)| *own == logical).map_or(&logical, |(_, name)| name);
-            let place = table.names().iter().position(|own| own == name);
-            place.is_some_and(|place| moves(&table.columns(&[place], 0..table.n_rows())[0].values))
-        };
-        let free: Vec<usize> = (0..self.device.joints.len()).filter(does_move).collect();
+            let Some(place) = table.names().iter().position(|own| own == name) else { continue };
+            let wrong = |error| ExperimentError::GivenLog(Box::new(LogError::of_table(self.file.path, error)));
+            let read = table.columns(&[place], 0..table.n_rows()).map_err(wrong)?;
+            free.extend(moves(&read[0].values).then_some(joint));
+        }
         if free.is_empty() {
             let message = "free: no column of a position moves by more than its noise".to_owned();
             let remedy = "say which joints were free, e.g. free = [0, 1], and which columns are their positions, \
@@ -124,7 +127,7 @@ mod tests {
 
     fn again(run: &Run, device: &'static Device) -> Run {
         let (settings, columns) = run.as_given();
-        Run::given(device, &settings, Path::new(""), &Table::of_columns(columns)).expect("it is the same run")
+        Run::given(device, &settings, Path::new(""), &Table::of_numbers(columns)).expect("it is the same run")
     }
 
     #[test]
@@ -161,7 +164,7 @@ mod tests {
     fn joints_that_move_are_free_where_it_is_not_said() {
         let experiment = tour();
         let (_, columns) = experiment.runs[0].as_given();
-        let table = Table::of_columns(columns);
+        let table = Table::of_numbers(columns);
         let given = |settings: &str| Run::given(experiment.device, settings, Path::new(""), &table);
         assert_eq!(given("file = 'frame'\nrole = 'fit'").expect("two joints move").free, experiment.runs[0].free);
         let said = |settings: &str| given(settings).expect_err("something is wrong").to_string();

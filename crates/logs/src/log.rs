@@ -1,9 +1,8 @@
-//! Logs of a robot: a CSV file with time, commanded torques and measured positions, in SI units.
+//! Logs of a robot: a table ([`dynid_tables`]) with time, commanded torques and measured positions, in SI units.
 //!
 //! Columns: `t` (s), `tau<i>` [N*m or N], `q<i>` [rad or m] and optionally `ref<i>` [rad or m], where `i` is the
 //! device's joint index. Columns of motors take their place where the experiment says how they move the joints
 //! ([`crate::transmission`]). Sampling need not be uniform. Every number that is used must be finite and time must rise.
-//! Cells are parted by commas, semicolons or tabs, whichever parts the header into the most.
 
 mod columns;
 
@@ -84,7 +83,7 @@ impl Log {
     }
 }
 
-/// Which columns of a CSV file make a log, and how.
+/// Which columns of a table make a log, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogFormat {
     /// Number of joints of the device.
@@ -125,8 +124,8 @@ pub enum Repeated {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {
-    /// The file cannot be opened or is no CSV.
-    #[error("{path}: cannot be read: {reason}; give the path of a CSV file, relative to the experiment file", path = path.display())]
+    /// The file cannot be opened, or is no table.
+    #[error("{path}: cannot be read: {reason}; give the path of a log, relative to the experiment file", path = path.display())]
     Unreadable {
         /// The log.
         path: PathBuf,
@@ -164,12 +163,12 @@ pub enum LogError {
         column: String,
     },
     /// A cell that holds no finite number.
-    #[error("{path}:{line}: column `{column}`, row {row}: expected a finite number, found {found}; repair or cut the row (rows = [from, to] keeps a part of a log)", path = path.display())]
+    #[error("{place}: column `{column}`, row {row}: expected a finite number, found {found}; repair or cut the row (rows = [from, to] keeps a part of a log)", place = place(path, *line))]
     NotANumber {
         /// The log.
         path: PathBuf,
-        /// Line of the file, from 1.
-        line: u64,
+        /// Line of the file, from 1, where it has lines.
+        line: Option<u64>,
         /// Row of the data, from 0.
         row: usize,
         /// Its name in the file.
@@ -178,12 +177,12 @@ pub enum LogError {
         found: String,
     },
     /// Time must rise from row to row.
-    #[error("{path}:{line}: column `{column}`, row {row}: time {what} ({before} s, then {now} s); {remedy}", path = path.display())]
+    #[error("{place}: column `{column}`, row {row}: time {what} ({before} s, then {now} s); {remedy}", place = place(path, *line))]
     TimeNotRising {
         /// The log.
         path: PathBuf,
-        /// Line of the file, from 1.
-        line: u64,
+        /// Line of the file, from 1, where it has lines.
+        line: Option<u64>,
         /// Row of the data, from 0.
         row: usize,
         /// Name of the time column.
@@ -209,6 +208,12 @@ pub enum LogError {
         /// Rows that there are.
         n_rows: usize,
     },
+}
+
+/// A file, and a line of it, as messages begin.
+pub fn place(path: &Path, line: Option<u64>) -> String {
+    let line = line.map_or(String::new(), |line| format!(":{line}"));
+    format!("{}{line}", path.display())
 }
 
 impl LogError {

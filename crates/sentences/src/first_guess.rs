@@ -111,6 +111,26 @@ pub fn remark(remark: &Remark) -> String {
             "No column is a reference that the positions follow: taken for open loop, moved by the logged torque."
                 .to_owned()
         }
+        Remark::JoinedTopics { log, clock, others, left_out } => {
+            let cut = match left_out {
+                0 => String::new(),
+                count => {
+                    format!(" {count} of its messages are left out, because another topic had not begun or had ended.")
+                }
+            };
+            format!(
+                "{log}: each row is a message of {clock}. Of {} the positions are taken from the straight line between two messages, \
+                 all else from the message before.{cut}",
+                others.join(", ")
+            )
+        }
+        Remark::TimeOfLogging { log } => {
+            format!("{log}: some messages have no stamp, so the time of each is that at which it was logged.")
+        }
+        Remark::OtherLengths { log, n_rows, names } => format!(
+            "{log}: {} cannot be columns: the others have {n_rows} values.",
+            names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+        ),
         Remark::RepeatedTimes { log, count, percent } => format!(
             "{log}: {count} rows ({percent:.1} %) have the time of the row before; they are left out. Log the time with more digits, \
              if that is why."
@@ -227,6 +247,15 @@ mod tests {
         );
         let said = remark(&Remark::RowsFarApart { column: "t".to_owned(), step_s: 10.0 });
         assert!(said.ends_with("rows are 10.00 s apart. If it is in ms, write t = 1e-3 under [scale]."), "{said}");
+        let others = vec!["/commands".to_owned()];
+        let joined =
+            Remark::JoinedTopics { log: "a.mcap".to_owned(), clock: "/states".to_owned(), others, left_out: 2 };
+        let said = remark(&joined);
+        assert!(said.starts_with("a.mcap: each row is a message of /states. Of /commands the positions"), "{said}");
+        assert!(
+            said.ends_with("2 of its messages are left out, because another topic had not begun or had ended."),
+            "{said}"
+        );
         let said = remark(&Remark::RepeatedTimes { log: "a.csv".to_owned(), count: 3, percent: 0.4 });
         assert!(said.starts_with("a.csv: 3 rows (0.4 %)"), "{said}");
     }

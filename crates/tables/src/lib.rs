@@ -3,28 +3,81 @@
 //! [`Table::open`] reads a file and says which columns and how many rows it has; [`Table::columns`] makes numbers of the
 //! columns that are asked for. What stands in a cell that is no number is told on demand ([`Table::cell`]).
 //!
-//! Nothing here depends on how many threads there are.
+//! What a file is, its first bytes tell; [`ENDINGS`] are those that names of such files have:
+//!
+//! - text with cells and a header, also compressed (`text`, `unpacked`);
+//! - Parquet (`parquet_file`) and Arrow, as a file or a stream (`arrow_file`): columns of numbers and of lists that are
+//!   of one length;
+//! - MATLAB (`matlab`): variables of as many values;
+//! - MCAP (`mcap`): messages about joints.
+//!
+//! Nothing here depends on how many threads there are. No more memory is taken than a file fills, whatever lengths it
+//! claims, but for what is compressed: that is unpacked up to [`LARGEST_UNPACKED`].
 
-mod numbers;
+mod arrow_file;
+mod guarded;
+mod matlab;
+mod mcap;
+mod parquet_file;
 mod text;
+mod unpacked;
 
-use std::{ops::Range, path::Path};
+use std::{
+    fs::File,
+    io::{Read, Seek},
+    ops::Range,
+    path::Path,
+};
 
-use numbers::Numbers;
 use text::Text;
 
-/// A file as a table, or columns that are at hand.
+/// Endings of the names of files that can be read.
+pub const ENDINGS: [&str; 14] = [
+    "csv", "tsv", "txt", "csv.gz", "tsv.gz", "txt.gz", "csv.zst", "tsv.zst", "txt.zst", "parquet", "arrow", "feather",
+    "mat", "mcap",
+];
+
+/// The ending of a file's name, if it is one of [`ENDINGS`].
+pub fn ending(path: &Path) -> Option<&'static str> {
+    let name = path.file_name()?.to_string_lossy().to_lowercase();
+    ENDINGS
+        .into_iter()
+        .find(|ending| name.strip_suffix(ending).is_some_and(|stem| stem.len() > 1 && stem.ends_with('.')))
+}
+
+/// Bytes of a text, or of a part of another file, that is compressed.
+pub const LARGEST_UNPACKED: u64 = 4 << 30;
+
+/// A file as a table.
 #[derive(Debug)]
 pub struct Table {
     names: Vec<String>,
-    body: Body,
+    n_rows: usize,
+    content: Content,
+    remarks: Vec<Remark>,
 }
 
-/// What stands below the names.
 #[derive(Debug)]
-enum Body {
+enum Content {
     Text(Text),
-    Numbers(Numbers),
+    Parquet(parquet_file::Columns),
+    /// One vector a column; [`NOTHING`] where there is no number.
+    Numbers(Vec<Vec<f64>>),
+}
+
+/// Marks a cell without a number: a NaN that no computation makes, told from others by its bits.
+const NOTHING: f64 = f64::from_bits(0x7ff8_6e6f_7468_696e);
+
+fn is_nothing(number: f64) -> bool {
+    number.to_bits() == NOTHING.to_bits()
+}
+
+/// A column with its name.
+#[derive(Debug, Clone, PartialEq)]
+struct Named {
+    name: String,
+    /// [`NOTHING`] where there is no number.
+    values: Vec<f64>,
 }
 
 /// The numbers of a column.
@@ -39,9 +92,9 @@ pub struct Column {
 /// What stands in a file where a number should.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cell {
-    /// Line of the file, from 1.
-    pub line: u64,
-    /// Without blanks around it; empty where the row is too short.
+    /// Line of the file, from 1, where it has lines.
+    pub line: Option<u64>,
+    /// Without blanks around it; empty where there is nothing.
     pub text: String,
 }
 
@@ -54,11 +107,34 @@ pub struct RaggedRow {
     pub n_cells: usize,
 }
 
+/// What was done to make a table of a file, where more than one could be made of it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Remark {
+    /// Topics were joined on the times of one.
+    Joined {
+        /// The topic whose messages are the rows.
+        clock: String,
+        /// The others: of their positions a straight line between two messages is taken, of all else the message before.
+        others: Vec<String>,
+        /// Messages of the clock for which another has none before, or positions none after.
+        left_out: usize,
+    },
+    /// Times are those at which messages were logged: some have no stamp of their own.
+    TimeOfLogging,
+    /// Variables that have another number of values than the others are no columns.
+    OtherLengths {
+        /// Of the columns.
+        n_rows: usize,
+        /// Their names.
+        names: Vec<String>,
+    },
+}
+
 /// Why a file is no table. Whoever asked for it names the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TableError {
-    /// It cannot be opened, or does not hold what its name says.
+    /// It cannot be opened, or does not hold what it should.
     #[error("{0}")]
     Unreadable(String),
     /// No column has a name.
@@ -66,25 +142,129 @@ pub enum TableError {
     NoHeader,
 }
 
+impl From<std::io::Error> for TableError {
+    fn from(error: std::io::Error) -> Self {
+        Self::Unreadable(error.to_string())
+    }
+}
+
+/// What a file is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Text,
+    Gzip,
+    Zstd,
+    Parquet,
+    ArrowFile,
+    ArrowStream,
+    Mcap,
+    Matlab5,
+    Matlab73,
+}
+
+impl Kind {
+    /// How the files of each but text begin.
+    const BEGINNINGS: [(&'static [u8], Self); 8] = [
+        (&[0x1f, 0x8b], Self::Gzip),
+        (&[0x28, 0xb5, 0x2f, 0xfd], Self::Zstd),
+        (b"PAR1", Self::Parquet),
+        (b"ARROW1\0\0", Self::ArrowFile),
+        (&[0xff; 4], Self::ArrowStream),
+        (b"\x89MCAP0\r\n", Self::Mcap),
+        (b"MATLAB 5.0", Self::Matlab5),
+        (b"MATLAB 7.3", Self::Matlab73),
+    ];
+
+    /// By the first bytes; what begins like none of the others is text, unless its name says that it is none.
+    fn of(beginning: &[u8], path: &Path) -> Result<Self, TableError> {
+        let known = Self::BEGINNINGS.iter().find(|(own, _)| beginning.starts_with(own));
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let promised = match ending.as_str() {
+            "gz" => "gzip",
+            "zst" => "Zstandard",
+            "parquet" => "Parquet",
+            "arrow" | "feather" => "Arrow",
+            "mcap" => "MCAP",
+            "mat" => "MATLAB (5 or later)",
+            _ => "",
+        };
+        match known {
+            Some((_, kind)) => Ok(*kind),
+            None if promised.is_empty() => Ok(Self::Text),
+            None => Err(TableError::Unreadable(format!("it does not begin as a file of {promised} does"))),
+        }
+    }
+}
+
 impl Table {
-    /// Reads the file at `path`: cells parted by commas, semicolons or tabs, whichever parts the first line into the most,
-    /// with a header.
+    /// Reads the file at `path`.
     ///
     /// # Errors
     /// [`TableError`].
     pub fn open(path: &Path) -> Result<Self, TableError> {
-        let bytes = std::fs::read(path).map_err(|error| TableError::Unreadable(error.to_string()))?;
-        let (names, text) = Text::new(bytes).map_err(|error| TableError::Unreadable(error.to_string()))?;
+        let mut file = File::open(path)?;
+        let mut beginning = Vec::new();
+        Read::by_ref(&mut file).take(16).read_to_end(&mut beginning)?;
+        file.rewind()?;
+        let whole = |mut file: File| {
+            let mut bytes = Vec::with_capacity(file.metadata().map_or(0, |found| found.len() as usize));
+            file.read_to_end(&mut bytes).map(|_| bytes)
+        };
+        match Kind::of(&beginning, path)? {
+            Kind::Text => Self::of_text(whole(file)?),
+            Kind::Gzip => Self::of_text(unpacked::gzip(file)?),
+            Kind::Zstd => Self::of_text(unpacked::zstd(file)?),
+            Kind::Parquet => {
+                let columns = parquet_file::Columns::new(whole(file)?)?;
+                let (names, n_rows) = (columns.names(), columns.n_rows());
+                Self::checked(names, n_rows, Content::Parquet(columns), Vec::new())
+            }
+            Kind::ArrowFile => Self::of_columns(arrow_file::columns(&whole(file)?[8..])?, Vec::new()),
+            Kind::ArrowStream => Self::of_columns(arrow_file::columns(&whole(file)?)?, Vec::new()),
+            Kind::Mcap => {
+                let (columns, remarks) = mcap::columns(file)?;
+                Self::of_columns(columns, remarks)
+            }
+            Kind::Matlab5 => {
+                let (columns, remarks) = matlab::columns(&whole(file)?)?;
+                Self::of_columns(columns, remarks)
+            }
+            Kind::Matlab73 => Err(TableError::Unreadable(
+                "it is a file of MATLAB 7.3, which is not read; save it there with the option '-v7'".to_owned(),
+            )),
+        }
+    }
+
+    fn of_text(bytes: Vec<u8>) -> Result<Self, TableError> {
+        let (names, text) = Text::new(bytes).map_err(|error| {
+            let readable = "a log is a text, or a file of Parquet, Arrow, MATLAB or MCAP";
+            TableError::Unreadable(format!("its header is no text ({error}); {readable}"))
+        })?;
         if names.iter().all(String::is_empty) {
             return Err(TableError::NoHeader);
         }
-        Ok(Self { names, body: Body::Text(text) })
+        Ok(Self { names, n_rows: text.n_rows(), content: Content::Text(text), remarks: Vec::new() })
     }
 
     /// The table of these columns, which no file holds. They are as long as the shortest.
-    pub fn of_columns(columns: Vec<(String, Vec<f64>)>) -> Self {
-        let (names, columns) = columns.into_iter().unzip();
-        Self { names, body: Body::Numbers(Numbers::new(columns)) }
+    pub fn of_numbers(columns: Vec<(String, Vec<f64>)>) -> Self {
+        let n_rows = columns.iter().map(|(_, values)| values.len()).min().unwrap_or(0);
+        let (names, values) = columns.into_iter().unzip();
+        Self { names, n_rows, content: Content::Numbers(values), remarks: Vec::new() }
+    }
+
+    /// Columns of one length.
+    fn of_columns(columns: Vec<Named>, remarks: Vec<Remark>) -> Result<Self, TableError> {
+        let n_rows = columns.first().map_or(0, |column| column.values.len());
+        let (names, values) = columns.into_iter().map(|column| (column.name, column.values)).unzip();
+        Self::checked(names, n_rows, Content::Numbers(values), remarks)
+    }
+
+    fn checked(names: Vec<String>, n_rows: usize, content: Content, remarks: Vec<Remark>) -> Result<Self, TableError> {
+        if names.is_empty() {
+            return Err(TableError::Unreadable("it has no column of numbers".to_owned()));
+        }
+        Ok(Self { names, n_rows, content, remarks })
     }
 
     /// Names of the columns, in the order of the file; some may be empty or stand twice.
@@ -92,35 +272,51 @@ impl Table {
         &self.names
     }
 
-    /// Number of rows below the header; empty lines are none.
+    /// Number of rows; of a text those below the header, without empty lines.
     pub fn n_rows(&self) -> usize {
-        match &self.body {
-            Body::Text(text) => text.n_rows(),
-            Body::Numbers(numbers) => numbers.n_rows(),
-        }
+        self.n_rows
+    }
+
+    /// What was done to make one table of the file.
+    pub fn remarks(&self) -> &[Remark] {
+        &self.remarks
     }
 
     /// The numbers in these rows of these columns (places in [`Table::names`]), in the order that they are asked for.
-    pub fn columns(&self, places: &[usize], rows: Range<usize>) -> Vec<Column> {
-        match &self.body {
-            Body::Text(text) => text.columns(places, rows),
-            Body::Numbers(numbers) => numbers.columns(places, rows),
+    ///
+    /// # Errors
+    /// A file of which only the parts that are asked for are read may be damaged there.
+    pub fn columns(&self, places: &[usize], rows: Range<usize>) -> Result<Vec<Column>, TableError> {
+        let of_numbers = |values: &[f64]| {
+            let values = values[rows.clone()].to_vec();
+            let no_number = values.iter().position(|value| is_nothing(*value)).map(|row| rows.start + row);
+            Column { values, no_number }
+        };
+        match &self.content {
+            Content::Text(text) => Ok(text.columns(places, rows)),
+            Content::Parquet(columns) => Ok(columns.read(places)?.iter().map(|values| of_numbers(values)).collect()),
+            Content::Numbers(columns) => Ok(places.iter().map(|place| of_numbers(&columns[*place])).collect()),
         }
     }
 
     /// What stands in a row of a column.
-    pub fn cell(&self, row: usize, place: usize) -> Cell {
-        match &self.body {
-            Body::Text(text) => text.cell(row, place),
-            Body::Numbers(numbers) => numbers.cell(row, place),
+    ///
+    /// # Errors
+    /// As [`Table::columns`].
+    pub fn cell(&self, row: usize, place: usize) -> Result<Cell, TableError> {
+        if let Content::Text(text) = &self.content {
+            return Ok(text.cell(row, place));
         }
+        let column = self.columns(&[place], row..row + 1)?;
+        let number = column.iter().find(|column| column.no_number.is_none()).and_then(|column| column.values.first());
+        Ok(Cell { line: None, text: number.map_or(String::new(), f64::to_string) })
     }
 
-    /// The first row of another number of cells than the header. Empty cells at the end of a row may be more.
+    /// The first row of a text of another number of cells than the header. Empty cells at the end of a row may be more.
     pub fn ragged_row(&self) -> Option<RaggedRow> {
-        match &self.body {
-            Body::Text(text) => text.ragged_row(self.names.len()),
-            Body::Numbers(_) => None,
+        match &self.content {
+            Content::Text(text) => text.ragged_row(self.names.len()),
+            Content::Parquet(_) | Content::Numbers(_) => None,
         }
     }
 }

@@ -109,7 +109,7 @@ impl Text {
             found.rows_before = row - piece.rows.start;
             self.visit(piece, &mut found);
         }
-        Cell { line: self.line(found.start), text: found.text }
+        Cell { line: Some(self.line(found.start)), text: found.text }
     }
 
     pub fn ragged_row(&self, n_names: usize) -> Option<RaggedRow> {

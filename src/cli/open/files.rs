@@ -28,8 +28,8 @@ use super::folder::{LARGEST_TEXT, with_slashes};
 
 /// Bytes of a log that is handed in.
 const LARGEST_LOG: u64 = 2 << 30;
-/// What may be handed in.
-const HANDED_IN: [&str; 9] = ["csv", "tsv", "txt", "parquet", "mcap", "urdf", "xml", "mjcf", "toml"];
+/// What may be handed in beside logs.
+const HANDED_IN: [&str; 4] = ["urdf", "xml", "mjcf", "toml"];
 
 /// What a report may do when it is shown: its own pictures and styles, and the one script that the program writes into it. Others
 /// could read the address, and so the secret.
@@ -57,6 +57,7 @@ pub async fn folder(State(app): State<Arc<App>>) -> Answered {
             "experiment": app.experiment.as_deref().map(with_slashes),
             "model": app.model.as_deref().map(with_slashes),
             "version": env!("CARGO_PKG_VERSION"),
+            "log_endings": dynid_tables::ENDINGS,
             "files": files,
         });
         if more > 0 {
@@ -158,8 +159,10 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
     check_media(&request, "application/octet-stream")?;
     let path = app.folder.place(named(&query, "name")?)?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    if path.components().count() != 1 || !HANDED_IN.contains(&extension.as_str()) {
-        return Err(Refusal::bad(format!("give a plain name that ends in one of: {}", HANDED_IN.join(", "))));
+    let is_taken = dynid_tables::ending(&path).is_some() || HANDED_IN.contains(&extension.as_str());
+    if path.components().count() != 1 || !is_taken {
+        let endings = [&dynid_tables::ENDINGS[..], &HANDED_IN].concat().join(", ");
+        return Err(Refusal::bad(format!("give a plain name that ends in one of: {endings}")));
     }
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);

@@ -260,7 +260,9 @@ impl Known {
         let digest = content.as_deref().map(sha256_hex);
         let text = content.and_then(|content| String::from_utf8(content).ok()).unwrap_or_default();
         let kind = match extension.as_str() {
-            "csv" | "tsv" | "parquet" | "mcap" => "log",
+            // Most texts without cells are called so.
+            "txt" => "other",
+            _ if dynid_tables::ending(path).is_some() => "log",
             "html" => "page",
             "checkpoint" => "checkpoint",
             "urdf" => "device",

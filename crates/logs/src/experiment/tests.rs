@@ -229,7 +229,7 @@ fn bad_logs_are_refused_with_row_column_and_remedy() {
     assert_snapshot!(refused(&both), @"log.csv:4: column `q1`, row 2: expected a finite number, found `z`; repair or cut the row (rows = [from, to] keeps a part of a log) (run 1 of experiment.toml)");
     assert_snapshot!(refusal(&format!("{GOOD}rows = [1, 4]\n"), GOOD_LOG), @"log.csv: rows = [1, 4] lies outside the log, which has 3 rows; expected 0 <= from < to <= 3 (run 1 of experiment.toml)");
     assert_snapshot!(refusal(&format!("{GOOD}mask = \"used\"\n"), GOOD_LOG), @r#"log.csv: column `used` is missing; the log has `t`, `tau0`, `tau1`, `q0`, `q1`. If it has another name there, say so in the experiment: mask = "its name in the log" (run 1 of experiment.toml)"#);
-    assert_snapshot!(refusal(&GOOD.replace("log.csv", "lag.csv"), GOOD_LOG), @"lag.csv: cannot be read: No such file or directory (os error 2); give the path of a CSV file, relative to the experiment file (run 1 of experiment.toml)");
+    assert_snapshot!(refusal(&GOOD.replace("log.csv", "lag.csv"), GOOD_LOG), @"lag.csv: cannot be read: No such file or directory (os error 2); give the path of a log, relative to the experiment file (run 1 of experiment.toml)");
 }
 
 /// The motors of a coupled wrist: both turn with joint 0, and against each other with joint 1.

@@ -74,9 +74,12 @@ pub(super) fn read_rows(
     let from = rows.start;
     let mut turning: Vec<&mut Column> = columns.iter_mut().map(|column| &mut **column).collect();
     turning.retain(|column| column.turn.is_some());
-    let earlier = table.columns(&turning.iter().map(|column| column.index).collect::<Vec<_>>(), 0..from);
+    let unreadable = |error| LogError::of_table(path, error);
+    let earlier =
+        table.columns(&turning.iter().map(|column| column.index).collect::<Vec<_>>(), 0..from).map_err(unreadable)?;
     turning.into_iter().zip(earlier).for_each(|(column, earlier)| column.pass(&earlier.values));
-    let selected = table.columns(&columns.iter().map(|column| column.index).collect::<Vec<_>>(), rows);
+    let selected =
+        table.columns(&columns.iter().map(|column| column.index).collect::<Vec<_>>(), rows).map_err(unreadable)?;
     columns.iter_mut().zip(selected).for_each(|(column, selected)| column.values = selected.values);
 
     let times = Times::of(columns[0], repeated);
@@ -87,7 +90,7 @@ pub(super) fn read_rows(
     let first = no_numbers.iter().zip(0..).filter_map(|(row, place)| Some(((*row)?, place))).min();
     if let Some((row, place)) = first {
         let Column { index, name, .. } = &*columns[place];
-        let cell = table.cell(from + row, *index);
+        let cell = table.cell(from + row, *index).map_err(unreadable)?;
         return Err(LogError::NotANumber {
             path: path.to_owned(),
             line: cell.line,
@@ -99,7 +102,7 @@ pub(super) fn read_rows(
     if let Some(NotRising { row, before, now }) = times.wrong {
         return Err(LogError::TimeNotRising {
             path: path.to_owned(),
-            line: table.cell(from + row, columns[0].index).line,
+            line: table.cell(from + row, columns[0].index).map_err(unreadable)?.line,
             row: from + row,
             column: columns[0].name.clone(),
             what: if now < before { "runs backwards" } else { "stands still" },

@@ -85,7 +85,7 @@ proptest! {
         }
         for (row, (line, cells)) in records.iter().enumerate() {
             for place in 0..names.len() {
-                let expected = Cell { line: *line, text: cells.get(place).cloned().unwrap_or_default() };
+                let expected = Cell { line: Some(*line), text: cells.get(place).cloned().unwrap_or_default() };
                 prop_assert_eq!(text.cell(row, place), expected);
             }
         }

@@ -5,7 +5,9 @@ import { Charts, byName, look } from "./chart.js";
 import { basis, file, files, folder, fresh, get, jobs, last, detail, post, read, readFolder, start, finished, upload, work } from "./server.js";
 import { departure, go, state } from "./state.js";
 
-const ENDINGS = /\.(csv|tsv|txt|parquet|mcap)$/i;
+const ROBOTS = ["urdf", "xml", "mjcf", "toml"];
+const endsIn = (endings, name) => endings.some((ending) => name.toLowerCase().endsWith(`.${ending}`));
+const isLog = (name) => endsIn(folder.log_endings, name);
 const ticked = new Set();
 let deviceWish = "";
 /** What was typed and not yet written: texts of experiments, and corrections of the columns of one `new`. */
@@ -31,8 +33,8 @@ async function dropped(transfer) {
 }
 
 async function take(all, again) {
-    const own = all.filter((one) => ENDINGS.test(one.name) || /\.(urdf|xml|mjcf|toml)$/i.test(one.name));
-    if (!own.length) throw new Error("None of these is a file that can be taken: give CSV, Parquet or MCAP, or the robot as URDF, MJCF or TOML.");
+    const own = all.filter((one) => isLog(one.name) || endsIn(ROBOTS, one.name));
+    if (!own.length) throw new Error("None of these is a file that can be taken: give CSV, Parquet, Arrow, MATLAB or MCAP, or the robot as URDF, MJCF or TOML.");
     for (const [index, one] of own.entries()) {
         await act(async () => {
             // Logs of several folders often have one name: then that of the folder stands before it.
@@ -42,7 +44,7 @@ async function take(all, again) {
                 if (error.status !== 409) throw error;
                 return upload(one, longer());
             });
-            if (ENDINGS.test(path)) ticked.add(path);
+            if (isLog(path)) ticked.add(path);
             toast(`\`${path}\` is in the folder.`);
         });
     }
@@ -53,10 +55,10 @@ async function take(all, again) {
 function zone(again) {
     const picker = (id, properties) => h("input", { type: "file", id, multiple: true, class: "hidden-input", tabindex: -1,
         onchange: (event) => { const all = [...event.target.files]; soon(() => take(all, again)); }, ...properties });
-    const [some, whole] = [picker("pick-files", { accept: ".csv,.tsv,.txt,.parquet,.mcap,.urdf,.xml,.mjcf,.toml", "aria-label": "Choose files" }),
+    const [some, whole] = [picker("pick-files", { accept: [...folder.log_endings, ...ROBOTS].map((ending) => `.${ending.split(".").pop()}`).join(), "aria-label": "Choose files" }),
         picker("pick-folder", { webkitdirectory: true, "aria-label": "Choose a folder" })];
     const own = h("div", { class: "zone", id: "zone", role: "group", "aria-label": "Drop logs here" },
-        h("p", {}, "Drop logs here: CSV, Parquet or MCAP, or a folder of them"),
+        h("p", {}, "Drop logs here: CSV, Parquet, Arrow, MATLAB or MCAP, or a folder of them"),
         h("p", { class: "row" }, h("button", { type: "button", id: "choose-files", onclick: () => some.click() }, "Choose files"),
             h("button", { type: "button", id: "choose-folder", onclick: () => whole.click() }, "Choose a folder")), some, whole);
     const soon = (doing) => act(doing, own);

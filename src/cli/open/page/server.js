@@ -39,7 +39,7 @@ export const upload = (file, name = file.name) =>
 export const read = (path) => get(`api/file?path=${encodeURIComponent(path)}`);
 
 /** The folder as last read. */
-export let folder = { folder: "", files: [] };
+export let folder = { folder: "", files: [], log_endings: [] };
 export async function readFolder() {
     folder = await get("api/folder");
     return folder;

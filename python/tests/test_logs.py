@@ -30,7 +30,10 @@ def digest(robot: dynid.Device, log: object, **settings: object) -> str:
     return dynid.Experiment(robot).add(log, role="fit", **settings).digest  # type: ignore[arg-type]
 
 
-def test_all_kinds_of_tables_are_the_same_log(robot: dynid.Device, frame: pandas.DataFrame, tour: Path) -> None:
+def test_all_kinds_of_tables_are_the_same_log(
+    robot: dynid.Device, frame: pandas.DataFrame, tour: Path, tmp_path: Path
+) -> None:
+    frame.to_parquet(tmp_path / "log.parquet")
     arrow = pyarrow.Table.from_pandas(frame)
     pieces = pyarrow.concat_tables([arrow.slice(0, 300), arrow.slice(300)])
     logs: list[object] = [
@@ -40,6 +43,7 @@ def test_all_kinds_of_tables_are_the_same_log(robot: dynid.Device, frame: pandas
         arrow,
         pieces,
         OnlyArrow(pieces),
+        tmp_path / "log.parquet",
         tour / "wrist-1.csv",
         str(tour / "wrist-1.csv"),
     ]

@@ -8,7 +8,7 @@
 //! | [`fit()`] | a model's parameters from logs |
 //! | [`compare()`] | how far a model is from its logs, and where |
 //! | [`diagnose()`] | which physical effect is missing, at which joint, and what else it could be |
-//! | [`add()`] | the model with one effect more, where it does nothing yet |
+//! | [`add()`], [`with_effects()`] | the model with one effect more, where it does nothing yet; a model of chosen effects |
 //! | [`ladder()`] | the models of a lineage on the same runs |
 //! | [`simulate()`] | the positions that a model shows under the logged torques |
 //! | [`report()`] | one page with all that is known |
@@ -52,7 +52,7 @@ mod report;
 mod simulate;
 pub mod tour;
 
-pub use add::{Addition, add};
+pub use add::{Addition, add, set_value, with_effects};
 pub use check::{CheckSettings, check};
 pub use compare::{CompareSettings, Compared, compare};
 pub use diagnose::{DiagnoseProgress, DiagnoseSettings, diagnose};

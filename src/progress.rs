@@ -3,9 +3,12 @@
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use dynid_diagnose::{Event, Screened};
+use dynid_identify::identify::Progress;
 use rayon::prelude::*;
+use serde_json::{Value, json};
 
-use crate::Error;
+use crate::{DiagnoseProgress, Error, FitProgress};
 
 /// So many of so many runs or models are done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,6 +17,70 @@ pub struct Done {
     pub done: usize,
     /// Of so many.
     pub of: usize,
+}
+
+impl Done {
+    /// For programs, as `dynid --progress json` prints it; `what` the parts are, e.g. `runs compared`.
+    pub fn json(&self, what: &str) -> Value {
+        json!({ "progress": "count", "what": what, "done": self.done, "of": self.of })
+    }
+}
+
+impl FitProgress<'_> {
+    /// For programs, as `dynid --progress json` prints it.
+    pub fn json(&self) -> Value {
+        match self {
+            Self::FirstEstimate(label) => {
+                let note = format!("{label} stands where it vanishes; it starts from a first estimate by the logs");
+                json!({ "progress": "note", "note": note })
+            }
+            Self::Search(error) => json!({ "progress": "search", "error": error.to_string() }),
+            Self::Iteration(Progress { iteration, cost, step, observer, start, configuration }) => json!({
+                "progress": "iteration",
+                "iteration": iteration,
+                "cost": cost,
+                "step": step,
+                "observer": (*observer > 0.0).then_some(observer),
+                "start": start,
+                "configuration": configuration,
+            }),
+        }
+    }
+}
+
+impl DiagnoseProgress<'_> {
+    /// For programs, as `dynid --progress json` prints it; `None` where it only works on.
+    pub fn json(&self) -> Option<Value> {
+        let Self::Event(event) = self else { return None };
+        Some(match event {
+            Event::FittingModel => json!({ "progress": "fitting_model" }),
+            Event::Asking(count) => json!({ "progress": "asking", "candidates": count }),
+            Event::Screened(screened) => {
+                let gain = |own: &Screened| json!({ "candidate": own.candidate.to_string(), "gain": own.position.map(|two| -0.5 * two) });
+                json!({ "progress": "screened", "candidates": screened.iter().map(gain).collect::<Vec<Value>>() })
+            }
+            Event::Comparing(count) => json!({ "progress": "comparing", "candidates": count }),
+            Event::Searched(key, state) => json!({
+                "progress": "searched",
+                "candidate": candidate(key),
+                "search": key,
+                "cost": state.cost,
+                "iterations": state.iterations + state.search.iterations,
+                "done": state.is_done,
+            }),
+        })
+    }
+}
+
+/// The candidate that a search is for, as it stands in its key; `None` where that is the model itself.
+fn candidate(key: &str) -> Option<&str> {
+    let (_, search) = key.rsplit_once("> ")?;
+    if let Some(candidate) = search.strip_suffix(", final") {
+        return Some(candidate);
+    }
+    // In a race each start has a number.
+    let (start, _) = search.rsplit_once(", round ")?;
+    start.rsplit_once(' ').map(|(candidate, _)| candidate)
 }
 
 /// Does `work` for each of `items` in parallel; results in their order.
@@ -46,6 +113,15 @@ pub(crate) fn each<T: Sync, R: Send>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_search_names_its_candidate() {
+        let asked = |key| candidate(key).unwrap_or("the model");
+        assert_eq!(asked("step 1.0 > `backlash` at joint 4 12, round 3"), "`backlash` at joint 4");
+        assert_eq!(asked("step 1 > `lugre` at joint 4, final"), "`lugre` at joint 4");
+        assert_eq!(asked("step 1 > best, round 1"), "the model");
+        assert_eq!(asked("the model itself"), "the model");
+    }
 
     #[test]
     fn results_keep_their_order_and_a_stop_ends_the_work() {

@@ -55,6 +55,6 @@ pub use error::{ModelError, Source, did_you_mean, nearest};
 pub use expression::Expression;
 pub use input::{JointInput, NamedInput, Quantity};
 pub use library::{add_effects, device, devices, effect, effects, inputs};
-pub use own_device::{NoDevice, device_named, path_from};
+pub use own_device::{NoDevice, device_named, device_of_text, path_from, text_of};
 pub use own_effects::NoEffects;
 pub use parameter::Parameter;

@@ -4,10 +4,10 @@ use std::{
     collections::HashMap,
     fmt, fs, io,
     path::{Component, Path, PathBuf},
-    sync::{Mutex, OnceLock, PoisonError},
+    sync::{Mutex, MutexGuard, OnceLock, PoisonError},
 };
 
-use crate::{Device, ModelError, device, devices, did_you_mean};
+use crate::{Device, ModelError, device, devices, did_you_mean, library::device_text};
 
 /// Why there is no device of that name.
 #[derive(Debug)]
@@ -62,19 +62,49 @@ impl std::error::Error for NoDevice {}
 /// # Errors
 /// A name that is neither, or a file that is unreadable or wrong.
 pub fn device_named(name: &str, folder: &Path) -> Result<&'static Device, NoDevice> {
-    static READ: OnceLock<Mutex<HashMap<(PathBuf, String), &'static Device>>> = OnceLock::new();
     if !is_path(name) {
         return device(name).ok_or_else(|| NoDevice::Unknown { name: name.to_owned() });
     }
     let path = folder.join(name);
     let read = fs::read_to_string(&path).and_then(|text| Ok((absolute(&path)?, text)));
     let (file, text) = read.map_err(|error| NoDevice::Unreadable { path: path.clone(), error })?;
-    let mut known = READ.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
-    let key = (file, text);
+    interned(&text, &path, file).map_err(NoDevice::Wrong)
+}
+
+/// The device of a text that is to lie at `file`, which need not be there. It stays until the process ends; the same text for the same
+/// file is the same device.
+///
+/// # Errors
+/// A text that is wrong, with its place.
+pub fn device_of_text(text: &str, file: &Path) -> Result<&'static Device, ModelError> {
+    interned(text, file, absolute(file).unwrap_or_else(|_| file.to_owned()))
+}
+
+/// The text of a device's file: one of the library's, or as it was read.
+pub fn text_of(device: &'static Device) -> Option<String> {
+    if device.file.is_none() {
+        return device_text(&device.id).map(str::to_owned);
+    }
+    let known = known();
+    known.iter().find(|(_, known)| std::ptr::eq(**known, device)).map(|((_, text), _)| text.clone())
+}
+
+/// What was read, by file and text.
+type Known = HashMap<(PathBuf, String), &'static Device>;
+
+fn known() -> MutexGuard<'static, Known> {
+    static READ: OnceLock<Mutex<Known>> = OnceLock::new();
+    READ.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// `path` is for messages.
+fn interned(text: &str, path: &Path, file: PathBuf) -> Result<&'static Device, ModelError> {
+    let mut known = known();
+    let key = (file, text.to_owned());
     if let Some(&device) = known.get(&key) {
         return Ok(device);
     }
-    let own = Device::parse_own(&key.1, &path, key.0.clone()).map_err(NoDevice::Wrong)?;
+    let own = Device::parse_own(text, path, key.0.clone())?;
     let own: &'static Device = Box::leak(Box::new(own));
     known.insert(key, own);
     Ok(own)

@@ -6,14 +6,12 @@ use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use clap::ValueEnum;
-use dynid::{
-    Begin, Checkpoint, ErrorSignal, FitResult, FitSettings, FitSettingsError, FittedParameter, Model, Weighting,
-};
+use dynid::{Begin, Checkpoint, ErrorSignal, FitResult, FitSettings, FitSettingsError, Model, Weighting};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
 use dynid_identify::{checkpoint, position::Options};
 use dynid_user_model::ErrorShare;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::inputs::{self, Outside};
 use super::interrupt::Interrupt;
@@ -170,27 +168,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     checkpoint::remove(&path).with_context(|| format!("cannot remove {}", path.display()))?;
     let wall_seconds = started.elapsed().as_secs_f64();
-    let json = json!({
-        "error": found.error.to_string(),
-        "status": found.status.as_str(),
-        "cost_before": found.cost_before.and_then(finite),
-        "cost_after": finite(found.cost_after),
-        "rmse_fit": judged.rmse_fit,
-        "rmse_validate": judged.rmse_validate,
-        "torque_percent_fit": judged.torque_percent_fit,
-        "torque_percent_validate": judged.torque_percent_validate,
-        "iterations": found.iterations,
-        "wall_seconds": wall_seconds,
-        "parameters": found.parameters.iter().map(|found| parameter(&model, found)).collect::<Vec<Value>>(),
-        "open": found.open.iter().map(|parts| parts.iter().map(|(name, part)| json!({ "name": name, "part": part })).collect()).collect::<Vec<Value>>(),
-        "correlations": found.correlations.iter().map(|pair| json!({ "one": pair.one, "other": pair.other, "value": pair.value })).collect::<Vec<Value>>(),
-        "steps": found.steps,
-        "budget": found.budget,
-        "starts": found.tried,
-        "best_start": found.best_start,
-        "notes": found.notes,
-        "out": may_write.then(|| arguments.out.display().to_string()),
-    });
+    let mut json = dynid::sentences::fit::json(&model, &found, &judged);
+    if let Some(object) = json.as_object_mut() {
+        object.insert("wall_seconds".to_owned(), json!(wall_seconds));
+        let out = may_write.then(|| arguments.out.display().to_string());
+        object.insert("out".to_owned(), json!(out));
+    }
     let mut text = as_text(&found, wall_seconds);
     text.push_str(&compare::summary(&judged));
     text.push_str(&if may_write {
@@ -274,23 +257,6 @@ fn interrupted(checkpoint: &Path, iterations: usize, wall_seconds: f64) -> Outco
         }),
         answer: Answer::Interrupted,
     }
-}
-
-/// JSON knows no infinity.
-fn finite(value: f64) -> Option<f64> {
-    Some(value).filter(|value| value.is_finite())
-}
-
-fn parameter(model: &Model, found: &FittedParameter) -> Value {
-    json!({
-        "name": found.name,
-        "unit": model.unit(&found.name),
-        "start": found.start,
-        "value": found.value,
-        "std_error": found.std_error.and_then(finite),
-        "identifiable": found.identifiable,
-        "at_bound": found.held,
-    })
 }
 
 fn as_text(found: &FitResult, wall_seconds: f64) -> String {

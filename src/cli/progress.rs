@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use dynid::{DiagnoseProgress, Done, ErrorSignal, FitProgress};
-use dynid_diagnose::{Event, Screened};
+use dynid_diagnose::Event;
 use dynid_format::number;
 use dynid_identify::identify::Progress;
 use indicatif::ProgressBar;
@@ -78,10 +78,7 @@ pub fn counted<T>(
 ) -> T {
     let teller = Teller::new();
     let result = work(&|Done { done, of }| {
-        teller.tell(
-            || format!("{done} of {of} {what}"),
-            || json!({ "progress": "count", "what": what, "done": done, "of": of }),
-        );
+        teller.tell(|| format!("{done} of {of} {what}"), || Done { done, of }.json(what));
         go_on_unless(stop())
     });
     teller.done();
@@ -106,11 +103,11 @@ pub fn of_fit<T>(
                 begun = Some(error);
                 // A bar shows the search by its first iteration.
                 if teller.0.is_none() {
-                    write_line(&json!({ "progress": "search", "error": error.to_string() }));
+                    write_line(&FitProgress::Search(error).json());
                 }
             }
             FitProgress::Iteration(reported) => {
-                teller.tell(|| iteration(reported, started.elapsed()), || iteration_line(reported));
+                teller.tell(|| iteration(reported, started.elapsed()), || FitProgress::Iteration(reported).json());
             }
         }
         go_on_unless(stop(begun))
@@ -128,8 +125,8 @@ pub fn of_diagnosis<T>(
     let teller = Teller::new();
     let started = Instant::now();
     let result = work(&|reported| {
-        if let DiagnoseProgress::Event(event) = reported {
-            teller.tell(|| diagnosis(event, started.elapsed()), || diagnosis_line(event));
+        if let DiagnoseProgress::Event(event) = &reported {
+            teller.tell(|| diagnosis(event, started.elapsed()), || reported.json().unwrap_or_default());
             hear(event);
         }
         go_on_unless(stop())
@@ -159,18 +156,6 @@ fn iteration(reported: &Progress, elapsed: Duration) -> String {
     )
 }
 
-fn iteration_line(reported: &Progress) -> Value {
-    json!({
-        "progress": "iteration",
-        "iteration": reported.iteration,
-        "cost": reported.cost,
-        "step": reported.step,
-        "observer": (reported.observer > 0.0).then_some(reported.observer),
-        "start": reported.start,
-        "configuration": reported.configuration,
-    })
-}
-
 fn diagnosis(event: &Event<'_>, elapsed: Duration) -> String {
     let what = match event {
         Event::FittingModel => "fitting the model itself".to_owned(),
@@ -180,49 +165,4 @@ fn diagnosis(event: &Event<'_>, elapsed: Duration) -> String {
         Event::Searched(key, _) => format!("searched {key}"),
     };
     format!("{what}, {:.0} s", elapsed.as_secs_f64())
-}
-
-fn diagnosis_line(event: &Event<'_>) -> Value {
-    match event {
-        Event::FittingModel => json!({ "progress": "fitting_model" }),
-        Event::Asking(count) => json!({ "progress": "asking", "candidates": count }),
-        Event::Screened(screened) => {
-            let gain = |own: &Screened| json!({ "candidate": own.candidate.to_string(), "gain": own.position.map(|two| -0.5 * two) });
-            json!({ "progress": "screened", "candidates": screened.iter().map(gain).collect::<Vec<Value>>() })
-        }
-        Event::Comparing(count) => json!({ "progress": "comparing", "candidates": count }),
-        Event::Searched(key, state) => json!({
-            "progress": "searched",
-            "candidate": candidate(key),
-            "search": key,
-            "cost": state.cost,
-            "iterations": state.iterations + state.search.iterations,
-            "done": state.is_done,
-        }),
-    }
-}
-
-/// The candidate that a search is for, as it stands in its key; `None` where that is the model itself.
-fn candidate(key: &str) -> Option<&str> {
-    let (_, search) = key.rsplit_once("> ")?;
-    if let Some(candidate) = search.strip_suffix(", final") {
-        return Some(candidate);
-    }
-    // In a race each start has a number.
-    let (start, _) = search.rsplit_once(", round ")?;
-    start.rsplit_once(' ').map(|(candidate, _)| candidate)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_search_names_its_candidate() {
-        let asked = |key| candidate(key).unwrap_or("the model");
-        assert_eq!(asked("step 1.0 > `backlash` at joint 4 12, round 3"), "`backlash` at joint 4");
-        assert_eq!(asked("step 1 > `lugre` at joint 4, final"), "`lugre` at joint 4");
-        assert_eq!(asked("step 1 > best, round 1"), "the model");
-        assert_eq!(asked("the model itself"), "the model");
-    }
 }

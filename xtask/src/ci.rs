@@ -1,4 +1,5 @@
-//! `cargo xtask ci`: every check that a change must pass, on a machine that has a Rust toolchain and, for the live page, Chromium.
+//! `cargo xtask ci`: every check that a change must pass, on a machine that has a Rust toolchain and, for the live page, Chromium, for the
+//! wheel Python.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use dynid_lower::Kir;
 
-use crate::{api, browser, crate_order, dependency_cycles, licences, shell, size, snapshots, unused, workspace};
+use crate::{api, browser, crate_order, dependency_cycles, licences, shell, size, snapshots, unused, wheel, workspace};
 
 /// Runs every check.
 #[derive(clap::Args)]
@@ -38,6 +39,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("the library without the program", library_alone),
         ("tests", tests),
         ("the live page in a browser", browser::tests),
+        ("the wheel for Python", wheel::tests),
         ("the loop as a program", example),
         ("documentation", documentation),
         ("licences", licences::check),

@@ -1,4 +1,4 @@
-//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `bench`, `hidden-effects`, `fleet`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`.
 
 mod api;
 mod bench;
@@ -15,6 +15,7 @@ mod size;
 mod snapshots;
 mod sources;
 mod unused;
+mod wheel;
 mod workspace;
 
 use std::fmt;
@@ -38,6 +39,8 @@ enum Command {
     Ci(ci::Arguments),
     /// Writes the list of the library's public items (`docs/api.txt`) anew.
     Api,
+    /// Builds the wheel for Python, installs it into an environment of its own, and tests it there.
+    Wheel,
     /// Runs the benchmarks.
     Bench(bench::Arguments),
     /// Hides one effect after another from the program and prints what it finds.
@@ -63,6 +66,7 @@ fn main() -> ExitCode {
         Command::Gen(arguments) => generate::run(&arguments),
         Command::Ci(arguments) => ci::run(&arguments),
         Command::Api => api::write(),
+        Command::Wheel => wheel::tests(),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
         Command::Fleet(arguments) => fleet::run(&arguments),

@@ -2,21 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use dynid_logs::{experiment::Run, noise::noise_of_log, part::LEAST_SAMPLES};
+pub use dynid_logs::noise::MOVES;
+use dynid_logs::{experiment::Run, noise, part::LEAST_SAMPLES};
 use dynid_signal::power_spectrum;
 use dynid_user_model::Model;
 
 use crate::{Unanswered, balance::Balance};
 
-/// A joint moves if its positions span so many times their noise.
-pub const MOVES: f64 = 10.0;
-
 /// Whether a joint moves in a run by more than noise.
 pub fn moves(run: &Run, joint: usize) -> bool {
-    let q = &run.log.q[joint];
-    let (low, high) = q.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
-    // Not `>=`: what never changes has no noise either.
-    high - low > MOVES * noise_of_log(q)
+    noise::moves(&run.log.q[joint])
 }
 
 /// What follows from lengths and ranges alone.

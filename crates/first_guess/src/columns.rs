@@ -3,8 +3,7 @@
 //! Columns whose names differ in the joint alone are a group: the positions of all joints, the measured torques, the
 //! references. A group is taken whole.
 
-use dynid_check::excitation::MOVES;
-use dynid_logs::noise::noise_of_log;
+use dynid_logs::noise::moves;
 use dynid_model::Device;
 
 use crate::chosen::Chosen;
@@ -480,22 +479,16 @@ fn free_joints(
     known: &Known,
 ) -> Result<Vec<Vec<usize>>, FirstGuessError> {
     let of_log = |table: &Table| {
-        let moves = |joint: &usize| {
+        let does_move = |joint: &usize| {
             let place = positions.places[*joint].as_ref().map(|(place, _)| *place);
             place.and_then(|place| table.column(header.name(place))).is_some_and(moves)
         };
-        let mut free = known.free.clone().unwrap_or_else(|| (0..header.n_joints()).filter(moves).collect());
+        let mut free = known.free.clone().unwrap_or_else(|| (0..header.n_joints()).filter(does_move).collect());
         free.sort_unstable();
         free.dedup();
         if free.is_empty() { Err(FirstGuessError::NothingMoves { path: table.path.clone() }) } else { Ok(free) }
     };
     tables.iter().map(of_log).collect()
-}
-
-/// Whether a position moves by more than its noise, as a check asks it.
-fn moves(q: &[f64]) -> bool {
-    let (low, high) = q.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
-    high - low > MOVES * noise_of_log(q)
 }
 
 fn union(free: &[Vec<usize>]) -> Vec<usize> {

@@ -3,6 +3,7 @@
 //! - [`position`]: nonlinear least squares on the position error (output error), by simulation with [`sensitivity`] equations;
 //! - [`torque`]: least squares on the torque error (equation error);
 //! - [`sequence`]: a method, one configuration after another; estimates are handed on with their information;
+//! - [`residuals`]: what fits make small, with its Jacobian, for other optimisers;
 //! - [`starts`]: random starts within the bounds;
 //! - [`checkpoint`]: the file from which an interrupted fit goes on.
 //!
@@ -22,6 +23,7 @@ pub mod identify;
 mod plan;
 pub mod position;
 pub mod prediction;
+pub mod residuals;
 pub mod sensitivity;
 pub mod sequence;
 pub mod starts;

@@ -15,6 +15,7 @@ mod evaluate;
 mod motion;
 pub(crate) mod physical_links;
 mod plan;
+mod residuals;
 mod result;
 pub(crate) mod run_unknowns;
 mod searches;
@@ -29,6 +30,7 @@ pub(crate) use evaluate::start_of;
 pub use evaluate::{first_state, noise_of};
 pub use motion::{RunMotion, motions};
 pub use physical_links::made_physical;
+pub use residuals::PositionResiduals;
 pub(crate) use result::undetermined;
 pub use result::{Direction, Estimate, PositionFit, RunError};
 

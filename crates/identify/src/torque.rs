@@ -9,6 +9,8 @@
 //! Directions that the data do not see are pulled towards the start by a prior of a hundred natural sizes, weak
 //! enough to be far below what the data say about the others; they are named in the result.
 
+mod residuals;
+
 use std::collections::BTreeMap;
 
 use dynid_model::{Link, Parameter};
@@ -28,6 +30,8 @@ use dynid_optimise::{
 };
 use dynid_signal::statistics::{correlation_time, counted};
 use dynid_torque::{JointLinear, RigidColumns, linearise, rigid_columns};
+
+pub use residuals::TorqueResiduals;
 
 /// Standard deviation of the prior about the start, in natural sizes of each parameter: a numerical choice.
 const PRIOR_SCALES: f64 = 100.0;
@@ -180,16 +184,7 @@ pub fn fit(
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<TorqueFit, TorqueFitError> {
     let runs: Vec<&TorqueRun> = runs.iter().filter(|run| run.role == Role::Fit).collect();
-    if runs.is_empty() {
-        return Err(TorqueFitError::NoRun);
-    }
-    for run in &runs {
-        for (slot, &joint) in run.system.kernel().free.iter().enumerate() {
-            if !run.motion.used[slot].contains(&true) {
-                return Err(TorqueFitError::NoSamples { run: run.name.clone(), joint });
-            }
-        }
-    }
+    check_runs(&runs)?;
     let layout = Layout::new(&runs, parameters)?;
     let rigid: Vec<Vec<RigidColumns>> = runs.iter().map(|run| rigid_columns(&run.system, &run.motion)).collect();
 
@@ -241,6 +236,21 @@ pub fn fit(
     }
     let data = Data::new(&layout, &runs, &rigid, &x, true);
     Ok(conclude(&layout, &within, &data, &x, &start_residuals, status, iterations))
+}
+
+/// That there are runs, and that samples of every free joint count in each.
+fn check_runs(runs: &[&TorqueRun]) -> Result<(), TorqueFitError> {
+    if runs.is_empty() {
+        return Err(TorqueFitError::NoRun);
+    }
+    for run in runs {
+        for (slot, &joint) in run.system.kernel().free.iter().enumerate() {
+            if !run.motion.used[slot].contains(&true) {
+                return Err(TorqueFitError::NoSamples { run: run.name.clone(), joint });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The minimum of the linearised problem, weights included, started from `x` and held to it by `damping`.
@@ -624,6 +634,53 @@ fn run_equations(
     x: &[f64],
     with_errors: bool,
 ) -> Vec<(usize, JointData)> {
+    let compressed = |own: JointRows| {
+        let mut local = Compressed::new(own.spread.nrows());
+        local.push(&own.matrix);
+        let motion = &run.motion;
+        let residual_squared = own.counted().map(|residual| residual.powi(2)).sum();
+        let torque = motion.filtered(&motion.command[own.joint]);
+        let data = JointData {
+            equations: local.spread(&own.spread),
+            residual_squared,
+            torque_squared: own.rows.iter().map(|&sample| torque[sample].powi(2)).sum(),
+            n_samples: own.rows.len(),
+            correlation_time: if with_errors {
+                correlation_time(&counted(&own.residual, &motion.used[own.slot]), own.rows.len())
+            } else {
+                1.0
+            },
+        };
+        (own.joint, data)
+    };
+    run_rows(layout, run, rigid, x).into_par_iter().map(compressed).collect()
+}
+
+/// The equations of one free joint along a run, a row for each sample that counts.
+struct JointRows {
+    /// The device's joint index.
+    joint: usize,
+    /// Its place among the free joints.
+    slot: usize,
+    /// The samples that count.
+    rows: Vec<usize>,
+    /// `A | b` over what occurs in this run and joint: lumps, then effect parameters.
+    matrix: DMatrix<f64>,
+    /// From those to phi.
+    spread: DMatrix<f64>,
+    /// The torque error at every sample.
+    residual: Vec<f64>,
+}
+
+impl JointRows {
+    /// The torque errors that count.
+    fn counted(&self) -> impl Iterator<Item = f64> {
+        self.rows.iter().map(|&sample| self.residual[sample])
+    }
+}
+
+/// The equations of one run about `x`, free joint by free joint.
+fn run_rows(layout: &Layout, run: &TorqueRun, rigid: &[RigidColumns], x: &[f64]) -> Vec<JointRows> {
     let mut system = run.system.clone();
     layout.install(&mut system, x);
     let lumps_by_pi = lumps_by_standard(layout, &system);
@@ -633,13 +690,11 @@ fn run_equations(
         .map(|name| layout.effects.iter().position(|effect| effect.name == *name))
         .collect();
     let linear = linearise(&system, &run.motion, rigid);
-    let phi = layout.phi(x);
+    let n_phi = layout.n_phi();
     let free = system.kernel().free;
-    let joint = |(slot, linear): (usize, &JointLinear)| {
-        let motion = &run.motion;
-        let used = &motion.used[slot];
+    let joint = |(slot, linear): (usize, JointLinear)| {
+        let used = &run.motion.used[slot];
         let rows: Vec<usize> = (0..used.len()).filter(|&row| used[row]).collect();
-        // Compressed over what occurs in this run and joint: lumps, then effect parameters.
         let lumps: Vec<usize> = (0..rigid[slot].len()).filter(|&lump| rigid[slot][lump].is_some()).collect();
         let effects: Vec<usize> =
             (0..linear.by_parameter.len()).filter(|&index| linear.by_parameter[index].is_some()).collect();
@@ -672,10 +727,7 @@ fn run_equations(
         for (row, &sample) in rows.iter().enumerate() {
             matrix[(row, width)] = prediction[row] + linear.residual[sample];
         }
-        let mut local = Compressed::new(width);
-        local.push(&matrix);
-        // From local columns to phi.
-        let mut spread = DMatrix::zeros(width, phi.len());
+        let mut spread = DMatrix::zeros(width, n_phi);
         for (row, &lump) in lumps.iter().enumerate() {
             spread.row_mut(row).columns_mut(0, lumps_by_pi.ncols()).copy_from(&lumps_by_pi.row(lump));
         }
@@ -684,22 +736,9 @@ fn run_equations(
                 spread[(lumps.len() + row, 10 * layout.links.len() + effect)] = 1.0;
             }
         }
-        let residual_squared = rows.iter().map(|&sample| linear.residual[sample].powi(2)).sum();
-        let torque = motion.filtered(&motion.command[free[slot]]);
-        let data = JointData {
-            equations: local.spread(&spread),
-            residual_squared,
-            torque_squared: rows.iter().map(|&sample| torque[sample].powi(2)).sum(),
-            n_samples: rows.len(),
-            correlation_time: if with_errors {
-                correlation_time(&counted(&linear.residual, used), rows.len())
-            } else {
-                1.0
-            },
-        };
-        (free[slot], data)
+        JointRows { joint: free[slot], slot, rows, matrix, spread, residual: linear.residual }
     };
-    linear.par_iter().enumerate().map(joint).collect()
+    linear.into_par_iter().enumerate().map(joint).collect()
 }
 
 impl Layout {

@@ -6,7 +6,7 @@
 //! | an effect's functions | [`effect`] |
 //! | where the end point is and how it moves | [`end_point`] |
 //! | the joint effects of a system as one function | [`Fuser`] |
-//! | accelerations of many states at once | [`forward_dynamics`] |
+//! | equations of many states at once, and their derivatives | [`batch`] |
 //! | all of these as C99, for other programs | [`c_kernels`] |
 //!
 //! What ships is compiled in (`dynid-generated`). Everything else is made here when it is first asked for, from the same
@@ -16,7 +16,7 @@
 //! What was made stays until the process ends: a process works with few devices.
 
 mod appearing;
-mod batch;
+pub mod batch;
 mod c99;
 mod fused;
 mod made;
@@ -33,7 +33,6 @@ use dynid_generated::{EffectKernel, EndPoint, Kernel};
 use dynid_lower::{effect::UnknownSymbol, end_point::NoChain, kernel::MissingOutput};
 use dynid_model::{Device, Effect};
 
-pub use batch::forward_dynamics;
 pub use c99::{CFunction, CKernels, c_kernels, c_number};
 pub use fused::Fuser;
 

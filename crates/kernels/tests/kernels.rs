@@ -8,7 +8,7 @@ mod support;
 use std::path::Path;
 
 use dynid_generated::{Kernel, Lanes, N_SIGNALS};
-use dynid_kernels::{KernelError, forward_dynamics, kernel};
+use dynid_kernels::{KernelError, batch, kernel};
 use dynid_model::{Device, device_named};
 use dynid_plant::random::Noise;
 use robots::random_robot_of;
@@ -132,7 +132,7 @@ fn a_batch_has_the_bits_of_one_state_after_the_other() {
             let (q, dq, tau) = (rows(|case| &case.q), rows(|case| &case.dq), rows(|case| &case.ddq));
             let prepared = &cases[0].prepared;
             let (mut batch, mut alone) = (vec![f64::NAN; q.len()], vec![f64::NAN; q.len()]);
-            forward_dynamics(kernel, prepared, [&q, &dq, &tau], &mut batch);
+            batch::forward_dynamics(kernel, prepared, [&q, &dq, &tau], &mut batch);
             let n = kernel.free.len();
             for (state, ddq) in alone.chunks_exact_mut(n).enumerate() {
                 let of = |rows: &'_ [f64]| rows[state * n..(state + 1) * n].to_vec();
@@ -141,6 +141,89 @@ fn a_batch_has_the_bits_of_one_state_after_the_other() {
             assert_eq!(batch, alone, "{} {:?}", own.id, kernel.free);
         }
     }
+}
+
+#[test]
+fn all_batches_have_the_bits_of_one_state_after_the_other() {
+    for (own, made, compiled_in) in both() {
+        for kernel in [made, compiled_in] {
+            let n = kernel.free.len();
+            let cases: Vec<Case> = cases_of(own, kernel, Noise::new(17), 1025).collect();
+            let prepared = &cases[0].prepared;
+            let rows = |of: fn(&Case) -> &Vec<f64>| cases.iter().flat_map(of).copied().collect::<Vec<f64>>();
+            let (q, dq, ddq) = (rows(|case| &case.q), rows(|case| &case.dq), rows(|case| &case.ddq));
+            let empty = |width: usize| vec![f64::NAN; cases.len() * n * width];
+            let (mut d, mut phi, mut h, mut tau) = (empty(n), empty(1), empty(1), empty(1));
+            let (mut tau_too, mut by_q, mut by_dq) = (empty(1), empty(n), empty(n));
+            batch::inertia(kernel, prepared, &q, &mut d);
+            batch::gravity(kernel, prepared, &q, &mut phi);
+            batch::bias(kernel, prepared, [&q, &dq], &mut h);
+            batch::inverse_dynamics(kernel, prepared, [&q, &dq, &ddq], &mut tau);
+            let results = [&mut tau_too[..], &mut by_q, &mut by_dq];
+            batch::inverse_dynamics_gradient(kernel, prepared, [&q, &dq, &ddq], results);
+            for state in 0..cases.len() {
+                let row = |rows: &[f64], width: usize| rows[state * n * width..(state + 1) * n * width].to_vec();
+                let (q, dq, ddq) = (row(&q, 1), row(&dq, 1), row(&ddq, 1));
+                let alone = |width: usize| vec![f64::NAN; n * width];
+                let (mut own_d, mut own_phi, mut own_h) = (alone(n), alone(1), alone(1));
+                kernel.functions.inertia(prepared, &q, &mut own_d);
+                kernel.functions.gravity(prepared, &q, &mut own_phi);
+                kernel.functions.bias(prepared, &q, &dq, &mut own_h);
+                assert_eq!([row(&d, n), row(&phi, 1), row(&h, 1)], [own_d, own_phi, own_h], "{} {state}", own.id);
+                let (mut own_tau, mut own_by_q, mut own_by_dq) = (alone(1), alone(n), alone(n));
+                kernel.functions.inverse_dynamics(prepared, &q, &dq, &ddq, &mut own_tau);
+                assert_eq!(row(&tau, 1), own_tau, "{} {state}", own.id);
+                let results = (&mut own_tau, &mut own_by_q, &mut own_by_dq);
+                kernel.functions.inverse_dynamics_gradient(prepared, &q, &dq, &ddq, results.0, results.1, results.2);
+                assert_eq!([row(&tau_too, 1), row(&by_q, n), row(&by_dq, n)], [own_tau, own_by_q, own_by_dq]);
+            }
+        }
+    }
+}
+
+/// Torque to acceleration and back again: the two Jacobians are each other's inverse, and differences of positions agree.
+#[test]
+fn derivatives_of_accelerations_undo_those_of_torques() {
+    for (own, _, kernel) in both() {
+        let n = kernel.free.len();
+        for case in cases_of(own, kernel, Noise::new(19), 3) {
+            let (prepared, mut ddq) = (&case.prepared, vec![f64::NAN; n]);
+            let mut by = [(); 3].map(|()| vec![f64::NAN; n * n]);
+            let [by_q, by_dq, by_tau] = &mut by;
+            let given = [&case.q[..], &case.dq, &case.ddq];
+            batch::forward_dynamics_gradient(kernel, prepared, given, [&mut ddq, by_q, by_dq, by_tau]);
+            let unit = product(n, &case.inertia(), by_tau);
+            for (place, entry) in unit.iter().enumerate() {
+                let expected = f64::from(u8::from(place / n == place % n));
+                assert!((entry - expected).abs() < 1e-7, "{}: {unit:?}", own.id);
+            }
+            for column in 0..n {
+                const STEP: f64 = 1e-6;
+                let moved = |which: usize, by: f64| {
+                    let mut own = [case.q.clone(), case.dq.clone()];
+                    own[which][column] += by;
+                    let mut ddq = vec![f64::NAN; n];
+                    kernel.functions.forward_dynamics(prepared, &own[0], &own[1], &case.ddq, &mut ddq);
+                    ddq
+                };
+                for (which, by) in [&by[0], &by[1]].into_iter().enumerate() {
+                    let (above, below) = (moved(which, STEP), moved(which, -STEP));
+                    let size = ddq.iter().chain(by).fold(1.0_f64, |size, entry| size.max(entry.abs()));
+                    for row in 0..n {
+                        let expected = (above[row] - below[row]) / (2.0 * STEP);
+                        let found = by[row * n + column];
+                        assert!((found - expected).abs() < 1e-5 * size, "{}: {found} {expected}", own.id);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Of two n x n matrices.
+fn product(n: usize, a: &[f64], b: &[f64]) -> Vec<f64> {
+    let entry = |place: usize| (0..n).map(|k| a[place / n * n + k] * b[k * n + place % n]).sum();
+    (0..n * n).map(entry).collect()
 }
 
 #[test]

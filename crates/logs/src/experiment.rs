@@ -9,6 +9,7 @@ use std::{
 };
 
 use dynid_model::{Device, instance::check_payload, nearest};
+use dynid_tables::Table;
 use sha2::{Digest, Sha256};
 use toml::{
     Spanned,
@@ -196,6 +197,19 @@ pub enum ExperimentError {
         /// What the runs have.
         known: String,
     },
+    /// What is said of a run that no file describes is not as it must be.
+    #[error("{run}: {message}; {remedy}")]
+    Given {
+        /// Its log.
+        run: String,
+        /// What was expected and what was found.
+        message: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// The log of such a run cannot be used.
+    #[error(transparent)]
+    GivenLog(Box<LogError>),
     /// A log of it cannot be used.
     #[error("{error} (run {run} of {experiment})", experiment = experiment.display())]
     Log {
@@ -227,7 +241,7 @@ const EXPERIMENT_KEYS: [&str; 17] = [
     "payload",
     "transmission",
 ];
-const RUN_KEYS: [&str; 20] = [
+pub(crate) const RUN_KEYS: [&str; 20] = [
     "file",
     "free",
     "role",
@@ -320,7 +334,7 @@ impl Experiment {
         }
         let mut hash = Sha256::new();
         let mut read = Vec::with_capacity(entries.len());
-        let mut numbers = Numbers { device, others: Vec::new() };
+        let mut numbers = Numbers::new(device);
         for (index, entry) in entries.iter().enumerate() {
             let table = entry.get_ref().as_table().ok_or_else(|| file.wrong_type(entry, "run", "a [[run]] table"))?;
             file.known_keys(table, &RUN_KEYS)?;
@@ -332,12 +346,27 @@ impl Experiment {
             }
             let source = RunSource { file: &file, device, top, table, start: entry.span().start, number: index + 1 };
             // A hash is made in one thread: meanwhile the next log is read in all others.
-            let (run, ()) = rayon::join(|| source.read(&mut numbers), || feed(&mut hash, read.last()));
-            read.push(run?);
+            let (run, ()) = rayon::join(|| source.read(None), || feed(&mut hash, read.last()));
+            let run = run?;
+            read.push(Run { configuration: numbers.of(&run.free), ..run });
         }
         feed(&mut hash, read.last());
-        let digest = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-        Ok(Self { path: path.to_owned(), device, runs: read, digest })
+        Ok(Self { path: path.to_owned(), device, runs: read, digest: hexadecimal(hash) })
+    }
+
+    /// The experiment of these runs of `device`, whose configurations are numbered anew; `path` is for messages.
+    ///
+    /// # Panics
+    /// Without a run.
+    pub fn of_runs(path: &Path, device: &'static Device, mut runs: Vec<Run>) -> Self {
+        assert!(!runs.is_empty(), "an experiment has runs");
+        let mut hash = Sha256::new();
+        let mut numbers = Numbers::new(device);
+        for run in &mut runs {
+            run.configuration = numbers.of(&run.free);
+            feed(&mut hash, Some(run));
+        }
+        Self { path: path.to_owned(), device, runs, digest: hexadecimal(hash) }
     }
 
     /// The runs of one role, in order.
@@ -355,6 +384,10 @@ fn feed(hash: &mut Sha256, run: Option<&Run>) {
     run.payload.iter().for_each(|name| hash.update(format!("payload {name}\n")));
 }
 
+fn hexadecimal(hash: Sha256) -> String {
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// Whether runs without measured positions may be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Planned {
@@ -363,15 +396,15 @@ enum Planned {
 }
 
 /// One `[[run]]` on its way to a [`Run`].
-struct RunSource<'a> {
-    file: &'a File<'a>,
-    device: &'static Device,
-    top: &'a DeTable<'a>,
-    table: &'a DeTable<'a>,
+pub(crate) struct RunSource<'a> {
+    pub(crate) file: &'a File<'a>,
+    pub(crate) device: &'static Device,
+    pub(crate) top: &'a DeTable<'a>,
+    pub(crate) table: &'a DeTable<'a>,
     /// Byte at which the run starts.
-    start: usize,
+    pub(crate) start: usize,
     /// From 1.
-    number: usize,
+    pub(crate) number: usize,
 }
 
 /// Numbers of the sets of free joints: those of the device's configurations, then further ones in the order of the runs.
@@ -381,6 +414,10 @@ struct Numbers {
 }
 
 impl Numbers {
+    fn new(device: &'static Device) -> Self {
+        Self { device, others: Vec::new() }
+    }
+
     fn of(&mut self, free: &[usize]) -> usize {
         if let Some(number) = self.device.configuration_of(free) {
             return number;
@@ -395,12 +432,17 @@ impl Numbers {
 }
 
 impl<'a> RunSource<'a> {
-    fn read(&self, numbers: &mut Numbers) -> Result<Run, ExperimentError> {
+    /// With the log that is `given`, else that of its file.
+    pub(crate) fn read(&self, given: Option<&Table>) -> Result<Run, ExperimentError> {
         let file = self.file;
         let name = file.string(self.required("file", "the path of a log")?, "file")?;
-        let free_value = self.required("free", "the free joints, e.g. free = [0, 1]")?;
-        let free = self.free(free_value)?;
-        let configuration = numbers.of(&free);
+        let columns = self.pairs("columns", "a name, e.g. columns = { tau0 = \"tau_1\" }", |value| {
+            value.get_ref().as_str().map(str::to_owned)
+        })?;
+        let free = match (self.table.get("free"), given) {
+            (None, Some(table)) => self.moving(table, &columns)?,
+            _ => self.free(self.required("free", "the free joints, e.g. free = [0, 1]")?)?,
+        };
         let role_value = self.required("role", "\"fit\" or \"validate\"")?;
         let role = match file.string(role_value, "role")? {
             "fit" => Role::Fit,
@@ -413,9 +455,7 @@ impl<'a> RunSource<'a> {
         };
         let format = LogFormat {
             n_joints: self.device.joints.len(),
-            columns: self.pairs("columns", "a name, e.g. columns = { tau0 = \"tau_1\" }", |value| {
-                value.get_ref().as_str().map(str::to_owned)
-            })?,
+            columns,
             scale: self.pairs("scale", "a finite number other than 0, e.g. scale = { tau0 = 10.0 }", |value| {
                 number(value).filter(|factor| *factor != 0.0)
             })?,
@@ -440,7 +480,11 @@ impl<'a> RunSource<'a> {
         let payload = self.setting("payload").map(|value| self.payload(value)).transpose()?.flatten();
         let settings = self.settings(&free)?;
         let path = file.relative(name);
-        let log = log::read(&path, &format).map_err(|error| ExperimentError::Log {
+        let log = match given {
+            Some(table) => log::of_table(&path, table, &format),
+            None => log::read(&path, &format),
+        };
+        let log = log.map_err(|error| ExperimentError::Log {
             experiment: file.path.to_owned(),
             run: self.number,
             error: Box::new(error),
@@ -452,6 +496,8 @@ impl<'a> RunSource<'a> {
                 format!("log them; where they have other names, say so: columns = {{ {} = \"...\" }}", columns[0]);
             return Err(file.invalid(value.span().start, message, &remedy));
         }
+        // Whoever knows the other runs numbers the configurations that the device does not have.
+        let configuration = self.device.configuration_of(&free).unwrap_or(self.device.configurations.len() + 1);
         Ok(Run { file: name.to_owned(), role, free, payload, configuration, log, settings })
     }
 
@@ -764,7 +810,7 @@ impl<'a> RunSource<'a> {
         self.table.get(key).or_else(|| self.top.get(key))
     }
 
-    fn required(&self, key: &str, what: &str) -> Result<&'a Spanned<DeValue<'a>>, ExperimentError> {
+    pub(crate) fn required(&self, key: &str, what: &str) -> Result<&'a Spanned<DeValue<'a>>, ExperimentError> {
         self.table.get(key).ok_or_else(|| {
             let message = format!("run {} does not say `{key}`", self.number);
             self.file.invalid(self.start, message, &format!("add {what}"))
@@ -816,13 +862,13 @@ impl RunSource<'_> {
 }
 
 /// The experiment file, to say where something stands in it.
-struct File<'a> {
-    path: &'a Path,
-    text: &'a str,
+pub(crate) struct File<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) text: &'a str,
 }
 
 impl<'a> File<'a> {
-    fn invalid(&self, offset: usize, message: String, remedy: &str) -> ExperimentError {
+    pub(crate) fn invalid(&self, offset: usize, message: String, remedy: &str) -> ExperimentError {
         // Offsets are those of the parser, which stand between characters.
         let before = self.text.get(..offset).unwrap_or(self.text);
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
@@ -856,7 +902,7 @@ impl<'a> File<'a> {
             .map_err(|error| self.invalid(value.span().start, error.to_string(), &error.remedy()))
     }
 
-    fn known_keys(&self, table: &DeTable<'_>, known: &[&str]) -> Result<(), ExperimentError> {
+    pub(crate) fn known_keys(&self, table: &DeTable<'_>, known: &[&str]) -> Result<(), ExperimentError> {
         for (key, _) in table.iter() {
             let name: &str = key.get_ref();
             if !known.contains(&name) {
@@ -867,7 +913,7 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    fn string<'v>(&self, value: &'v Spanned<DeValue<'_>>, key: &str) -> Result<&'v str, ExperimentError> {
+    pub(crate) fn string<'v>(&self, value: &'v Spanned<DeValue<'_>>, key: &str) -> Result<&'v str, ExperimentError> {
         value.get_ref().as_str().ok_or_else(|| self.wrong_type(value, key, "a text in quotes"))
     }
 
@@ -882,7 +928,7 @@ impl<'a> File<'a> {
     }
 
     /// A path of the experiment, relative to its file.
-    fn relative(&self, name: &str) -> PathBuf {
+    pub(crate) fn relative(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)
     }
 }

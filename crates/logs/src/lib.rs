@@ -3,6 +3,7 @@
 //! - [`experiment::Experiment`]: an `experiment.toml` with its [`Run`](experiment::Run)s, each to be fitted to or held out
 //!   ([`Role`](experiment::Role));
 //! - [`log::Log`]: one file in SI units;
+//! - [`Run::given`](experiment::Run::given), [`Experiment::of_runs`](experiment::Experiment::of_runs): the same of tables that no file holds;
 //! - [`controller`]: the file of the controller that closed the loop;
 //! - [`motion::Motion`]: positions, velocities and accelerations after the zero-phase filter;
 //! - [`noise`]: measurement noise, estimated from a log alone;
@@ -15,6 +16,7 @@
 
 pub mod controller;
 pub mod experiment;
+mod given;
 pub mod log;
 pub mod motion;
 pub mod noise;

@@ -230,6 +230,11 @@ impl LogError {
 /// Reads the log at `path`.
 pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     let table = Table::open(path).map_err(|error| LogError::of_table(path, error))?;
+    of_table(path, &table, format)
+}
+
+/// The log that a table holds; `path` is for messages.
+pub fn of_table(path: &Path, table: &Table, format: &LogFormat) -> Result<Log, LogError> {
     let header = Header { path, names: table.names(), format };
     let find = |logical: &str| header.find(logical);
     let joints = 0..format.n_joints;
@@ -277,7 +282,7 @@ pub fn read(path: &Path, format: &LogFormat) -> Result<Log, LogError> {
     if format.rows.is_some() && (from >= to || to > n_rows) {
         return Err(LogError::RowsOutOfRange { path: path.to_owned(), from, to, n_rows });
     }
-    let left_out = read_rows(path, &table, from..to, format.repeated, &mut columns)?;
+    let left_out = read_rows(path, table, from..to, format.repeated, &mut columns)?;
     let n_samples = t.values.len();
     if n_samples < 2 {
         let found = if n_rows == 0 { "a header but no rows" } else { "a single row" };

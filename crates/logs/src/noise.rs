@@ -2,6 +2,16 @@
 
 use crate::experiment::Run;
 
+/// A joint moves if its positions span so many times their noise.
+pub const MOVES: f64 = 10.0;
+
+/// Whether a joint at these positions moves by more than noise.
+pub fn moves(q: &[f64]) -> bool {
+    let (low, high) = q.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(*q), high.max(*q)));
+    // Not `>=`: what never changes has no noise either.
+    high - low > MOVES * noise_of_log(q)
+}
+
 /// Standard deviation of the white noise on `samples` [their unit].
 ///
 /// Motion well below the sample rate leaves almost nothing in fourth differences, white noise `sqrt(70)` times its

@@ -9,6 +9,7 @@ pub mod diagnosis;
 pub mod discovered;
 pub mod finding;
 pub mod first_guess;
+pub mod fit;
 pub mod fleet;
 pub mod ladder;
 pub mod quality;

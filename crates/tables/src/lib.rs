@@ -246,6 +246,13 @@ impl Table {
         Ok(Self { names, n_rows: text.n_rows(), content: Content::Text(text), remarks: Vec::new() })
     }
 
+    /// The table of these columns, which no file holds. They are as long as the shortest.
+    pub fn of_numbers(columns: Vec<(String, Vec<f64>)>) -> Self {
+        let n_rows = columns.iter().map(|(_, values)| values.len()).min().unwrap_or(0);
+        let (names, values) = columns.into_iter().unzip();
+        Self { names, n_rows, content: Content::Numbers(values), remarks: Vec::new() }
+    }
+
     /// Columns of one length.
     fn of_columns(columns: Vec<Named>, remarks: Vec<Remark>) -> Result<Self, TableError> {
         let n_rows = columns.first().map_or(0, |column| column.values.len());

@@ -17,7 +17,7 @@ impl Model {
     pub fn load_clipped(path: &Path) -> Result<Self, DocumentError> {
         let text = dynid_files::read(path)?;
         let (text, clipped) = clipped(&text);
-        let mut model = Self::parse_with(&text, path, Bodies::Unchecked)?;
+        let mut model = Self::parse_with(&text, path, Bodies::Unchecked, None)?;
         model.notes.extend(clipped);
         Ok(model)
     }

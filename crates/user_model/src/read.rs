@@ -45,15 +45,28 @@ impl Model {
     /// # Errors
     /// The first thing that is wrong, with its place.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ModelError> {
-        Self::parse_with(text, path, Bodies::Checked)
+        Self::parse_with(text, path, Bodies::Checked, None)
     }
 
-    pub(super) fn parse_with(text: &str, path: &Path, bodies: Bodies) -> Result<Self, ModelError> {
+    /// As [`Model::parse`], for a device that is known already, whatever the text calls it.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its place.
+    pub fn parse_of(device: &'static Device, text: &str, path: &Path) -> Result<Self, ModelError> {
+        Self::parse_with(text, path, Bodies::Checked, Some(device))
+    }
+
+    pub(super) fn parse_with(
+        text: &str,
+        path: &Path,
+        bodies: Bodies,
+        device: Option<&'static Device>,
+    ) -> Result<Self, ModelError> {
         let source = Source::new(path, text);
         let document = document::parse(&source)?;
         let root = Table::root(&source, &document);
         root.only(&["device", "link", "length", "base", "effect", "fit", "believed"])?;
-        let device = device_of(&root)?;
+        let device = device.map_or_else(|| device_of(&root), Ok)?;
         let mut model = Self::of_device(device);
         model.effects.clear();
         read_links(&root, &mut model, bodies)?;

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::{FitRun, PositionFitError, PositionProblem, motion::RunMotion, physical_links, run_unknowns::RunUnknowns};
 use crate::plan::Plan;
+use crate::sensitivity::Columns;
 use dynid_dynamics::{
     simulate, simulate::Options, simulate::Planned, simulate::Predictor, simulate::Scheme, simulate::SimulationError,
 };
@@ -170,9 +171,44 @@ impl<'a> Ready<'a> {
     }
 
     /// Factor on the error of a free joint at a sample (thesis Eq. 4.2: by time; Eq. 4.3: by joint).
-    fn weight(&self, sample: usize, slot: usize) -> f64 {
+    pub(super) fn weight(&self, sample: usize, slot: usize) -> f64 {
         let by_time = if 2 * sample < self.run.time.len() { self.run.first_half } else { 1.0 };
         self.weights[slot] * by_time
+    }
+
+    /// Where the log's transient is cut: how far the start of each free joint is from the logged one, over what that is known to.
+    pub(super) fn errors_of_start(&self, x: &[f64]) -> impl Iterator<Item = f64> {
+        self.starts.iter().zip(self.unknowns.initial(x)).map(|((q0, weight), q)| (q0 - q) * weight)
+    }
+
+    /// The weights of [`Ready::errors_of_start`].
+    pub(super) fn weights_of_start(&self) -> impl Iterator<Item = f64> {
+        self.starts.iter().map(|(_, weight)| *weight)
+    }
+
+    /// What is unknown in this run is integrated for these columns.
+    pub(super) fn columns(&self) -> &Columns {
+        self.unknowns.columns()
+    }
+
+    /// Number of this run's own parameters.
+    pub(super) fn n_parameters(&self) -> usize {
+        self.unknowns.n_parameters()
+    }
+
+    /// Index among all unknowns of each of this run's own.
+    pub(super) fn places(&self) -> Vec<usize> {
+        self.unknowns.places()
+    }
+
+    /// As [`RunUnknowns::along`], free of the log.
+    pub(super) fn along(
+        &self,
+        x: &[f64],
+        schemes: &[Scheme],
+        observe: impl FnMut(usize, &[f64], &[f64]),
+    ) -> Option<DMatrix<f64>> {
+        self.unknowns.along(self.run, x, (&self.rates(0.0), schemes), observe)
     }
 
     fn cost(&self, x: &[f64], observer: f64, schemes: &[Scheme]) -> Result<f64, SimulationError> {

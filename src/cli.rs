@@ -33,7 +33,7 @@ use std::env;
 use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::Command;
 use std::sync::OnceLock;
 
 use clap::{Parser, Subcommand};
@@ -241,7 +241,7 @@ static PROGRAM: OnceLock<Vec<OsString>> = OnceLock::new();
 
 /// Reads the arguments (the first is the program's name), runs the verb, prints and returns the exit status. What is run once more, for
 /// jobs, is this program's own file, or the command `again`.
-pub fn main(arguments: impl IntoIterator<Item = OsString>, again: Option<Vec<OsString>>) -> ExitCode {
+pub fn main(arguments: impl IntoIterator<Item = OsString>, again: Option<Vec<OsString>>) -> u8 {
     if let Some(again) = again.filter(|again| !again.is_empty()) {
         // It is said once a process.
         let _ = PROGRAM.set(again);
@@ -253,12 +253,12 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>, again: Option<Vec<OsS
     }
     let result = read_effects(&arguments).and_then(|()| outcome(&arguments));
     match result.and_then(|outcome| print(&outcome, arguments.json).map(|()| outcome.answer)) {
-        Ok(Answer::Yes) => ExitCode::SUCCESS,
-        Ok(Answer::No) => ExitCode::from(1),
-        Ok(Answer::Interrupted) => ExitCode::from(interrupt::STATUS),
+        Ok(Answer::Yes) => 0,
+        Ok(Answer::No) => 1,
+        Ok(Answer::Interrupted) => interrupt::STATUS,
         Err(error) => {
             eprintln!("error: {}", with_causes(&error));
-            ExitCode::from(2)
+            2
         }
     }
 }

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    dynid::cli::main(std::env::args_os(), None)
+    ExitCode::from(dynid::cli::main(std::env::args_os(), None))
 }

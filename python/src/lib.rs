@@ -11,6 +11,7 @@ mod errors;
 mod experiment;
 mod kernel;
 mod model;
+mod program;
 mod residuals;
 mod verbs;
 mod work;
@@ -33,6 +34,7 @@ fn _dynid(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(device::add_effects, module)?,
         wrap_pyfunction!(device::shipped, module)?,
         wrap_pyfunction!(device::tour, module)?,
+        wrap_pyfunction!(program::main, module)?,
         wrap_pyfunction!(verbs::check, module)?,
         wrap_pyfunction!(verbs::compare, module)?,
         wrap_pyfunction!(verbs::diagnose, module)?,

@@ -7,6 +7,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use serde::Serialize;
 
+use crate::scatter::Own;
 use crate::{Level, Scatter, Series};
 
 /// How a quantity changes.
@@ -69,6 +70,9 @@ const LEAST_NIGHTS: usize = 2;
 /// Twice the logarithm of the likelihood's factor that leaves a night possible: 95 % of a chi-squared number of one degree of freedom.
 const POSSIBLE: f64 = 3.841_458_820_694_124;
 
+/// What is smaller is nothing: its square is none, and that over which it is divided infinite.
+const LEAST: f64 = 1e-100;
+
 /// All shapes that a series of so many nights may have, each with the place where it begins.
 fn shapes(n: usize) -> impl Iterator<Item = (Shape, usize)> {
     let steps = (LEAST_NIGHTS..=n.saturating_sub(LEAST_NIGHTS)).map(|at| (Shape::Step, at));
@@ -98,16 +102,18 @@ struct Whitened {
 }
 
 impl Whitened {
-    fn new(series: &Series, scatter: &Scatter) -> Option<Self> {
+    fn new(series: &Series, scatter: &Scatter, own: Own) -> Option<Self> {
         let n = series.len();
         let largest = series.values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         // Estimates that repeat to the last digit leave no scatter at all: that of rounding stays.
-        let rounding = (largest * f64::EPSILON).max(f64::MIN_POSITIVE.sqrt());
+        let rounding = (largest * f64::EPSILON).max(LEAST);
         let since = |k: usize| (series.nights[k] - series.nights[0]) as f64;
         let covariance = DMatrix::from_fn(n, n, |i, j| {
-            let own =
-                if i == j { series.std_errors[i].powi(2) + scatter.night.powi(2) + rounding.powi(2) } else { 0.0 };
-            own + scatter.walk.powi(2) * since(i.min(j))
+            let walked = scatter.walk.powi(2) * since(i.min(j));
+            if i != j {
+                return own.variance * walked;
+            }
+            own.variance * (walked + series.std_errors[i].powi(2) + scatter.night.powi(2)) + rounding.powi(2)
         });
         covariance.cholesky().map(|factor| Self { factor })
     }
@@ -140,10 +146,10 @@ struct Look {
 }
 
 /// Finds what explains a series.
-pub(crate) fn explain(series: &Series, scatter: &Scatter, level: Level) -> Explained {
+pub(crate) fn explain(series: &Series, scatter: &Scatter, own: Own, level: Level) -> Explained {
     let n = series.len();
     let values = DVector::from_column_slice(&series.values);
-    let Some(white) = Whitened::new(series, scatter) else {
+    let Some(white) = Whitened::new(series, scatter, own) else {
         let last = values[n - 1];
         return Explained { changes: Vec::new(), rest: series.clone(), last, std_error: series.std_errors[n - 1] };
     };
@@ -174,7 +180,7 @@ pub(crate) fn explain(series: &Series, scatter: &Scatter, level: Level) -> Expla
         let Some(best) = looks.into_iter().max_by(|a, b| a.deviation.abs().total_cmp(&b.deviation.abs())) else {
             break;
         };
-        let chance = level.chance(best.deviation, scatter.freedom);
+        let chance = level.chance(best.deviation, own.freedom);
         if !level.is_sure(chance) {
             break;
         }

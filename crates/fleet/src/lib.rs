@@ -113,11 +113,14 @@ impl Analysis {
     }
 }
 
-/// Looks at all estimates. Values that are no numbers are left out.
+/// Larger numbers are taken for none: their squares are infinite.
+const LARGEST: f64 = 1e100;
+
+/// Looks at all estimates. Values that are no numbers are left out; that a robot has one says that it does not lack the quantity.
 pub fn analyse(estimates: &[Estimate], settings: &Settings) -> Analysis {
     let (robots, nights) = (series::names(estimates, |own| &own.robot), series::names(estimates, |own| &own.night));
     let all = series::of(estimates, &robots, &nights);
-    let lacking = unlike::lacking(&all, &robots);
+    let lacking = unlike::lacking(estimates, &robots);
     let mut quantities: Vec<Vec<Series>> =
         all.chunk_by(|a, b| a.quantity == b.quantity).map(<[Series]>::to_vec).collect();
     quantities.iter_mut().for_each(|own| series::without_common(own, nights.len()));
@@ -145,12 +148,15 @@ fn explained(all: &[Series], level: Level) -> (Scatter, Vec<Explained>) {
     /// Each finds more than the one before; a fleet has no more layers.
     const ROUNDS: usize = 10;
     let mut scatter = Scatter::of(all);
-    let explain = |scatter: &Scatter| all.iter().map(|own| change::explain(own, scatter, level)).collect::<Vec<_>>();
-    let mut explained = explain(&scatter);
+    let explain = |scatter: &Scatter, rest: &[Series]| {
+        let own = scatter.of_each(rest);
+        all.iter().zip(own).map(|(series, own)| change::explain(series, scatter, own, level)).collect::<Vec<_>>()
+    };
+    let mut explained = explain(&scatter, all);
     for _ in 0..ROUNDS {
         let rest: Vec<Series> = explained.iter().map(|own| own.rest.clone()).collect();
         scatter = Scatter::of(&rest);
-        let next = explain(&scatter);
+        let next = explain(&scatter, &rest);
         let count = |all: &[Explained]| all.iter().map(|own| own.changes.len()).sum::<usize>();
         let is_done = count(&next) == count(&explained);
         explained = next;
@@ -172,6 +178,9 @@ impl Level {
     /// Probability that one of the looks shows a value so many standard errors from nothing, by chance; the standard error is known by so
     /// many degrees of freedom.
     fn chance(self, deviation: f64, freedom: f64) -> f64 {
+        if !deviation.is_finite() {
+            return 1.0;
+        }
         let tail = StudentsT::new(0.0, 1.0, freedom.max(1.0)).map_or(1.0, |t| 2.0 * t.cdf(-deviation.abs()));
         (tail * self.looks as f64).min(1.0)
     }

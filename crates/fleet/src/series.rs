@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use crate::{Estimate, median};
+use crate::{Estimate, LARGEST, median};
 
 /// Estimates of one quantity of one robot, night by night.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +59,7 @@ pub(crate) fn of(estimates: &[Estimate], robots: &[String], nights: &[String]) -
     /// Value and standard error by the place of the night.
     type ByNight = BTreeMap<usize, (f64, f64)>;
     let mut found: BTreeMap<(&String, usize), ByNight> = BTreeMap::new();
-    for own in estimates.iter().filter(|own| own.value.is_finite()) {
+    for own in estimates.iter().filter(|own| own.value.abs() <= LARGEST) {
         let known = Some(own.std_error).filter(|error| error.is_finite() && *error > 0.0).unwrap_or(0.0);
         let series = found.entry((&own.quantity, robots_by_name[&own.robot])).or_default();
         series.insert(nights_by_name[&own.night], (own.value, known));
@@ -79,22 +79,25 @@ pub(crate) fn of(estimates: &[Estimate], robots: &[String], nights: &[String]) -
 /// Robots that must share a night before something is called common to them.
 const LEAST_ROBOTS: usize = 5;
 
-/// Takes out what all robots do alike (a cold night, the season): the median over robots of how far each is from its own middle.
+/// Takes out what all robots do alike (a cold night, the season): the median over robots of how far each is from its own middle. A night
+/// that fewer than five robots share has what the nearest night with so many has, so that robots which leave make no step.
 pub(crate) fn without_common(own: &mut [Series], n_nights: usize) {
     let middles: Vec<f64> = own.iter().filter_map(|own| median(own.values.clone())).collect();
-    let common: Vec<f64> = (0..n_nights)
-        .map(|night| {
+    let known: Vec<(usize, f64)> = (0..n_nights)
+        .filter_map(|night| {
             let away = own.iter().zip(&middles).filter_map(|(own, middle)| {
                 let at = own.nights.binary_search(&night).ok()?;
                 Some(own.values[at] - middle)
             });
             let away: Vec<f64> = away.collect();
-            if away.len() < LEAST_ROBOTS { 0.0 } else { median(away).unwrap_or(0.0) }
+            (away.len() >= LEAST_ROBOTS).then(|| median(away)).flatten().map(|common| (night, common))
         })
         .collect();
+    let nearest =
+        |night: usize| known.iter().min_by_key(|(own, _)| own.abs_diff(night)).map_or(0.0, |(_, common)| *common);
     for series in own {
         for (night, value) in series.nights.iter().zip(&mut series.values) {
-            *value -= common[*night];
+            *value -= nearest(*night);
         }
     }
 }

@@ -1,10 +1,10 @@
 //! Robots that are unlike the others of their fleet.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
-use crate::{Level, Series, Settings, change::Explained, median};
+use crate::{Estimate, Level, Series, Settings, change::Explained, median};
 
 /// Robots that a fleet must have before one of them is unlike the others.
 const LEAST_ROBOTS: usize = 5;
@@ -20,7 +20,7 @@ pub struct Unlike {
     pub robot: String,
     /// In what.
     pub quantity: String,
-    /// Its value in its last night.
+    /// Its value in its last night, without what all robots do alike.
     pub value: f64,
     /// Standard error of that.
     pub std_error: f64,
@@ -57,7 +57,8 @@ pub(crate) fn unlike(
     let of = |(series, own): (&Series, &Explained)| {
         let size = spread.hypot(own.std_error);
         let chance = level.chance((own.last - middle) / size, EFFICIENCY * n as f64);
-        (n >= LEAST_ROBOTS && size > 0.0 && level.is_sure(chance)).then(|| Unlike {
+        // Where most are alike to the last digit nobody knows how far robots may be from each other.
+        (n >= LEAST_ROBOTS && spread > 0.0 && level.is_sure(chance)).then(|| Unlike {
             robot: series.robot.clone(),
             quantity: series.quantity.clone(),
             value: own.last,
@@ -70,16 +71,16 @@ pub(crate) fn unlike(
     series.iter().zip(explained).filter_map(of).collect()
 }
 
-/// What most robots have and some have not.
-pub(crate) fn lacking(all: &[Series], robots: &[String]) -> Vec<Lacking> {
-    let mut have: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    for own in all {
-        have.entry(&own.quantity).or_default().push(&own.robot);
+/// What most robots have and some have not: that a night could not tell a number is no lack.
+pub(crate) fn lacking(estimates: &[Estimate], robots: &[String]) -> Vec<Lacking> {
+    let mut have: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for own in estimates {
+        have.entry(&own.quantity).or_default().insert(&own.robot);
     }
     let common = have.into_iter().filter(|(_, own)| robots.len() >= LEAST_ROBOTS && 2 * own.len() > robots.len());
     let mut lacking: Vec<Lacking> = common
         .flat_map(|(quantity, own)| {
-            let without: Vec<&String> = robots.iter().filter(|robot| !own.contains(&robot.as_str())).collect();
+            let without: Vec<&String> = robots.iter().filter(|robot| !own.contains(robot.as_str())).collect();
             let others = own.len();
             without.into_iter().map(move |robot| Lacking {
                 robot: robot.clone(),

@@ -188,14 +188,19 @@ fn own_effects(arguments: &Arguments) -> Option<PathBuf> {
     arguments.effects.clone().or_else(named)
 }
 
-/// Lets a user's effects join the library.
-fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
+/// The folder of a user's effects that joins the library: one that was named, or one beside what is read.
+fn effects_beside(arguments: &Arguments) -> Option<PathBuf> {
     let beside = || {
         let of_input = |path: &Path| if path.is_dir() { path.join("effects") } else { path.with_file_name("effects") };
-        let folders = arguments.verb.inputs().into_iter().map(of_input);
-        folders.into_iter().find(|folder| folder.is_dir())
+        let mut folders = arguments.verb.inputs().into_iter().map(of_input);
+        folders.find(|folder| folder.is_dir())
     };
-    if let Some(folder) = own_effects(arguments).or_else(beside) {
+    own_effects(arguments).or_else(beside)
+}
+
+/// Lets a user's effects join the library.
+fn read_effects(arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(folder) = effects_beside(arguments) {
         dynid_model::add_effects(&folder)?;
     }
     Ok(())
@@ -231,7 +236,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         Verb::Export(arguments) => export::run(arguments),
         Verb::Wall(arguments) => wall::run(arguments),
-        Verb::Job(arguments) => job::run(arguments),
+        Verb::Job(own) => job::run(own, own_effects(arguments).as_deref()),
         Verb::Fleet(arguments) => fleet::run(arguments),
     }
 }

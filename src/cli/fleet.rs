@@ -18,9 +18,9 @@ Examples:
   dynid fleet results --out fleet.html            results of `dynid job` whose jobs fit one night of one robot each
   dynid fleet estimates.csv                       a table with the columns robot, night, quantity, value, std_error
 
-Jobs are told apart by their labels `robot` and `night`. What is looked at is every parameter that a fit could tell, and
+Results of fits are told apart by their labels `robot` and `night`. What is looked at is every parameter that a fit could tell, and
 the error that it left (`misfit`, its logarithm): a law that is no longer the robot's shows there. What all robots do alike is taken
-out. Scatter from night to night is estimated from the whole fleet; a change is told where a fleet in which nothing happens would show
+out, from five robots on. Scatter from night to night is estimated from the whole fleet and, beside that, for each robot; a change is told where a fleet in which nothing happens would show
 as much anywhere, in any robot, night and parameter, with a probability below --false-alarms.")]
 pub struct Arguments {
     /// Folders of results, result files, or tables (CSV).
@@ -50,6 +50,24 @@ const MISFIT: &str = "misfit";
 struct Found {
     estimates: Vec<Estimate>,
     units: BTreeMap<String, String>,
+    /// Fits that did not end at a minimum: their values are none.
+    unended: usize,
+    /// Where each robot's night was read.
+    places: BTreeMap<(String, String), PathBuf>,
+}
+
+impl Found {
+    /// Refuses a robot's night that was read already: nobody knows which of the two is meant.
+    fn once(&mut self, robot: &str, night: &str, path: &Path) -> anyhow::Result<()> {
+        match self.places.insert((robot.to_owned(), night.to_owned()), path.to_owned()) {
+            Some(before) => bail!(
+                "{} and {} are both of robot {robot} in night {night}: move one of them away, or give each a night of its own",
+                before.display(),
+                path.display()
+            ),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Reads, looks, writes.
@@ -73,6 +91,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let analysis = analyse(&found.estimates, &Settings { false_alarms: arguments.false_alarms });
     let mut text = text(&analysis);
+    if found.unended > 0 {
+        text.push_str(&format!("\n{} fits did not end at a minimum and were left out\n", found.unended));
+    }
     if let Some(out) = &arguments.out {
         let unit = |quantity: &str| found.units.get(quantity).cloned().unwrap_or_default();
         let sections = fleet_sections(&analysis, &unit);
@@ -81,6 +102,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         text.push_str(&format!("written: {}\n", out.display()));
     }
     let mut json = sentences::json(&analysis)?;
+    json["unended"] = found.unended.into();
     json["page"] = arguments.out.as_ref().map(|out| out.display().to_string()).into();
     // That nothing has changed is an answer, and a good one.
     Ok(Outcome { text, json, answer: Answer::Yes })
@@ -108,18 +130,23 @@ fn of_result(path: &Path, found: &mut Found) -> anyhow::Result<()> {
     let label = |name: &str| result["labels"][name].as_str().map(str::to_owned);
     let (Some(robot), Some(night)) = (label("robot"), label("night")) else { return Ok(()) };
     let fit = &result["result"];
+    let Some(parameters) = fit["parameters"].as_array() else { return Ok(()) };
+    found.once(&robot, &night, path)?;
+    if fit["status"] == "iteration limit" || fit["status"] == "numerical error" {
+        found.unended += 1;
+        return Ok(());
+    }
     let mut add = |quantity: &str, value: f64, std_error: f64| {
         let (robot, night, quantity) = (robot.clone(), night.clone(), quantity.to_owned());
         found.estimates.push(Estimate { robot, night, quantity, value, std_error });
     };
-    for own in fit["parameters"].as_array().into_iter().flatten() {
-        // What the logs of a night could not tell is no estimate.
-        if let (Some(name), Some(value), Some(std_error)) =
-            (own["name"].as_str(), own["value"].as_f64(), own["std_error"].as_f64())
-        {
-            add(name, value, std_error);
-            found.units.insert(name.to_owned(), own["unit"].as_str().unwrap_or_default().to_owned());
-        }
+    for own in parameters {
+        let Some(name) = own["name"].as_str() else { continue };
+        // What the logs of a night could not tell is no estimate; the robot has the parameter all the same.
+        let known = own["value"].as_f64().zip(own["std_error"].as_f64());
+        let (value, std_error) = known.unwrap_or((f64::NAN, 0.0));
+        add(name, value, std_error);
+        found.units.insert(name.to_owned(), own["unit"].as_str().unwrap_or_default().to_owned());
     }
     let left = ["rmse_fit", "torque_percent_fit"].iter().find_map(|key| fit[*key].as_f64());
     if let Some(left) = left.filter(|left| *left > 0.0) {
@@ -154,7 +181,7 @@ fn of_table(path: &Path, found: &mut Found) -> anyhow::Result<()> {
             cell.parse().ok().with_context(|| format!("{}:{line}: expected a number, found `{cell}`", path.display()))
         };
         let [robot, night, quantity] = [text(robot), text(night), text(quantity)];
-        let std_error = std_error.map_or(Ok(0.0), number)?;
+        let std_error = std_error.filter(|place| !text(*place).is_empty()).map_or(Ok(0.0), number)?;
         found.estimates.push(Estimate { robot, night, quantity, value: number(value)?, std_error });
     }
     Ok(())

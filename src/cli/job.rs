@@ -32,8 +32,8 @@ Examples:
   dynid fleet results                           what has changed on which robot, and since when
 
 A job is a JSON file, named by its digest, with the arguments of `dynid`, digests of the files that they read, and
-labels (the other columns of the table). Its result is results/DIGEST.json: what the verb prints with --json, its exit status, or
-its error. '{out}' in an argument stands for results/DIGEST. Paths are those of the working folder.
+labels (the columns of the table). Its result is results/DIGEST.json: what the verb prints with --json, its exit status, or
+its error. '{out}' in an argument stands for results/DIGEST, '{{' for a brace. Paths are those of the working folder.
 
 Ctrl-C keeps what is done; the same command goes on, also within a fit. Two machines that do the same job come to the same file.")]
 pub struct Arguments {
@@ -79,9 +79,9 @@ impl Shard {
 }
 
 /// Makes jobs, or does them.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+pub fn run(arguments: &Arguments, effects: Option<&Path>) -> anyhow::Result<Outcome> {
     match (&arguments.from, arguments.jobs.as_slice()) {
-        (Some(table), [folder]) => make::run(table, folder, &arguments.verb),
+        (Some(table), [folder]) => make::run(table, folder, &arguments.verb, effects),
         (Some(_), _) => bail!("with --from, name one folder for the jobs"),
         (None, _) => work(arguments),
     }
@@ -95,7 +95,7 @@ fn work(arguments: &Arguments) -> anyhow::Result<Outcome> {
     dynid_files::make_folder(&arguments.out)?;
     let (mut left, mut done, mut failed) = (Vec::new(), 0, Vec::new());
     for job in &mine {
-        match job.result(&arguments.out)? {
+        match job.result(&arguments.out) {
             Some(result) if result["error"].is_null() => done += 1,
             Some(_) if !arguments.again => failed.push(job.digest.clone()),
             _ => left.push(*job),
@@ -114,11 +114,10 @@ fn work(arguments: &Arguments) -> anyhow::Result<Outcome> {
         match ended {
             Some(Ended::Done) => done += 1,
             Some(Ended::Failed) => failed.push(job.digest.clone()),
-            Some(Ended::Stopped) | None => {}
+            Some(Ended::Stopped | Ended::Elsewhere | Ended::Died) | None => {}
         }
     }
-    let open = mine.len() - done - failed.len();
-    Ok(outcome(arguments, mine.len(), done, &failed, open))
+    Ok(outcome(arguments, mine.len(), done, &failed, interrupt.is_asked()))
 }
 
 /// Does all jobs, so many at once; how each ended, in their order, `None` where none began it.
@@ -152,7 +151,8 @@ fn all(
     Ok(ended)
 }
 
-fn outcome(arguments: &Arguments, all: usize, done: usize, failed: &[String], open: usize) -> Outcome {
+fn outcome(arguments: &Arguments, all: usize, done: usize, failed: &[String], was_stopped: bool) -> Outcome {
+    let open = all - done - failed.len();
     let out = arguments.out.display();
     let mut text = format!("{done} of {all} jobs done; results: {out}\n");
     if open > 0 {
@@ -163,8 +163,8 @@ fn outcome(arguments: &Arguments, all: usize, done: usize, failed: &[String], op
     }
     let answer = match (open, failed.is_empty()) {
         (0, true) => Answer::Yes,
-        (0, false) => Answer::No,
-        _ => Answer::Interrupted,
+        (1.., _) if was_stopped => Answer::Interrupted,
+        _ => Answer::No,
     };
     Outcome {
         text,

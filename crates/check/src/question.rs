@@ -31,7 +31,7 @@ impl Question {
 
     /// Whether the torque that the motion needs is what answers it.
     fn needs_balance(self) -> bool {
-        matches!(self, Self::Units | Self::Signs | Self::Timing | Self::Agreement)
+        matches!(self, Self::Commands | Self::Units | Self::Signs | Self::Timing | Self::Agreement)
     }
 }
 
@@ -58,7 +58,7 @@ impl FindingKind {
 pub struct Asked {
     /// Which.
     pub question: Question,
-    /// Of so many runs: a run whose motion has no torque balance says nothing of units, signs and times.
+    /// Of so many runs: one whose motion has no torque balance says nothing of commands, units, signs and times.
     pub runs: usize,
 }
 

@@ -7,11 +7,14 @@ use serde_json::{Value, json};
 /// The answer in one sentence.
 pub fn verdict(analysis: &Analysis) -> String {
     let (robots, nights) = (analysis.robots.len(), analysis.nights.len());
+    if analysis.looks == 0 {
+        return "No robot has the four nights that a change needs to be seen.".to_owned();
+    }
     let mut changed: Vec<String> = analysis.events().into_iter().map(|own| own.robot).collect();
     changed.dedup();
     match changed.len() {
-        0 => format!("Nothing has changed on {robots} robots in {nights} nights that could not be chance."),
-        count => format!("{count} of {robots} robots have changed in {nights} nights: {}.", changed.join(", ")),
+        0 => format!("Nothing has changed in {nights} nights that could not be chance; robots looked at: {robots}."),
+        count => format!("In {nights} nights {count} of {robots} robots changed: {}.", changed.join(", ")),
     }
 }
 

@@ -67,10 +67,14 @@ impl Job {
         out.join(format!("{}.json", self.digest))
     }
 
-    /// Its result, if it is there.
-    pub fn result(&self, out: &Path) -> anyhow::Result<Option<Value>> {
-        let path = self.result_path(out);
-        if path.is_file() { read_json(&path).map(Some) } else { Ok(None) }
+    /// Its result, if it is there and whole.
+    pub fn result(&self, out: &Path) -> Option<Value> {
+        read_json(&self.result_path(out)).ok().filter(|result| result["job"] == self.digest.as_str())
+    }
+
+    /// Its result, if it says what was found.
+    pub fn found(&self, out: &Path) -> Option<Value> {
+        self.result(out).filter(|result| result["error"].is_null())
     }
 
     /// The first file that is no longer the one that the job was made for.

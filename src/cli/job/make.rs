@@ -1,36 +1,40 @@
 //! One job for each row of a table.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use clap::Parser;
 use dynid_format::UnknownName;
 use dynid_model::sha256_hex;
 use serde_json::json;
 
 use super::super::named::all_named_by;
-use super::super::{Answer, Outcome};
+use super::super::{Answer, Arguments, Outcome, Verb, effects_beside};
 use super::file::{Content, Job, OUT};
 
-/// Makes jobs of `arguments`, in which `{column}` stands for what the row has there; columns that no argument asks for are labels.
-pub fn run(table: &Path, folder: &Path, arguments: &[String]) -> anyhow::Result<Outcome> {
+/// Makes jobs of `arguments`, in which `{column}` stands for what the row has there; all columns are labels.
+pub fn run(table: &Path, folder: &Path, arguments: &[String], effects: Option<&Path>) -> anyhow::Result<Outcome> {
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_path(table)
         .with_context(|| format!("{} cannot be read", table.display()))?;
-    let header: Vec<String> = reader.headers().context(shown(table))?.iter().map(str::to_owned).collect();
-    for asked in arguments.iter().flat_map(|argument| placeholders(argument)) {
-        if format!("{{{asked}}}") != OUT && !header.contains(&asked) {
-            let unknown = UnknownName::among("column", &asked, header.iter().map(String::as_str));
-            bail!("{}: {unknown}", table.display());
-        }
+    let no_table = || format!("{}: this is no table", table.display());
+    let header: Vec<String> = reader.headers().with_context(no_table)?.iter().map(str::to_owned).collect();
+    if let Some(name) = header.iter().enumerate().find_map(|(k, name)| header[..k].contains(name).then_some(name)) {
+        bail!("{}: two columns are called `{name}`; rename one of them", table.display());
+    }
+    if header.iter().any(|name| name == "out") {
+        bail!("{}: a column is called `out`, as the place of the result is; rename it", table.display());
     }
     dynid_files::make_folder(folder)?;
     let (mut all, mut new) = (0, 0);
     for record in reader.records() {
-        let record = record.context(shown(table))?;
+        let record = record.with_context(no_table)?;
         let cells: BTreeMap<&str, &str> = header.iter().map(String::as_str).zip(record.iter()).collect();
-        let job = Job::new(content(arguments, &cells)?)?;
+        let filled = arguments.iter().map(|argument| filled(argument, &cells)).collect::<Result<Vec<_>, _>>();
+        let job = Job::new(content(filled.with_context(|| table.display().to_string())?, &cells, effects)?)?;
         all += 1;
         new += usize::from(job.write(folder)?);
     }
@@ -50,37 +54,59 @@ pub fn run(table: &Path, folder: &Path, arguments: &[String]) -> anyhow::Result<
     })
 }
 
-fn shown(table: &Path) -> String {
-    format!("{}: this is no table", table.display())
-}
-
-/// Names in braces.
-fn placeholders(argument: &str) -> Vec<String> {
-    argument.split('{').skip(1).filter_map(|rest| rest.split_once('}')).map(|(name, _)| name.to_owned()).collect()
-}
-
-fn content(arguments: &[String], cells: &BTreeMap<&str, &str>) -> anyhow::Result<Content> {
-    let filled = |argument: &String| {
-        let names = placeholders(argument);
-        names.iter().fold(argument.clone(), |argument, name| match cells.get(name.as_str()) {
-            Some(cell) => argument.replace(&format!("{{{name}}}"), cell),
-            None => argument,
-        })
-    };
-    let asked: Vec<String> = arguments.iter().flat_map(|argument| placeholders(argument)).collect();
-    let filled: Vec<String> = arguments.iter().map(filled).collect();
-    let mut inputs = BTreeMap::new();
-    for path in filled.iter().map(Path::new).filter(|path| path.is_file()) {
-        for path in
-            all_named_by(path).iter().map(std::path::PathBuf::as_path).chain([path]).filter(|path| path.is_file())
-        {
-            let bytes = std::fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
-            inputs.insert(path.display().to_string(), sha256_hex(&bytes));
+/// An argument with what a row has, in one pass: what a cell holds is taken as it is. `{out}` stays, `{{` is a brace.
+fn filled(argument: &str, cells: &BTreeMap<&str, &str>) -> Result<String, UnknownName> {
+    let (mut text, mut rest) = (String::new(), argument);
+    while let Some((before, after)) = rest.split_once('{') {
+        text.push_str(before);
+        if let Some(after) = after.strip_prefix('{') {
+            text.push('{');
+            rest = after;
+            continue;
         }
+        let Some((name, after)) = after.split_once('}') else {
+            text.push('{');
+            rest = after;
+            break;
+        };
+        match cells.get(name) {
+            Some(cell) => text.push_str(cell),
+            None if name == "out" => text.push_str(OUT),
+            None => return Err(UnknownName::among("column", name, cells.keys().copied())),
+        }
+        rest = after;
     }
-    let labels = cells.iter().filter(|(name, _)| !asked.iter().any(|own| own == *name));
-    let labels = labels.map(|(name, cell)| ((*name).to_owned(), (*cell).to_owned())).collect();
-    Ok(Content { arguments: filled, inputs, labels })
+    Ok(text + rest)
+}
+
+fn content(arguments: Vec<String>, cells: &BTreeMap<&str, &str>, effects: Option<&Path>) -> anyhow::Result<Content> {
+    let effects = effects.iter().flat_map(|folder| ["--effects".to_owned(), folder.display().to_string()]);
+    let arguments: Vec<String> = effects.chain(arguments).collect();
+    let parsed = Arguments::try_parse_from(["dynid"].into_iter().chain(arguments.iter().map(String::as_str)));
+    let parsed =
+        parsed.map_err(|error| anyhow::anyhow!("{}", error.to_string().trim_start_matches("error: ").trim_end()))?;
+    if matches!(parsed.verb, Verb::Open(_) | Verb::Tour(_) | Verb::Job(_) | Verb::Fleet(_)) {
+        bail!("`{}` is no work for a job; give a verb that ends with an answer", arguments.join(" "));
+    }
+    if arguments.iter().any(|argument| argument.contains(&format!("{OUT}.json"))) {
+        bail!("{OUT}.json is the result itself; let the verb write to another name");
+    }
+    let mut files: Vec<PathBuf> =
+        parsed.verb.inputs().into_iter().filter(|path| path.is_file()).map(Path::to_owned).collect();
+    // Values of options that are files, too: a wall, a setting.
+    files.extend(arguments.iter().map(PathBuf::from).filter(|path| path.is_file()));
+    files.extend(files.clone().iter().flat_map(|path| all_named_by(path)));
+    if let Some(folder) = effects_beside(&parsed) {
+        let entries = fs::read_dir(&folder).with_context(|| format!("{} cannot be read", folder.display()))?;
+        files.extend(entries.flatten().map(|entry| entry.path()));
+    }
+    let mut inputs = BTreeMap::new();
+    for path in files.iter().filter(|path| path.is_file()) {
+        let bytes = fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
+        inputs.insert(path.display().to_string(), sha256_hex(&bytes));
+    }
+    let labels = cells.iter().map(|(name, cell)| ((*name).to_owned(), (*cell).to_owned())).collect();
+    Ok(Content { arguments, inputs, labels })
 }
 
 #[cfg(test)]
@@ -88,12 +114,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_stand_where_they_are_asked_for_and_the_others_are_labels() {
-        let arguments = ["fit", "{folder}/e.toml", "--out", "{out}.toml"].map(str::to_owned);
-        let cells = BTreeMap::from([("folder", "r07"), ("night", "3"), ("robot", "7")]);
-        let content = content(&arguments, &cells).unwrap();
-        assert_eq!(content.arguments, ["fit", "r07/e.toml", "--out", "{out}.toml"]);
-        let labels: Vec<(&str, &str)> = content.labels.iter().map(|(a, b)| (a.as_str(), b.as_str())).collect();
-        assert_eq!(labels, [("night", "3"), ("robot", "7")]);
+    fn cells_stand_where_they_are_asked_for_as_they_are() {
+        let cells = BTreeMap::from([("folder", "r{night}"), ("night", "3"), ("robot", "{out}")]);
+        let filled = |argument: &str| filled(argument, &cells);
+        assert_eq!(filled("{folder}/{night}.toml").unwrap(), "r{night}/3.toml");
+        assert_eq!(filled("{out}.toml").unwrap(), "{out}.toml");
+        assert_eq!(filled("{{night}{robot}{").unwrap(), "{night}{out}{");
+        assert!(filled("{nihgt}").unwrap_err().to_string().contains("did you mean `night`"));
     }
 }

@@ -1,7 +1,8 @@
 //! One job done by this program as a child: what it does to itself reaches nobody else.
 
+use std::fs::{self, File, TryLockError};
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::thread;
 use std::time::Duration;
@@ -21,8 +22,12 @@ pub enum Ended {
     Done,
     /// Its result says why it found nothing.
     Failed,
-    /// Somebody wished so, or it died twice; there is no result.
+    /// Somebody wished so; there is no result.
     Stopped,
+    /// Another is doing it.
+    Elsewhere,
+    /// It died twice; there is no result.
+    Died,
 }
 
 /// What a child printed, and its exit status; none where it died.
@@ -33,34 +38,74 @@ struct Printed {
 }
 
 /// Does a job and writes its result.
+///
+/// What it writes, it writes into a folder of its own below that of the results, `DIGEST.work`, from where it is moved when it is whole; what a stopped
+/// one has left there it goes on from. Who has the lock of that folder does the job.
 pub fn work(job: &Job, out: &Path, interrupt: &Interrupt) -> anyhow::Result<Ended> {
+    let place = out.join(format!("{}.work", job.digest));
+    fs::create_dir_all(&place).with_context(|| format!("{} cannot be made", place.display()))?;
+    let lock_path = place.join("lock");
+    let lock = File::create(&lock_path).with_context(|| format!("{} cannot be written", lock_path.display()))?;
+    if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
+        return Ok(Ended::Elsewhere);
+    }
+    let ended = locked(job, out, &place, interrupt)?;
+    if matches!(ended, Ended::Done | Ended::Failed) {
+        // Another that waits for nothing may have begun to look at it: then it stays, empty.
+        let _ = fs::remove_dir_all(&place);
+    }
+    Ok(ended)
+}
+
+fn locked(job: &Job, out: &Path, place: &Path, interrupt: &Interrupt) -> anyhow::Result<Ended> {
+    // Somebody else may have done it since it was looked for.
+    if job.found(out).is_some() {
+        return Ok(Ended::Done);
+    }
     if let Some(changed) = job.changed_input() {
-        let error = format!("{changed} is not the file that the job was made for: make the job anew");
-        return write(job, out, &Printed { status: Some(2), out: String::new(), err: format!("error: {error}") });
+        let error = format!("error: {changed} is not the file that the job was made for: make the job anew");
+        return write(job, out, place, &Printed { status: Some(2), out: String::new(), err: error });
     }
     // A worker that dies is replaced: once, for what kills two kills a third.
     for _ in 0..2 {
-        let printed = printed(&arguments(job, out), interrupt)?;
+        let printed = printed(&arguments(job, place)?, interrupt)?;
         match printed.status {
             Some(status) if status == i32::from(interrupt::STATUS) => return Ok(Ended::Stopped),
-            Some(_) => return write(job, out, &printed),
+            Some(_) => return write(job, out, place, &printed),
             None if interrupt.is_asked() => return Ok(Ended::Stopped),
             None => {}
         }
     }
     eprintln!("note: job {} died twice and has no result; the same command tries it again", job.digest);
-    Ok(Ended::Stopped)
+    Ok(Ended::Died)
+}
+
+/// Whether a file is what a stopped fit has left.
+fn is_checkpoint(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "checkpoint")
+}
+
+/// Files of a job's own folder, but for its lock.
+fn files(place: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(place).with_context(|| format!("{} cannot be read", place.display()))?;
+    Ok(entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.file_name().is_some_and(|name| name != "lock"))
+        .collect())
 }
 
 /// The arguments, with the result's place, and with `--resume` where one that was stopped has left what it had.
-fn arguments(job: &Job, out: &Path) -> Vec<String> {
-    let place = out.join(&job.digest).display().to_string();
-    let mut arguments: Vec<String> = job.content.arguments.iter().map(|own| own.replace(OUT, &place)).collect();
-    let written = arguments.iter().position(|own| own == "--out").and_then(|at| arguments.get(at + 1));
-    if written.is_some_and(|path| Path::new(&format!("{path}.checkpoint")).is_file()) && arguments[0] == "fit" {
+fn arguments(job: &Job, place: &Path) -> anyhow::Result<Vec<String>> {
+    let left = files(place)?;
+    // What was written whole before a death is written again.
+    left.iter().filter(|path| !is_checkpoint(path)).try_for_each(fs::remove_file)?;
+    let name = place.join(&job.digest).display().to_string();
+    let mut arguments: Vec<String> = job.content.arguments.iter().map(|own| own.replace(OUT, &name)).collect();
+    if left.iter().any(|path| is_checkpoint(path)) && arguments.iter().any(|own| own == "fit") {
         arguments.push("--resume".to_owned());
     }
-    arguments
+    Ok(arguments)
 }
 
 fn printed(arguments: &[String], interrupt: &Interrupt) -> anyhow::Result<Printed> {
@@ -103,27 +148,47 @@ fn ended(child: &mut Child, interrupt: &Interrupt) -> anyhow::Result<Option<i32>
         if interrupt.is_asked() {
             stdin = None;
         }
+        // It is held until then.
         let _ = &stdin;
         thread::sleep(Duration::from_millis(5));
     }
 }
 
-fn write(job: &Job, out: &Path, printed: &Printed) -> anyhow::Result<Ended> {
-    let mut result: Value = serde_json::from_str(&printed.out).unwrap_or(Value::Null);
+fn write(job: &Job, out: &Path, place: &Path, printed: &Printed) -> anyhow::Result<Ended> {
+    // What is told of files is told of where they lie in the end.
+    let moved = |text: &str| {
+        text.replace(&place.join(&job.digest).display().to_string(), &out.join(&job.digest).display().to_string())
+    };
+    let mut result: Value = serde_json::from_str(&moved(&printed.out)).unwrap_or(Value::Null);
     without_times(&mut result);
-    let words = || printed.err.split_once("error: ").map_or(printed.err.as_str(), |(_, words)| words).trim().to_owned();
-    let error = if result.is_null() { Value::from(words()) } else { Value::Null };
+    let error = if result.is_null() { Value::from(why(&moved(&printed.err), printed.status)) } else { Value::Null };
     let ended = if error.is_null() { Ended::Done } else { Ended::Failed };
+    for path in files(place)?.iter().filter(|path| !is_checkpoint(path)) {
+        if let Some(name) = path.file_name() {
+            fs::rename(path, out.join(name)).with_context(|| format!("{} cannot be moved", path.display()))?;
+        }
+    }
     let content = json!({
         "job": job.digest,
         "labels": job.content.labels,
         "arguments": job.content.arguments,
+        "program": concat!("dynid ", env!("CARGO_PKG_VERSION")),
         "status": printed.status,
         "result": result,
         "error": error,
     });
     write_new(&job.result_path(out), &format!("{content}\n"), Overwrite::Force)?;
     Ok(ended)
+}
+
+/// The words of an error, as the child printed them.
+fn why(printed: &str, status: Option<i32>) -> String {
+    let words = printed.split_once("error: ").map_or(printed, |(_, words)| words).trim();
+    if words.is_empty() {
+        format!("it printed no answer (exit status {})", status.unwrap_or(-1))
+    } else {
+        words.to_owned()
+    }
 }
 
 /// Leaves out how long it took: a result is the same whoever comes to it.

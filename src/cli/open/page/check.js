@@ -20,7 +20,7 @@ function list(result) {
     const all = result.quality.length;
     const questions = result.questions.map(({ question, what, runs }) => {
         const own = result.findings.filter((finding) => finding.question === question);
-        const where = runs < all ? h("p", {}, runs ? `Asked of ${runs} of ${all} runs.` : "Not asked: no run says anything of it.") : null;
+        const where = runs < all && !own.length ? h("p", {}, runs ? `Asked of ${runs} of ${all} runs.` : "Not asked: no run says anything of it.") : null;
         return item(own.length ? "bad" : runs ? "good" : "open", what, where, own.map((finding) => h("p", {}, h("code", {}, finding.run), ": ",
             prose(finding.what))));
     });

@@ -99,7 +99,7 @@ async function fit() {
 
 export default {
     title: "Try",
-    grounds: () => [lastFit()?.id, files("checkpoint").length],
+    grounds: () => [lastFit()?.id, files("checkpoint").map(({ path }) => path)],
     keys(event) {
         if (!(event.ctrlKey || event.metaKey)) return false;
         const key = event.key.toLowerCase();

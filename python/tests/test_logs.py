@@ -87,7 +87,7 @@ def test_errors_say_what_and_where(robot: dynid.Device, frame: pandas.DataFrame,
     assert said(frame, columns={"q9": "q4"}).startswith("frame: columns: there is no column `q9` of `freedom6s`; did you mean")
     assert "column `angle` is missing; the log has `t`, `tau0`" in said(frame, columns={"q4": "angle"}, free=[4, 5])
     broken = frame.assign(q4=frame["q4"].where(frame.index != 17))
-    assert said(broken, free=[4, 5]).startswith("frame:18: column `q4`, row 17: expected a finite number, found `NaN`")
+    assert said(broken, free=[4, 5]).startswith("frame: column `q4`, row 17: expected a finite number, found `NaN`")
     assert said(frame[["t", "q4"]].iloc[:1], free=[4]).startswith("frame: column `tau4` is missing")
     assert said(frame * 0 + 1).startswith("frame: free: no column of a position moves by more than its noise; say which")
     assert said({"t": [0, 1], "q0": [0]}) == "column `q0` has 1 samples, the others 2; give one for each sample"

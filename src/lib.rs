@@ -74,6 +74,8 @@ pub use dynid_diagnose::{
 pub use dynid_first_guess::{
     ColumnGuess, FirstGuess, FirstGuessError, Known as KnownOfLogs, Lacking as LackingColumn, RunGuess,
 };
+/// What has changed on which of many robots, and since when.
+pub use dynid_fleet as fleet;
 pub use dynid_identify::FitStatus;
 pub use dynid_identify::identify::{ErrorSignal, FitResult, FittedParameter, Progress};
 pub use dynid_identify::sequence::Weighting;

@@ -18,6 +18,7 @@
 pub mod checkpoint;
 mod error;
 mod error_budget;
+mod evaluated;
 mod follows_log;
 pub mod identify;
 mod plan;

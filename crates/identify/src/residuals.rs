@@ -5,23 +5,13 @@
 
 use dynid_dynamics::simulate::Steps;
 use dynid_logs::experiment::{Role, Run};
+use dynid_logs::motion::Motion;
 use dynid_user_model::Model;
 
 use crate::FitError;
+pub use crate::evaluated::{Bounds, Evaluated};
 use crate::position::{PositionProblem, PositionResiduals};
-use crate::torque::TorqueResiduals;
-
-/// Least and largest values.
-pub type Bounds = (Vec<f64>, Vec<f64>);
-
-/// Residuals with their derivatives.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Evaluated {
-    /// The residuals.
-    pub residuals: Vec<f64>,
-    /// Their derivatives, one row a residual.
-    pub jacobian: Vec<f64>,
-}
+use crate::torque::{TorqueResiduals, TorqueRun};
 
 /// Residuals of the position or of the torque error.
 pub enum Residuals {
@@ -49,6 +39,12 @@ impl Residuals {
     /// # Errors
     /// As the fit of the torque error.
     pub fn of_torque(model: &Model, runs: &[&Run]) -> Result<Self, FitError> {
+        let of_run = |run: &&Run| -> Result<TorqueRun, FitError> {
+            let (system, motion) = (model.system_of(run)?, Motion::of(run)?);
+            Ok(TorqueRun { name: run.label(), role: run.role, system, motion })
+        };
+        let fitted = runs.iter().copied().filter(|run| run.role == Role::Fit);
+        let runs = fitted.map(|run| of_run(&run)).collect::<Result<Vec<_>, _>>()?;
         Ok(Self::Torque(Box::new(TorqueResiduals::new(model, runs)?)))
     }
 

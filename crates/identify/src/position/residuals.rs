@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::evaluate::{Evaluator, Ready, Resolution};
 use super::searches::Search;
 use super::{PositionFitError, PositionProblem, Unknown, check, keep_what_occurs, make_physical, region};
+use crate::evaluated::{Bounds, Evaluated};
 use crate::plan::Plan;
-use crate::residuals::{Bounds, Evaluated};
 use dynid_dynamics::simulate::{Scheme, Steps};
 
 /// Measured minus simulated positions of all runs over the noise of their log; for a log whose transient is cut, how far its start is from

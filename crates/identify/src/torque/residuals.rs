@@ -2,16 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use dynid_dynamics::system::System;
-use dynid_logs::experiment::{Role, Run};
-use dynid_logs::motion::Motion;
 use dynid_user_model::Model;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::{Data, JointRows, Layout, PRIOR_SCALES, RigidColumns, TorqueFitError, TorqueRun, rigid_columns, run_rows};
-use crate::FitError;
-use crate::residuals::{Bounds, Evaluated};
+use crate::evaluated::{Bounds, Evaluated};
 
 /// The torque errors of all runs to fit to, each over the standard deviation of its joint's at the start, then the weak prior about the
 /// start. Half the sum of their squares is what a torque fit makes small for these standard deviations, which it finds along with the
@@ -25,17 +21,11 @@ pub struct TorqueResiduals {
 }
 
 impl TorqueResiduals {
-    /// Of those of `runs` that are to be fitted to, along their measured motion.
+    /// Of these runs, which all are fitted to, from the values of `model` on.
     ///
     /// # Errors
-    /// No such run, one whose motion cannot be filtered or leaves no samples, nothing to fit.
-    pub fn new(model: &Model, runs: &[&Run]) -> Result<Self, FitError> {
-        let of_run = |run: &&&Run| -> Result<TorqueRun, FitError> {
-            let (system, motion): (System, Motion) = (model.system_of(run)?, Motion::of(run)?);
-            Ok(TorqueRun { name: run.label(), role: run.role, system, motion })
-        };
-        let fitted = runs.iter().filter(|run| run.role == Role::Fit);
-        let runs = fitted.map(|run| of_run(&run)).collect::<Result<Vec<_>, _>>()?;
+    /// No run, one without samples, nothing to fit.
+    pub fn new(model: &Model, runs: Vec<TorqueRun>) -> Result<Self, TorqueFitError> {
         let all: Vec<&TorqueRun> = runs.iter().collect();
         super::check_runs(&all)?;
         let layout = Layout::new(&all, &model.parameters())?;
@@ -43,7 +33,7 @@ impl TorqueResiduals {
         let data = Data::new(&layout, &all, &rigid, &layout.start, false);
         let layout = layout.touched(&data);
         if layout.start.is_empty() {
-            return Err(TorqueFitError::NothingToFit.into());
+            return Err(TorqueFitError::NothingToFit);
         }
         Ok(Self { layout, runs, rigid, sigma: data.deviations() })
     }

@@ -11,6 +11,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -120,6 +121,9 @@ fn work(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(outcome(arguments, mine.len(), done, &failed, interrupt.is_asked()))
 }
 
+/// How long another's job is left alone before it is looked at again.
+const PATIENCE: Duration = Duration::from_millis(100);
+
 /// Does all jobs, so many at once; how each ended, in their order, `None` where none began it.
 fn all(
     jobs: &[&Job],
@@ -147,6 +151,13 @@ fn all(
     let mut ended: Vec<Option<Ended>> = vec![None; jobs.len()];
     for own in found {
         own?.into_iter().for_each(|(index, how)| ended[index] = Some(how));
+    }
+    // What another does ends some time: with its result, or with its death.
+    for (own, job) in ended.iter_mut().zip(jobs) {
+        while *own == Some(Ended::Elsewhere) && !interrupt.is_asked() {
+            thread::sleep(PATIENCE);
+            *own = Some(work::work(job, out, interrupt)?);
+        }
     }
     Ok(ended)
 }

@@ -1,7 +1,7 @@
 //! One job done by this program as a child: what it does to itself reaches nobody else.
 
 use std::fs::{self, File, TryLockError};
-use std::io::Read;
+use std::io::{self, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::thread;
@@ -39,25 +39,30 @@ struct Printed {
 
 /// Does a job and writes its result.
 ///
-/// What it writes, it writes into a folder of its own below that of the results, `DIGEST.work`, from where it is moved when it is whole; what a stopped
-/// one has left there it goes on from. Who has the lock of that folder does the job.
+/// What it writes, it writes into a folder of its own below that of the results, `DIGEST.work`, from where it is moved when it is whole; what a
+/// stopped one has left there it goes on from. Who has the lock of that folder does the job; a child has it, too, so that one whose parent was killed
+/// comes to its end before another begins.
 pub fn work(job: &Job, out: &Path, interrupt: &Interrupt) -> anyhow::Result<Ended> {
     let place = out.join(format!("{}.work", job.digest));
     fs::create_dir_all(&place).with_context(|| format!("{} cannot be made", place.display()))?;
-    let lock_path = place.join("lock");
-    let lock = File::create(&lock_path).with_context(|| format!("{} cannot be written", lock_path.display()))?;
+    let path = place.join(LOCK);
+    let lock = File::options().create(true).truncate(false).read(true).write(true).open(&path);
+    let lock = lock.with_context(|| format!("{} cannot be written", path.display()))?;
     if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
         return Ok(Ended::Elsewhere);
     }
-    let ended = locked(job, out, &place, interrupt)?;
+    let ended = locked(job, out, &place, &lock, interrupt)?;
     if matches!(ended, Ended::Done | Ended::Failed) {
-        // Another that waits for nothing may have begun to look at it: then it stays, empty.
+        // Another that looks for the lock now finds the result.
         let _ = fs::remove_dir_all(&place);
     }
     Ok(ended)
 }
 
-fn locked(job: &Job, out: &Path, place: &Path, interrupt: &Interrupt) -> anyhow::Result<Ended> {
+/// The file that is locked, to which a child also writes what is wrong.
+const LOCK: &str = "lock";
+
+fn locked(job: &Job, out: &Path, place: &Path, lock: &File, interrupt: &Interrupt) -> anyhow::Result<Ended> {
     // Somebody else may have done it since it was looked for.
     if job.found(out).is_some() {
         return Ok(Ended::Done);
@@ -68,7 +73,7 @@ fn locked(job: &Job, out: &Path, place: &Path, interrupt: &Interrupt) -> anyhow:
     }
     // A worker that dies is replaced: once, for what kills two kills a third.
     for _ in 0..2 {
-        let printed = printed(&arguments(job, place)?, interrupt)?;
+        let printed = printed(&arguments(job, place)?, lock, interrupt)?;
         match printed.status {
             Some(status) if status == i32::from(interrupt::STATUS) => return Ok(Ended::Stopped),
             Some(_) => return write(job, out, place, &printed),
@@ -91,7 +96,7 @@ fn files(place: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(entries
         .flatten()
         .map(|entry| entry.path())
-        .filter(|path| path.file_name().is_some_and(|name| name != "lock"))
+        .filter(|path| path.file_name().is_some_and(|name| name != LOCK))
         .collect())
 }
 
@@ -108,12 +113,15 @@ fn arguments(job: &Job, place: &Path) -> anyhow::Result<Vec<String>> {
     Ok(arguments)
 }
 
-fn printed(arguments: &[String], interrupt: &Interrupt) -> anyhow::Result<Printed> {
+fn printed(arguments: &[String], mut lock: &File, interrupt: &Interrupt) -> anyhow::Result<Printed> {
+    lock.set_len(0)?;
+    lock.rewind()?;
     let mut command = program()?;
     command.args(["--json", "--stop-with-stdin"]).args(arguments);
     // Jobs share the processors, and no result depends on the number of threads.
     command.env("RAYON_NUM_THREADS", "1");
-    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    // With its stderr it holds the lock.
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(lock.try_clone()?);
     #[cfg(unix)]
     {
         use std::os::unix::process::CommandExt;
@@ -121,21 +129,18 @@ fn printed(arguments: &[String], interrupt: &Interrupt) -> anyhow::Result<Printe
         command.process_group(0);
     }
     let mut child = command.spawn().context("the program cannot be run")?;
-    let (mut out, mut err) = (child.stdout.take(), child.stderr.take());
-    thread::scope(|scope| {
-        let out = scope.spawn(move || text(out.as_mut()));
-        let err = scope.spawn(move || text(err.as_mut()));
-        let status = ended(&mut child, interrupt)?;
-        let text = |read: thread::ScopedJoinHandle<'_, String>| read.join().unwrap_or_default();
-        Ok(Printed { status, out: text(out), err: text(err) })
-    })
-}
-
-fn text(stream: Option<&mut impl Read>) -> String {
-    let mut bytes = Vec::new();
-    // What could be read is what there is.
-    let _ = stream.map(|own| own.read_to_end(&mut bytes));
-    String::from_utf8_lossy(&bytes).into_owned()
+    let stdout = child.stdout.take();
+    let (status, out) = thread::scope(|scope| {
+        let out = scope.spawn(|| stdout.map_or_else(|| Ok(String::new()), io::read_to_string));
+        let status = ended(&mut child, interrupt);
+        (status, out.join())
+    });
+    lock.rewind()?;
+    let mut err = Vec::new();
+    lock.read_to_end(&mut err)?;
+    // What is no text is no answer.
+    let out = out.ok().and_then(Result::ok).unwrap_or_default();
+    Ok(Printed { status: status?, out, err: String::from_utf8_lossy(&err).into_owned() })
 }
 
 /// Waits for the end of a child, and passes on that somebody wishes it: stdin ends.

@@ -38,7 +38,7 @@ def test_the_command_line_is_that_of_the_program(folder: Path) -> None:
     ran = subprocess.run([sys.executable, "-m", "dynid", *words], cwd=folder, capture_output=True, text=True, check=True)
     expected = subprocess.run([os.environ["DYNID"], *words], cwd=folder, capture_output=True, text=True, check=True)
     assert json.loads(ran.stdout) == json.loads(expected.stdout)
-    wrong = subprocess.run([sys.executable, "-m", "dynid", "fit", "nowhere.toml"], cwd=folder, capture_output=True, check=False)
+    wrong = subprocess.run([sys.executable, "-m", "dynid", "compare", "nowhere.toml"], cwd=folder, capture_output=True, check=False)
     assert wrong.returncode == 2 and b"nowhere.toml" in wrong.stderr
 
 

@@ -36,10 +36,11 @@ extern crate self as dynid;
 
 mod add;
 mod check;
-// The program, for those who start it: itself, and Python. No part of the library's promises.
+// The program, for those who start it: itself, and Python. No part of the library's promises; what stands above its arguments is
+// their help on a terminal, where [s] is a unit and no link.
 #[cfg(feature = "cli")]
 #[doc(hidden)]
-#[allow(missing_docs)]
+#[allow(missing_docs, rustdoc::broken_intra_doc_links, rustdoc::private_intra_doc_links)]
 pub mod cli;
 mod compare;
 mod diagnose;

@@ -1,8 +1,8 @@
 //! What has changed on which of many robots, and since when; and which robots are unlike the others.
 //!
 //! The input is a table of [`Estimate`]s: what a fit says of each parameter of each robot in each night. [`analyse`] looks at
-//! each robot's series of each parameter for the night in which it begins to be another ([`change`]), against a scatter that
-//! the whole fleet tells ([`scatter`]), and at the robots beside each other ([`unlike`]).
+//! each robot's series of each parameter for the night in which it begins to be another ([`Change`]), against a scatter that
+//! the whole fleet tells ([`Scatter`]), and at the robots beside each other ([`Unlike`]).
 //!
 //! Every look is counted: a statement is made where the chance that a fleet in which nothing happens shows anything of its kind is
 //! below [`Settings::false_alarms`], all robots, parameters, nights and shapes together (Bonferroni).

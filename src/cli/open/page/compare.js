@@ -111,7 +111,7 @@ function scatter(run, { joint, series }, cleanup) {
         charts.panel({ label: isSpectrum ? "amplitude of the residual" : "residual: median and quartiles", unit: own.y_unit, tall: true,
             zero: isSpectrum, series: [{ name: "residual", label: isSpectrum ? "amplitude" : "median, quartiles", color: "--series-0",
             kind: isSpectrum ? "line" : "quartiles" }] });
-        place.replaceChildren(charts.element, note(own.note ?? ""));
+        place.replaceChildren(charts.element, ...(own.note ? [note(own.note)] : []));
     };
     cleanup(() => { turn = -1; charts?.close(); });
     const pick = h("div", { class: "row", role: "radiogroup", "aria-label": "Residual against" }, "Residual against",

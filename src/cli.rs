@@ -17,6 +17,7 @@ mod inputs;
 mod interrupt;
 mod job;
 mod ladder;
+mod log_file;
 mod named;
 mod new;
 mod open;

@@ -59,22 +59,19 @@ def command(arguments: Sequence[str], folder: Path | str = ".") -> dict[str, Any
 
 
 def make(table: Any, arguments: Sequence[str], jobs: Path | str = "jobs", folder: Path | str = ".") -> int:
-    """Makes a job of each row of a table (a DataFrame, a dict of columns, or the path of a CSV or Parquet file): `{column}` in an argument is what the row
+    """Makes a job of each row of a table (a DataFrame, a dict of columns, or the path of a CSV, Parquet or Arrow file): `{column}` in an argument is what the row
     has there, and all other columns are labels. Returns how many jobs are new."""
     with tempfile.TemporaryDirectory() as place:
-        path = _as_csv(table, Path(place) / "table.csv")
+        path = _as_file(table, Path(place) / "table.csv")
         made = command(["job", str(jobs), "--from", str(path), "--", *arguments], folder)
     return int(made["written"])
 
 
-def _as_csv(table: Any, path: Path) -> Path:
-    if isinstance(table, (str, Path)) and Path(table).suffix.lower() == ".csv":
-        return Path(table).resolve()
-    pandas = needed("pandas", "pandas", "a table that is no CSV file", "give the path of one")
+def _as_file(table: Any, path: Path) -> Path:
     if isinstance(table, (str, Path)):
-        frame = pandas.read_parquet(table)
-    else:
-        frame = table if hasattr(table, "to_csv") else pandas.DataFrame(table)
+        return Path(table).resolve()
+    pandas = needed("pandas", "pandas", "a table in memory", "give the path of one")
+    frame = table if hasattr(table, "to_csv") else pandas.DataFrame(table)
     frame.to_csv(path, index=False)
     return path
 
@@ -191,7 +188,7 @@ def fleet(out: Path | str = "results", page: Path | str | None = None, false_ala
 
 def _main() -> int:
     parser = argparse.ArgumentParser(prog="python -m dynid.many", description="Makes jobs of a table and does them.")
-    parser.add_argument("table", help="CSV or Parquet: one job a row")
+    parser.add_argument("table", help="CSV, Parquet or Arrow: one job a row")
     parser.add_argument("--jobs", default="jobs", help="folder of the jobs")
     parser.add_argument("--out", default="results", help="folder of the results")
     parser.add_argument("--on", choices=["here", "ray"], default="here")

@@ -23,6 +23,7 @@ use dynid_report::{plot, plot::Curve};
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
+use super::log_file::{format_of, log_file};
 use super::table::{Align, Table};
 use super::{Answer, Outcome, devices};
 
@@ -120,7 +121,7 @@ pub struct Arguments {
     /// the largest torque of each joint.
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "LIST")]
     noise: Vec<f64>,
-    /// The file to write.
+    /// The file to write: .csv, .parquet or .arrow.
     #[arg(long, required_unless_present = "list")]
     out: Option<PathBuf>,
     /// A picture of commands and expected motion, as SVG.
@@ -194,6 +195,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let Some(out) = &arguments.out else { bail!("nowhere to write to; give a file with `--out`") };
     let overwrite = Overwrite::if_forced(arguments.force);
+    let format = format_of(out)?;
     check_output(out, overwrite)?;
     if let Some(picture) = &arguments.picture {
         if picture == out {
@@ -202,7 +204,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         check_output(picture, overwrite)?;
     }
     let planned = plan(arguments, &model, rivals.as_ref())?;
-    write_new(out, &planned.excitation.to_csv(), overwrite)?;
+    write_new(out, &log_file(planned.excitation.columns(), format), overwrite)?;
     if let Some(path) = &arguments.picture {
         write_new(path, &picture(model.device, &planned), overwrite)?;
     }

@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_fleet::{Analysis, Estimate, Settings, analyse};
 use dynid_report::{Section, fleet_sections, page};
 use dynid_sentences::fleet as sentences;
+use dynid_tables::{Cells, Values, written};
 
+use super::log_file::format_of;
 use super::{Answer, Outcome, job};
 
 /// Say what has changed on which of many robots and since when, and which are unlike the others.
@@ -16,20 +18,23 @@ use super::{Answer, Outcome, job};
 #[command(after_help = "\
 Examples:
   dynid fleet results --out fleet.html            results of `dynid job` whose jobs fit one night of one robot each
-  dynid fleet estimates.csv                       a table with the columns robot, night, quantity, value, std_error
+  dynid fleet estimates.parquet                   a table (also .csv, .arrow) with robot, night, quantity, value, std_error
 
 Results of fits are told apart by their labels `robot` and `night`. What is looked at is every parameter that a fit could tell, and
 the error that it left (`misfit`, its logarithm): a law that is no longer the robot's shows there. What all robots do alike is taken
 out, from five robots on. Scatter from night to night is estimated from the whole fleet and, beside that, for each robot; a change is told where a fleet in which nothing happens would show
 as much anywhere, in any robot, night and parameter, with a probability below --false-alarms.")]
 pub struct Arguments {
-    /// Folders of results, result files, or tables (CSV).
+    /// Folders of results, result files, or tables (CSV, Parquet, Arrow).
     #[arg(required = true)]
     results: Vec<PathBuf>,
     /// The page to write (HTML).
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Overwrite the page if it is there.
+    /// Also write the estimates that are looked at, as a table: .csv, .parquet or .arrow.
+    #[arg(long, value_name = "FILE")]
+    estimates: Option<PathBuf>,
+    /// Overwrite what is there.
     #[arg(long)]
     force: bool,
     /// Probability of any false statement of a kind.
@@ -73,7 +78,8 @@ impl Found {
 /// Reads, looks, writes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let overwrite = Overwrite::if_forced(arguments.force);
-    arguments.out.iter().try_for_each(|out| check_output(out, overwrite))?;
+    let format = arguments.estimates.as_deref().map(format_of).transpose()?;
+    arguments.out.iter().chain(&arguments.estimates).try_for_each(|out| check_output(out, overwrite))?;
     let mut found = Found::default();
     for place in &arguments.results {
         if place.is_dir() {
@@ -101,11 +107,33 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         write_new(out, &page("Fleet", &sections), overwrite)?;
         text.push_str(&format!("written: {}\n", out.display()));
     }
+    if let (Some(table), Some(format)) = (&arguments.estimates, format) {
+        write_new(table, &written(&columns(&found), format), overwrite)?;
+        text.push_str(&format!("written: {}\n", table.display()));
+    }
     let mut json = sentences::json(&analysis)?;
     json["unended"] = found.unended.into();
+    json["estimates"] = arguments.estimates.as_ref().map(|table| table.display().to_string()).into();
     json["page"] = arguments.out.as_ref().map(|out| out.display().to_string()).into();
     // That nothing has changed is an answer, and a good one.
     Ok(Outcome { text, json, answer: Answer::Yes })
+}
+
+/// The table of estimates, as [`of_table`] reads it.
+fn columns(found: &Found) -> Vec<(String, Values)> {
+    let texts =
+        |of: &dyn Fn(&Estimate) -> &str| Values::Texts(found.estimates.iter().map(|own| of(own).to_owned()).collect());
+    let numbers = |of: &dyn Fn(&Estimate) -> f64| Values::Numbers(found.estimates.iter().map(of).collect());
+    let unit = |own: &Estimate| found.units.get(&own.quantity).map_or("", String::as_str);
+    let columns = [
+        ("robot", texts(&|own| &own.robot)),
+        ("night", texts(&|own| &own.night)),
+        ("quantity", texts(&|own| &own.quantity)),
+        ("value", numbers(&|own| own.value)),
+        ("std_error", numbers(&|own| own.std_error)),
+        ("unit", Values::Texts(found.estimates.iter().map(|own| unit(own).to_owned()).collect())),
+    ];
+    columns.map(|(name, values)| (name.to_owned(), values)).into()
 }
 
 fn text(analysis: &Analysis) -> String {
@@ -156,33 +184,38 @@ fn of_result(path: &Path, found: &mut Found) -> anyhow::Result<()> {
 }
 
 fn of_table(path: &Path, found: &mut Found) -> anyhow::Result<()> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .with_context(|| format!("{} cannot be read", path.display()))?;
-    let header = reader.headers().with_context(|| format!("{}: this is no table", path.display()))?.clone();
+    let read = Cells::open(path).map_err(|error| anyhow!("{}: {error}", path.display()))?;
     let place = |name: &str| {
-        let place = header.iter().position(|own| own == name);
-        place.with_context(|| {
-            format!(
-                "{}: no column is called `{name}`; give robot, night, quantity, value and std_error",
-                path.display()
-            )
-        })
+        let place = read.column(name);
+        place.with_context(|| format!("{}: give robot, night, quantity, value and std_error", path.display()))
     };
     let [robot, night, quantity, value] = [place("robot")?, place("night")?, place("quantity")?, place("value")?];
     let std_error = place("std_error").ok();
-    for record in reader.records() {
-        let record = record.with_context(|| format!("{}: this is no table", path.display()))?;
-        let line = record.position().map_or(0, csv::Position::line);
-        let text = |place: usize| record.get(place).unwrap_or_default().to_owned();
+    let unit = place("unit").ok();
+    let mut told: BTreeMap<(&str, &str, &str), u64> = BTreeMap::new();
+    for row in &read.rows {
+        let text = |place: usize| row.cells[place].as_str();
         let number = |place: usize| -> anyhow::Result<f64> {
             let cell = text(place);
-            cell.parse().ok().with_context(|| format!("{}:{line}: expected a number, found `{cell}`", path.display()))
+            let number = cell.parse().ok();
+            number.with_context(|| format!("{}:{}: expected a number, found `{cell}`", path.display(), row.line))
         };
         let [robot, night, quantity] = [text(robot), text(night), text(quantity)];
+        if let Some(before) = told.insert((robot, night, quantity), row.line) {
+            bail!(
+                "{}:{}: {quantity} of robot {robot} in night {night} stands in line {before} already; leave one of them out",
+                path.display(),
+                row.line
+            );
+        }
+        // What the logs of a night could not tell has no value; the robot has the parameter all the same.
+        let value = if text(value).is_empty() { f64::NAN } else { number(value)? };
         let std_error = std_error.filter(|place| !text(*place).is_empty()).map_or(Ok(0.0), number)?;
-        found.estimates.push(Estimate { robot, night, quantity, value: number(value)?, std_error });
+        if let Some(unit) = unit.map(text).filter(|unit| !unit.is_empty()) {
+            found.units.insert(quantity.to_owned(), unit.to_owned());
+        }
+        let [robot, night, quantity] = [robot, night, quantity].map(str::to_owned);
+        found.estimates.push(Estimate { robot, night, quantity, value, std_error });
     }
     Ok(())
 }
@@ -202,5 +235,32 @@ mod tests {
         std::fs::write(&path, "night,robot,value,quantity\n1,a,much,p\n").unwrap();
         let error = of_table(&path, &mut found).unwrap_err().to_string();
         assert!(error.contains("estimates.csv:2") && error.contains("`much`"), "{error}");
+        std::fs::write(&path, "night,robot,value,quantity\n1,a,2,p\n1,a,3,p\n").unwrap();
+        let error = of_table(&path, &mut found).unwrap_err().to_string();
+        assert!(error.contains("estimates.csv:3: p of robot a in night 1 stands in line 2 already"), "{error}");
+    }
+
+    #[test]
+    fn what_is_written_is_read_as_the_same_estimates() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = |night: &str, value| Estimate {
+            robot: "a".to_owned(),
+            night: night.to_owned(),
+            quantity: "p".to_owned(),
+            value,
+            std_error: 0.1,
+        };
+        let estimates = vec![own("1", 2.5), own("2", f64::NAN)];
+        let units = BTreeMap::from([("p".to_owned(), "N m".to_owned())]);
+        let written_of = Found { estimates, units, ..Found::default() };
+        for name in ["estimates.csv", "estimates.parquet", "estimates.arrow"] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, written(&columns(&written_of), format_of(&path).unwrap())).unwrap();
+            let mut found = Found::default();
+            of_table(&path, &mut found).unwrap();
+            assert_eq!(found.units, written_of.units, "{name}");
+            assert_eq!(found.estimates[0], written_of.estimates[0], "{name}");
+            assert!(found.estimates[1].value.is_nan() && found.estimates[1].night == "2", "{name}");
+        }
     }
 }

@@ -1,13 +1,14 @@
 //! `dynid simulate`: what positions would the model have shown under the logged torques?
 
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use dynid::{Experiment, Run, SimulateSettings, Simulated};
 use dynid_files::{Overwrite, check_output, write_new};
+use dynid_tables::{Format, ending};
 use serde_json::{Value, json};
 
+use super::log_file::{LogFormat, log_file};
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs, progress};
 
@@ -18,7 +19,7 @@ Examples:
   dynid simulate experiment.toml --out-dir simulated                        the device's default model
   dynid simulate experiment.toml --model fitted.toml --out-dir simulated
 
-Writes one CSV per run, in the format of the logs: t, tau0.., q0..; locked joints stay where the log has them.
+Writes one log per run, named as the run's own: t, tau0.., q0..; locked joints stay where the log has them.
 Every run starts at the position that explains the log best, at rest unless it says moving = true. A planned run, whose
 log holds what `dynid excite` wrote, has no positions yet: it says where all joints start, e.g. start = [0, 0.1]. A run
 with a controller starts at the log's first position, and what its controller commands takes the place of the logged
@@ -32,6 +33,9 @@ pub struct Arguments {
     /// Folder for the simulated logs; it is made if it is not there.
     #[arg(long, value_name = "FOLDER")]
     out_dir: PathBuf,
+    /// What the logs are written as: csv, parquet or arrow.
+    #[arg(long, value_name = "FORMAT", default_value = "csv")]
+    format: LogFormat,
     /// Overwrite files that are there.
     #[arg(long)]
     force: bool,
@@ -46,7 +50,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let experiment = inputs::planned_experiment(&arguments.experiment)?;
     let model = inputs::model(arguments.model.as_deref(), &experiment)?;
     let overwrite = Overwrite::if_forced(arguments.force);
-    let targets = targets(&experiment, &arguments.out_dir)?;
+    let format = arguments.format.0;
+    let targets = targets(&experiment, &arguments.out_dir, format)?;
     if arguments.out_dir.is_dir() {
         targets.iter().try_for_each(|target| check_output(target, overwrite))?;
     }
@@ -65,7 +70,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     ]);
     let mut runs: Vec<Value> = Vec::new();
     for ((run, result), target) in experiment.runs.iter().zip(&simulated).zip(&targets) {
-        write_new(target, &log(run, result), overwrite)?;
+        write_new(target, &log_file(log(run, result), format), overwrite)?;
         let rmse = |slot: usize| result.rmse.as_ref().map(|rmse| rmse[slot]);
         for (slot, joint) in run.free.iter().enumerate() {
             let off = rmse(slot).map_or_else(|| "planned".to_owned(), |rmse| format!("{rmse:.3e}"));
@@ -84,48 +89,43 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 }
 
 /// One file a run, named as its log; where that name is taken, it is numbered by its run, or further up until it is free.
-fn targets(experiment: &Experiment, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+fn targets(experiment: &Experiment, folder: &Path, format: Format) -> anyhow::Result<Vec<PathBuf>> {
     let files = experiment.runs.iter().map(|run| run.file.as_str());
-    let names = names(files).map_err(|(number, file)| anyhow!("run {number} has no file name: `{file}`"))?;
+    let names = names(files, format).map_err(|(number, file)| anyhow!("run {number} has no file name: `{file}`"))?;
     Ok(names.iter().map(|name| folder.join(name)).collect())
 }
 
 /// A name of its own for each; else number (from 1) and path of the one without a name.
-fn names<'a>(files: impl Iterator<Item = &'a str>) -> Result<Vec<PathBuf>, (usize, &'a str)> {
+fn names<'a>(files: impl Iterator<Item = &'a str>, format: Format) -> Result<Vec<PathBuf>, (usize, &'a str)> {
     let mut names: Vec<PathBuf> = Vec::new();
     for (number, file) in (1..).zip(files) {
-        let mut name = PathBuf::from(Path::new(file).file_name().ok_or((number, file))?);
-        let stem = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let name = Path::new(file).file_name().ok_or((number, file))?.to_string_lossy();
+        // Without the ending of any log, which may be of two parts: csv.gz.
+        let stem = ending(Path::new(file)).map_or(&*name, |ending| &name[..name.len() - ending.len() - 1]);
+        let named = |stem: &str| PathBuf::from(format!("{stem}.{}", format.ending()));
+        let mut name = named(stem);
         let mut suffixes = number..;
         while names.contains(&name)
             && let Some(suffix) = suffixes.next()
         {
-            name = PathBuf::from(format!("{stem}-{suffix}.csv"));
+            name = named(&format!("{stem}-{suffix}"));
         }
         names.push(name);
     }
     Ok(names)
 }
 
-fn log(run: &Run, played: &Simulated) -> String {
+fn log(run: &Run, played: &Simulated) -> Vec<(String, Vec<f64>)> {
     let n_joints = run.log.q.len();
-    let names = |kind: &str| (0..n_joints).map(|joint| format!(",{kind}{joint}")).collect::<String>();
-    let mut text = format!("t{}{}\n", names("tau"), names("q"));
-    for (sample, t) in run.log.t.iter().enumerate() {
-        let _ = write!(text, "{t}");
-        for torque in &played.command[sample * n_joints..(sample + 1) * n_joints] {
-            let _ = write!(text, ",{torque}");
-        }
-        for joint in 0..n_joints {
-            let q = match run.free.iter().position(|&free| free == joint) {
-                Some(slot) => played.position[sample * run.free.len() + slot],
-                None => run.log.q[joint][sample],
-            };
-            let _ = write!(text, ",{q}");
-        }
-        text.push('\n');
-    }
-    text
+    let command = |joint: usize| played.command.iter().skip(joint).step_by(n_joints).copied().collect();
+    let position = |joint: usize| match run.free.iter().position(|&free| free == joint) {
+        Some(slot) => played.position.iter().skip(slot).step_by(run.free.len()).copied().collect(),
+        None => run.log.q[joint].clone(),
+    };
+    let mut columns = vec![("t".to_owned(), run.log.t.clone())];
+    columns.extend((0..n_joints).map(|joint| (format!("tau{joint}"), command(joint))));
+    columns.extend((0..n_joints).map(|joint| (format!("q{joint}"), position(joint))));
+    columns
 }
 
 #[cfg(test)]
@@ -135,7 +135,14 @@ mod tests {
     #[test]
     fn no_two_runs_share_a_name() {
         let files = ["x-3.csv", "x.csv", "b/x.csv", "c/x.csv", "x-4.csv"];
-        let names = names(files.into_iter()).unwrap();
+        let names = names(files.into_iter(), Format::Csv).unwrap();
         assert_eq!(names, ["x-3.csv", "x.csv", "x-4.csv", "x-5.csv", "x-4-5.csv"].map(PathBuf::from));
+    }
+
+    #[test]
+    fn names_end_as_what_is_written() {
+        let files = ["logs/a.csv.gz", "a.parquet", "b.1"];
+        let names = names(files.into_iter(), Format::Parquet).unwrap();
+        assert_eq!(names, ["a.parquet", "a-2.parquet", "b.1.parquet"].map(PathBuf::from));
     }
 }

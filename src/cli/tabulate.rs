@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use anyhow::bail;
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
-use dynid_report::{self as report, Budget, Models, Provenance, Section};
+use dynid_report::{self as report, Budget, Cell, Models, ModelsRow, Provenance, Section};
+use dynid_tables::{Format, Values, written};
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
@@ -19,6 +20,7 @@ use super::{Answer, Outcome, fit, ladder::label};
 Examples:
   dynid table believed.toml fitted.toml
   dynid table start.toml isolated.toml coupling.toml --out parameters.html
+  dynid table nights/*.toml --out parameters.parquet
 
 Shown is what a fit of any of the models moved, and what differs between them. Flags: `not alone`, the logs determine it
 only together with others; `at its bound`, the bound holds it. Error budgets that the fits recorded follow.")]
@@ -26,7 +28,8 @@ pub struct Arguments {
     /// Models of one device, in the order of the columns.
     #[arg(required = true)]
     pub models: Vec<PathBuf>,
-    /// Write a page (HTML) that opens with no network.
+    /// Write a page (HTML) that opens with no network; or, for other programs, a table whose rows are one parameter of one
+    /// model each, if the name ends in .csv, .parquet or .arrow.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Overwrite the page if it is there.
@@ -76,10 +79,32 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
     }
     if let Some(out) = &arguments.out {
-        write_new(out, &page(&models, &table, &arguments.models), overwrite)?;
+        match Format::of(out) {
+            Some(format) => write_new(out, &written(&columns(&table), format), overwrite)?,
+            None => write_new(out, &page(&models, &table, &arguments.models), overwrite)?,
+        }
         let _ = writeln!(text, "written: {}", out.display());
     }
     Ok(Outcome { text, json: json(&models, &table, &arguments.models), answer: Answer::Yes })
+}
+
+/// One parameter of one model a row.
+fn columns(table: &Models) -> Vec<(String, Values)> {
+    let cells: Vec<_> = (table.rows.iter())
+        .flat_map(|row| table.names.iter().zip(&row.cells).map(move |(model, cell)| (row, model, cell)))
+        .filter_map(|(row, model, cell)| cell.map(|cell| (row, model, cell)))
+        .collect();
+    let texts = |of: &dyn Fn(&(&ModelsRow, &String, Cell)) -> String| Values::Texts(cells.iter().map(of).collect());
+    let numbers = |of: &dyn Fn(&Cell) -> f64| Values::Numbers(cells.iter().map(|(.., cell)| of(cell)).collect());
+    let columns = [
+        ("model", texts(&|(_, model, _)| (*model).clone())),
+        ("quantity", texts(&|(row, ..)| row.name.clone())),
+        ("value", numbers(&|cell| cell.value)),
+        ("std_error", numbers(&|cell| cell.std_error.unwrap_or(f64::NAN))),
+        ("unit", texts(&|(row, ..)| row.unit.clone())),
+        ("standing", texts(&|(.., cell)| cell.standing.as_str().to_owned())),
+    ];
+    columns.map(|(name, values)| (name.to_owned(), values)).into()
 }
 
 fn as_text(models: &Models) -> String {

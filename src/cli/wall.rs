@@ -22,6 +22,7 @@ use dynid_report::{Provenance, Section, WallReport, damping_in_words};
 use dynid_user_model::Model;
 use serde_json::json;
 
+use super::log_file::{format_of, log_file};
 use super::table::{Align, Table};
 use super::{Answer, Outcome, progress};
 
@@ -107,7 +108,7 @@ struct RunArguments {
     /// Which hand, from 0; without it, the typical one.
     #[arg(long, value_name = "N")]
     hand: Option<usize>,
-    /// Where to write what happened at every tick, as CSV.
+    /// Where to write what happened at every tick: .csv, .parquet or .arrow.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Overwrite the output if it is there.
@@ -384,6 +385,7 @@ fn fixed(value: f64, decimals: usize, unit: &str) -> String {
 fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
     let overwrite = Overwrite::if_forced(arguments.force);
     if let Some(out) = &arguments.out {
+        format_of(out)?;
         check_output(out, overwrite)?;
     }
     let setting = arguments.place.setting()?;
@@ -405,13 +407,17 @@ fn contact(arguments: &RunArguments) -> anyhow::Result<Outcome> {
         100.0 * measures.outside
     );
     if let Some(out) = &arguments.out {
-        let mut csv = String::from("t,q,dq,tau\n");
-        for (tick, ((position, velocity), torque)) in
-            contact.position.iter().zip(&contact.velocity).zip(&contact.torque).enumerate()
-        {
-            let _ = writeln!(csv, "{:.6},{position:.9},{velocity:.9},{torque:.9}", tick as f64 * contact.sample_s);
-        }
-        write_new(out, &csv, overwrite)?;
+        // Rounded far below what is felt: short in a text.
+        let rounded = |value: f64| (value * 1e9).round() / 1e9;
+        let column = |name: &str, values: &[f64]| (name.to_owned(), values.iter().map(|v| rounded(*v)).collect());
+        let t: Vec<f64> = (0..contact.position.len()).map(|tick| tick as f64 * contact.sample_s).collect();
+        let columns = vec![
+            column("t", &t),
+            column("q", &contact.position),
+            column("dq", &contact.velocity),
+            column("tau", &contact.torque),
+        ];
+        write_new(out, &log_file(columns, format_of(out)?), overwrite)?;
         let _ = writeln!(text, "written: {}", out.display());
     }
     Ok(Outcome { text, json, answer: Answer::Yes })

@@ -53,7 +53,7 @@ pub struct Arguments {
     /// Twelve fixed cases of draws; fails when fewer than a stated number of answers is right.
     #[arg(long, conflicts_with_all = ["draw", "vary", "words", "only", "write", "truth"])]
     ci: bool,
-    /// Only write the cases' files, each into a folder of its own in this one.
+    /// Only write the cases' files, each into a folder of its own in this one, and of the fixed table's a list (cases.csv).
     #[arg(long, value_name = "FOLDER")]
     write: Option<PathBuf>,
     /// Only fit the machines' own models: do plant and program agree about every effect?
@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             println!("{}", folder.display());
             Ok(())
         })?;
-        return Ok(());
+        return list(&cases, folder);
     }
     let program = arguments.built_program()?;
     let mut folder = shell::root().join("target/hidden-effects");
@@ -136,15 +136,30 @@ impl Arguments {
     }
 }
 
+/// A table of the cases beside their folders, of which `dynid job --from` makes jobs.
+fn list(cases: &[Case], folder: &Path) -> anyhow::Result<()> {
+    let path = folder.join("cases.csv");
+    let rows = cases.iter().map(|case| format!("{},{}\n", case.name, hidden(case)));
+    let text = format!("case,hidden\n{}", rows.collect::<String>());
+    std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+    println!("{}", path.display());
+    Ok(())
+}
+
+/// What the program is to find.
+fn hidden(case: &Case) -> String {
+    case.hidden.as_ref().map_or_else(
+        || "\u{2014}".to_owned(),
+        |hidden| Spot { effect: hidden.id.clone(), joint: hidden.joint, from: hidden.from }.to_string(),
+    )
+}
+
 const HEADER: &str = "| case | hidden | verdict | first | rank | before | after | s | |\n\
                       | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 /// Errors are held-out ones over the noise floor.
 fn row(case: &Case, outcome: &Result<Outcome, String>) -> String {
-    let hidden = case.hidden.as_ref().map_or_else(
-        || "\u{2014}".to_owned(),
-        |hidden| Spot { effect: hidden.id.clone(), joint: hidden.joint, from: hidden.from }.to_string(),
-    );
+    let hidden = hidden(case);
     let outcome = match outcome {
         Ok(outcome) => outcome,
         Err(reason) => return format!("| {} | {hidden} | failed: {reason} | | | | | | WRONG |", case.name),

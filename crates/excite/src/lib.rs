@@ -9,8 +9,6 @@ pub mod fourier;
 pub mod information;
 pub mod wave;
 
-use std::fmt::Write;
-
 use dynid_model::{NamedInput, Quantity};
 
 /// What a robot is to do: commands of all joints at uniform times.
@@ -58,24 +56,16 @@ impl Excitation {
         self.free.iter().map(peak).collect()
     }
 
-    /// As a log is written: `t` and `tau0..` or `ref0..`, one row a sample.
-    pub fn to_csv(&self) -> String {
-        let column = match self.quantity {
+    /// The columns of a log: `t` and `tau0..` or `ref0..`, one entry a sample.
+    pub fn columns(&self) -> Vec<(String, Vec<f64>)> {
+        let name = match self.quantity {
             Quantity::Torque => "tau",
             Quantity::Position => "ref",
         };
-        let names: String = (0..self.values.len()).map(|joint| format!(",{column}{joint}")).collect();
-        let mut text = format!("t{names}\n");
-        for (sample, t) in self.time.iter().enumerate() {
-            // Writing to a string cannot fail.
-            let _ = write!(text, "{t}");
-            for values in &self.values {
-                // A billionth is less than a converter resolves; adding zero takes the sign off a zero.
-                let _ = write!(text, ",{}", (values[sample] * 1e9).round() / 1e9 + 0.0);
-            }
-            text.push('\n');
-        }
-        text
+        // A billionth is less than a converter resolves; adding zero takes the sign off a zero.
+        let short = |values: &Vec<f64>| values.iter().map(|value| (value * 1e9).round() / 1e9 + 0.0).collect();
+        let joints = self.values.iter().enumerate().map(|(joint, values)| (format!("{name}{joint}"), short(values)));
+        std::iter::once(("t".to_owned(), self.time.clone())).chain(joints).collect()
     }
 }
 
@@ -94,7 +84,9 @@ mod tests {
     fn a_file_names_what_it_holds() {
         let mut excitation = Excitation::still(Quantity::Position, &[1], &[0.5, 0.0], times(0.1, 0.1));
         excitation.values[1] = vec![-0.0, 0.25];
-        assert_eq!(excitation.to_csv(), "t,ref0,ref1\n0,0.5,0\n0.1,0.5,0.25\n");
+        let columns = [("t", vec![0.0, 0.1]), ("ref0", vec![0.5, 0.5]), ("ref1", vec![0.0, 0.25])];
+        assert_eq!(excitation.columns(), columns.map(|(name, values)| (name.to_owned(), values)));
+        assert!(excitation.columns()[2].1[0].is_sign_positive());
         assert_eq!(excitation.peaks(), [0.25]);
     }
 }

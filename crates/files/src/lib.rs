@@ -111,10 +111,10 @@ fn check_place(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
 ///
 /// # Errors
 /// [`FileError::Exists`] unless forced; [`FileError::Unwritable`], with nothing left behind.
-pub fn write_new(path: &Path, text: &str, overwrite: Overwrite) -> Result<(), FileError> {
+pub fn write_new(path: &Path, content: &(impl AsRef<[u8]> + ?Sized), overwrite: Overwrite) -> Result<(), FileError> {
     check_place(path, overwrite)?;
     let partial = partial_of(path);
-    let written = write_all(&partial, text).and_then(|()| fs::rename(&partial, path));
+    let written = write_all(&partial, content.as_ref()).and_then(|()| fs::rename(&partial, path));
     written.map_err(|source| {
         // The first error is the one to tell; a leftover that cannot be removed changes nothing.
         let _ = fs::remove_file(&partial);
@@ -135,8 +135,9 @@ pub fn write_together(files: &[(PathBuf, String)], overwrite: Overwrite) -> Resu
         let path = path.to_owned();
         |source| FileError::Unwritable { path, source }
     };
-    let partials =
-        files.iter().try_for_each(|(path, text)| write_all(&partial_of(path), text).map_err(unwritable(path)));
+    let partials = files
+        .iter()
+        .try_for_each(|(path, text)| write_all(&partial_of(path), text.as_bytes()).map_err(unwritable(path)));
     let mut named: Vec<&Path> = Vec::new();
     let all = partials.and_then(|()| {
         files.iter().try_for_each(|(path, _)| {
@@ -165,9 +166,9 @@ pub fn make_folder(path: &Path) -> Result<(), FileError> {
     fs::create_dir_all(path).map_err(|source| FileError::Unwritable { path: path.to_owned(), source })
 }
 
-fn write_all(path: &Path, text: &str) -> io::Result<()> {
+fn write_all(path: &Path, content: &[u8]) -> io::Result<()> {
     let mut file = File::create(path)?;
-    file.write_all(text.as_bytes())?;
+    file.write_all(content)?;
     file.sync_all()
 }
 

@@ -9,7 +9,8 @@ use std::f64::consts::PI;
 use crate::chosen::Chosen;
 use crate::guess::{Factor, FactorReason, Remark};
 use crate::table::Table;
-use crate::time::{UNITS, median};
+use crate::time::UNITS;
+use dynid_signal::statistics::median;
 
 /// What the speeds tell.
 #[derive(Default)]

@@ -1,6 +1,6 @@
 //! The time column: which one it is, its unit, stamps that stand twice.
 
-use dynid_signal::median_step;
+use dynid_signal::{median_step, statistics::median};
 use dynid_tables::Cell;
 
 use crate::chosen::Chosen;
@@ -132,18 +132,10 @@ fn by_rate(step: f64) -> Factor {
     Factor { factor, reason: FactorReason::SampleRate { unit, step, rate_hz: 1.0 / (step * factor) } }
 }
 
-/// In the log's own unit, of rows that rise.
+/// In the log's own unit, of rows that rise; 1 where none does.
 fn typical_step(tables: &[Table], name: &str) -> f64 {
     let times = tables.iter().filter_map(|table| table.column(name));
-    let steps = times.flat_map(|t| t.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
-    median(steps.collect())
-}
-
-/// The middle of some numbers; 1 of none.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 1.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    let steps: Vec<f64> =
+        times.flat_map(|t| t.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0)).collect();
+    if steps.is_empty() { 1.0 } else { median(steps) }
 }

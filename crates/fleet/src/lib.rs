@@ -190,11 +190,9 @@ impl Level {
     }
 }
 
-/// The middle of some numbers; the mean of the two middle ones of an even count.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    (n > 0).then(|| 0.5 * (values[n / 2] + values[(n - 1) / 2]))
+/// The middle of some numbers; `None` where there are none.
+fn median(values: Vec<f64>) -> Option<f64> {
+    (!values.is_empty()).then(|| dynid_signal::statistics::median(values))
 }
 
 #[cfg(test)]

@@ -21,11 +21,10 @@ mod wall_file;
 pub use compare::{Case, chatter_ratios, compare, compare_with};
 pub use contact::{Contact, contact};
 pub use damping::{OwnDamping, own_damping};
+pub use dynid_signal::statistics::median;
 pub use error::{StartError, WallError};
 pub use hand::Hand;
-pub use measure::{
-    FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, median, passive_above, stability_bound,
-};
+pub use measure::{FROM_S, Measures, SETTLED_S, SLOWEST_HZ, TO_S, chatter_floor, passive_above, stability_bound};
 pub use setting::{Approach, People, Reaching, Sampling, Setting};
 pub use tune::{Family, Goal, TuneProgress, Tuned, tune};
 pub use wall_file::WallFile;

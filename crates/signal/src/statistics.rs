@@ -34,6 +34,13 @@ pub fn counted(x: &[f64], used: &[bool]) -> Vec<f64> {
     x.iter().zip(used).map(|(value, used)| if *used { *value } else { 0.0 }).collect()
 }
 
+/// The middle of some values: the mean of the two middle ones where their count is even; NaN where there are none.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
+}
+
 /// Number of successive samples of `x` that share one independent error: `1 + 2 sum rho(k)` over the lags before `rho`
 /// first falls to zero in a pair of lags (Geyer 1992, Statistical Science 7, 473-483: initial positive sequence), of
 /// `n_used` samples; 1 for white noise.

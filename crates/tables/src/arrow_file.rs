@@ -18,14 +18,23 @@ use arrow_schema::{ArrowError, DataType, Field, TimeUnit};
 
 use crate::{LARGEST_UNPACKED, NOTHING, Named, TableError, guarded::guarded};
 
+/// The stream in a file: after the six bytes that it begins with, and zeros up to a multiple of 8, or of 64 as some write it.
+pub(crate) fn stream_in(file: &[u8]) -> &[u8] {
+    let first = file.iter().skip(8).position(|byte| *byte != 0).unwrap_or(0);
+    file.get(8 + first / 8 * 8..).unwrap_or_default()
+}
+
 /// All columns of numbers.
 pub(crate) fn columns(bytes: &[u8]) -> Result<Vec<Named>, TableError> {
     check_claims(bytes)?;
     guarded(|| of_stream(bytes))
 }
 
+pub(crate) fn damaged(error: ArrowError) -> TableError {
+    TableError::Unreadable(format!("it is no whole file of Arrow ({error})"))
+}
+
 fn of_stream(bytes: &[u8]) -> Result<Vec<Named>, TableError> {
-    let damaged = |error: ArrowError| TableError::Unreadable(format!("it is no whole file of Arrow ({error})"));
     let schema = StreamReader::try_new(bytes, None).map_err(damaged)?.schema();
     let wanted: Vec<usize> = (0..schema.fields().len()).filter(|place| is_numeric(schema.field(*place))).collect();
     let reader = StreamReader::try_new(bytes, Some(wanted.clone())).map_err(damaged)?;
@@ -129,7 +138,7 @@ fn lists(array: &ArrayRef) -> Option<Vec<Option<Vec<f64>>>> {
 }
 
 /// The numbers of an array that holds such.
-fn numbers(array: &ArrayRef) -> Option<Vec<f64>> {
+pub(crate) fn numbers(array: &ArrayRef) -> Option<Vec<f64>> {
     if let Some(array) = array.as_any().downcast_ref::<BooleanArray>() {
         return Some(array.iter().map(|value| value.map_or(NOTHING, |value| f64::from(u8::from(value)))).collect());
     }
@@ -172,7 +181,7 @@ fn ticks(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
 
 /// The library takes for granted that the parts of a batch lie within it, and makes room for what a compressed part claims to hold before
 /// it looks.
-fn check_claims(bytes: &[u8]) -> Result<(), TableError> {
+pub(crate) fn check_claims(bytes: &[u8]) -> Result<(), TableError> {
     let mut rest = bytes;
     while let Some((metadata, body, after)) = message(rest) {
         rest = after;

@@ -3,24 +3,29 @@
 //! [`Table::open`] reads a file and says which columns and how many rows it has; [`Table::columns`] makes numbers of the
 //! columns that are asked for. What stands in a cell that is no number is told on demand ([`Table::cell`]).
 //!
+//! [`Cells::open`] reads a small table of words as well as numbers, and [`written()`] writes either kind ([`Format`]).
+//!
 //! What a file is, its first bytes tell; [`ENDINGS`] are those that names of such files have:
 //!
 //! - text with cells and a header, also compressed (`text`, `unpacked`);
 //! - Parquet (`parquet_file`) and Arrow, as a file or a stream (`arrow_file`): columns of numbers and of lists that are
 //!   of one length;
-//! - MATLAB (`matlab`): variables of as many values;
+//! - MATLAB (`matlab`, `matlab73`): variables of as many values;
 //! - MCAP (`mcap`): messages about joints.
 //!
 //! Nothing here depends on how many threads there are. No more memory is taken than a file fills, whatever lengths it
 //! claims, but for what is compressed: that is unpacked up to [`LARGEST_UNPACKED`].
 
 mod arrow_file;
+mod cells;
 mod guarded;
 mod matlab;
+mod matlab73;
 mod mcap;
 mod parquet_file;
 mod text;
 mod unpacked;
+mod written;
 
 use std::{
     fs::File,
@@ -30,6 +35,11 @@ use std::{
 };
 
 use text::Text;
+
+pub use {
+    cells::{Cells, Row},
+    written::{Format, Values, written},
+};
 
 /// Endings of the names of files that can be read.
 pub const ENDINGS: [&str; 14] = [
@@ -219,7 +229,7 @@ impl Table {
                 let (names, n_rows) = (columns.names(), columns.n_rows());
                 Self::checked(names, n_rows, Content::Parquet(columns), Vec::new())
             }
-            Kind::ArrowFile => Self::of_columns(arrow_file::columns(&whole(file)?[8..])?, Vec::new()),
+            Kind::ArrowFile => Self::of_columns(arrow_file::columns(arrow_file::stream_in(&whole(file)?))?, Vec::new()),
             Kind::ArrowStream => Self::of_columns(arrow_file::columns(&whole(file)?)?, Vec::new()),
             Kind::Mcap => {
                 let (columns, remarks) = mcap::columns(file)?;
@@ -229,9 +239,10 @@ impl Table {
                 let (columns, remarks) = matlab::columns(&whole(file)?)?;
                 Self::of_columns(columns, remarks)
             }
-            Kind::Matlab73 => Err(TableError::Unreadable(
-                "it is a file of MATLAB 7.3, which is not read; save it there with the option '-v7'".to_owned(),
-            )),
+            Kind::Matlab73 => {
+                let (columns, remarks) = matlab73::columns(whole(file)?)?;
+                Self::of_columns(columns, remarks)
+            }
         }
     }
 

@@ -6,7 +6,7 @@
 use crate::{LARGEST_UNPACKED, Named, Remark, TableError, unpacked};
 
 /// Elements within each other.
-const DEEPEST: usize = 16;
+pub(crate) const DEEPEST: usize = 16;
 
 const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
@@ -40,15 +40,15 @@ fn damaged() -> TableError {
 }
 
 /// A variable of numbers, column by column.
-struct Variable {
-    name: String,
-    n_rows: usize,
-    n_columns: usize,
-    values: Vec<f64>,
+pub(crate) struct Variable {
+    pub name: String,
+    pub n_rows: usize,
+    pub n_columns: usize,
+    pub values: Vec<f64>,
 }
 
 /// The variables of the length that most columns have; of equally many that of the longest.
-fn table(variables: Vec<Variable>) -> (Vec<Named>, Vec<Remark>) {
+pub(crate) fn table(variables: Vec<Variable>) -> (Vec<Named>, Vec<Remark>) {
     let n_columns = |n_rows: usize| -> usize {
         variables.iter().filter(|own| own.n_rows == n_rows).map(|own| own.n_columns).sum::<usize>()
             + variables

@@ -135,7 +135,7 @@ impl Columns {
     }
 }
 
-fn damaged(error: ParquetError) -> TableError {
+pub(crate) fn damaged(error: ParquetError) -> TableError {
     TableError::Unreadable(format!("it is no whole file of Parquet ({error})"))
 }
 

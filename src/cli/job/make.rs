@@ -8,6 +8,7 @@ use anyhow::{Context, bail};
 use clap::Parser;
 use dynid_format::UnknownName;
 use dynid_model::sha256_hex;
+use dynid_tables::Cells;
 use serde_json::json;
 
 use super::super::named::all_named_by;
@@ -16,23 +17,15 @@ use super::file::{Content, Job, OUT};
 
 /// Makes jobs of `arguments`, in which `{column}` stands for what the row has there; all columns are labels.
 pub fn run(table: &Path, folder: &Path, arguments: &[String], effects: Option<&Path>) -> anyhow::Result<Outcome> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(table)
-        .with_context(|| format!("{} cannot be read", table.display()))?;
-    let no_table = || format!("{}: this is no table", table.display());
-    let header: Vec<String> = reader.headers().with_context(no_table)?.iter().map(str::to_owned).collect();
-    if let Some(name) = header.iter().enumerate().find_map(|(k, name)| header[..k].contains(name).then_some(name)) {
-        bail!("{}: two columns are called `{name}`; rename one of them", table.display());
-    }
-    if header.iter().any(|name| name == "out") {
+    let read = Cells::open(table).map_err(|error| anyhow::anyhow!("{}: {error}", table.display()))?;
+    if read.names.iter().any(|name| name == "out") {
         bail!("{}: a column is called `out`, as the place of the result is; rename it", table.display());
     }
     dynid_files::make_folder(folder)?;
     let (mut all, mut new) = (0, 0);
-    for record in reader.records() {
-        let record = record.with_context(no_table)?;
-        let cells: BTreeMap<&str, &str> = header.iter().map(String::as_str).zip(record.iter()).collect();
+    for row in &read.rows {
+        let cells: BTreeMap<&str, &str> =
+            read.names.iter().map(String::as_str).zip(row.cells.iter().map(String::as_str)).collect();
         let filled = arguments.iter().map(|argument| filled(argument, &cells)).collect::<Result<Vec<_>, _>>();
         let job = Job::new(content(filled.with_context(|| table.display().to_string())?, &cells, effects)?)?;
         all += 1;

@@ -143,13 +143,6 @@ pub fn passive_above(wall: &Wall, sample_s: f64) -> Option<f64> {
     }
 }
 
-/// The middle of some values; not a number where there are none.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
-}
-
 #[cfg(test)]
 mod tests {
     use std::f64::consts::TAU;

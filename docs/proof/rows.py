@@ -7,8 +7,10 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import dynid
+import numpy
 
 HERE = Path(__file__).resolve().parent
 
@@ -63,6 +65,25 @@ def digest(files: Iterable[Path]) -> str:
     for file in files:
         found.update(file.read_bytes())
     return found.hexdigest()
+
+
+def picture(readme: Path, name: str, title: str, unit: str, curves: Sequence[tuple[str, Any, Any]]) -> None:
+    """Curves over time above, and below what each leaves of the first, as a small PNG beside README."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        print(f"no picture of {name}: it needs matplotlib")
+        return
+    figure = Figure(figsize=(7.5, 4.5), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    for number_of, (label, time, values) in enumerate(curves):
+        above.plot(time, values, label=label, linewidth=2.5 if number_of == 0 else 1, color="0.75" if number_of == 0 else f"C{number_of - 1}")
+        if number_of:
+            below.plot(time, numpy.asarray(curves[0][2]) - values, linewidth=1, color=f"C{number_of - 1}")
+    above.set(title=title, ylabel=unit)
+    above.legend(loc="upper right", fontsize="small")
+    below.set(xlabel="t [s]", ylabel=f"left, {unit}")
+    figure.savefig(readme.parent / f"{name}.png", dpi=80, metadata={"Software": None})
 
 
 def write(readme: Path, name: str, rows: Sequence[Row], said: Sequence[str], data: str) -> None:

@@ -68,3 +68,16 @@ def main() -> None:
     curves = [("measured", shown[0].t, shown[0].measured), ("without dry friction", shown[0].t, shown[0].model), ("with it", shown[1].t, shown[1].model)]
     picture(arguments.readme, "double_pendulum", shown[0].title, "torque [N m]", curves)
     write(arguments.readme, "double-pendulum", rows, [f"`diagnose` without dry friction: {found}"], digest(files))
+
+
+def diagnosed(model: dynid.Model, log: dict[str, Floats]) -> str:
+    """What the slow run says of the model: its first part, judged by the next."""
+    logs = dynid.Experiment(model.device)
+    third = len(log["t"]) // 3
+    for begin, role in ((0, "fit"), (third, "validate")):
+        logs.add(log, role=role, label=role, free=[0, 1], rows=(begin, begin + third), moving=begin > 0, cutoff_hz=CUTOFF_HZ)  # type: ignore[arg-type]
+    return " ".join(dynid.diagnose(model, logs, depth=2).sentences)
+
+
+if __name__ == "__main__":
+    main()

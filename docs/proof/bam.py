@@ -60,7 +60,7 @@ def read(file: Path) -> Recording:
         columns = {"t": made["timestamp"], "tau0": duty * full, "q0": made["position"], "qd0": made["speed"], "ref0": made["goal_position"]}
     else:
         table = numpy.genfromtxt(file, delimiter=",", names=True)
-        on, gain, name = table["torque_on"] > 0, float(file.stem.split("kp")[-1]), file.stem
+        on, gain, name = table["torque_on"] > 0, float(file.stem.split("kp")[-1]), file.stem.split("-")[2]
         columns = {own: table[column] for own, column in [("t", "t"), ("tau0", "tau0"), ("q0", "q0"), ("qd0", "qd0"), ("ref0", "q_ref")]}
         full = 7.3
     end = len(on) if on.all() else int(numpy.argmin(on))
@@ -112,7 +112,7 @@ def experiment(robot: dynid.Device, runs: list[Recording], folder: Path) -> dyni
         use[:30] = use[-30:] = False
         table = {name: run.columns[name] for name in ("t", "tau0", "q0", "ref0")} | {"use": use.astype(float)}
         role = "validate" if run.held_out else "fit"
-        logs.add(table, role=role, free=[0], label=run.name, mask="use", controller=controller)  # type: ignore[arg-type]
+        logs.add(table, role=role, free=[0], label=run.name, mask="use", controller=controller, cutoff_hz=12.0, min_speed=[0.3])  # type: ignore[arg-type]
     return logs
 
 

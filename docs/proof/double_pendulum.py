@@ -56,27 +56,26 @@ def main() -> None:
     fixed = published.remove("coulomb", 0).remove("coulomb", 1)
     without = dynid.fit(fixed, logs, error="torque").model
     fitted = dynid.fit(published, logs, error="torque").model
-    found = diagnosed(without, read(files[0]))
+    found = dynid.diagnose(without, logs, error="torque", depth=1)
+    named = dynid.fit(found.best.add(), logs, error="torque").model
+    effect = found.best.effect
 
+    models = {
+        "the structure without dry friction": without,
+        f"and `{effect.id}` at joint {effect.joint}, as `diagnose` names it": named,
+        "Coulomb friction at both joints": fitted,
+    }
     theirs = torque_errors(published, logs, "validate")
-    lacking, ours = torque_errors(without, logs, "validate"), torque_errors(fitted, logs, "validate")
-    rows = [Row(f"{run}, joint {joint}: fitted without dry friction", "%", value, own) for (run, joint, value), (_, _, own) in zip(theirs, lacking, strict=True)]
-    rows += [Row(f"{run}, joint {joint}: with it", "%", value, own) for (run, joint, value), (_, _, own) in zip(theirs, ours, strict=True)]
+    rows = []
+    for name, model in models.items():
+        for (run, joint, value), (_, _, own) in zip(theirs, torque_errors(model, logs, "validate"), strict=True):
+            rows.append(Row(f"{run}, joint {joint}: {name}", "%", value, own))
     rows += [Row(f"{name}", "N m", published[name], fitted[name], is_error=False) for name in fitted.names if name.endswith("Fc")]
     panels = [[own for own in dynid.compare(model, logs).overlays if own.quantity == "torque"] for model in (without, fitted)]
     shown = [next(own for own in panel if TITLES[2] in own.title) for panel in panels]
     curves = [("measured", shown[0].t, shown[0].measured), ("without dry friction", shown[0].t, shown[0].model), ("with it", shown[1].t, shown[1].model)]
     picture(arguments.readme, "double_pendulum", shown[0].title, "torque [N m]", curves)
-    write(arguments.readme, "double-pendulum", rows, [f"`diagnose` without dry friction: {found}"], digest(files))
-
-
-def diagnosed(model: dynid.Model, log: dict[str, Floats]) -> str:
-    """What the slow run says of the model: its first part, judged by the next."""
-    logs = dynid.Experiment(model.device)
-    third = len(log["t"]) // 3
-    for begin, role in ((0, "fit"), (third, "validate")):
-        logs.add(log, role=role, label=role, free=[0, 1], rows=(begin, begin + third), moving=begin > 0, cutoff_hz=CUTOFF_HZ)  # type: ignore[arg-type]
-    return " ".join(dynid.diagnose(model, logs, depth=2).sentences)
+    write(arguments.readme, "double-pendulum", rows, [f"`diagnose` without dry friction: {' '.join(found.sentences)}"], digest(files))
 
 
 if __name__ == "__main__":

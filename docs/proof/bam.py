@@ -52,7 +52,8 @@ def read(file: Path) -> Recording:
     if file.suffix == ".json":
         log = json.loads(file.read_text(encoding="utf-8"))
         entries = log["entries"]
-        made = {own: numpy.array([float(entry[own]) for entry in entries]) for own in ("timestamp", "load", "position", "speed", "goal_position")}
+        names = ("timestamp", "load", "position", "speed", "goal_position")
+        made = {own: numpy.array([float(entry[own]) for entry in entries]) for own in names}
         # Counts of 16 bits with a sign.
         duty = numpy.clip((made["load"] - 65536 * (made["load"] > 32767)) / COUNTS, -1, 1)
         on = numpy.array([bool(entry["torque_enable"]) for entry in entries])
@@ -147,7 +148,9 @@ def main() -> None:
             rows.append(Row(f"{name}, {text}", "mrad", published_mae, float(numpy.mean(errors))))
             shown[name] = simulated[judges[0]].q[:, 0]
             if rows[-1].ours < best:
-                best, values = rows[-1].ours, ", ".join(f"{own} = {fitted[own]:.4g}" for own in fitted.names if own.startswith("joint"))
+                best = rows[-1].ours
+                shown_values = [own for own in fitted.names if own.startswith("joint") and not own.endswith(("v_eps", "T_ddq"))]
+                values = ", ".join(f"{own.removeprefix('joint.0.')} = {fitted[own]:.4g}" for own in shown_values)
         assert first is not None
         found = dynid.diagnose(first, logs, depth=1)
     one = runs[judges[0]].columns

@@ -56,26 +56,26 @@ def main() -> None:
     fixed = published.remove("coulomb", 0).remove("coulomb", 1)
     without = dynid.fit(fixed, logs, error="torque").model
     fitted = dynid.fit(published, logs, error="torque").model
-    found = dynid.diagnose(without, logs, error="torque", depth=1)
-    named = dynid.fit(found.best.add(), logs, error="torque").model
-    effect = found.best.effect
+    models, said, now = {"the structure without dry friction": without}, [], without
+    for _ in range(2):
+        found = dynid.diagnose(now, logs, error="torque", depth=1)
+        said.append(f"`diagnose`: {' '.join(found.sentences)}")
+        effect = found.best.effect
+        now = dynid.fit(found.best.add(), logs, error="torque").model
+        models[f"and `{effect.id}` at joint {effect.joint}, its best candidate"] = now
+    models["the published structure, fitted"] = fitted
 
-    models = {
-        "the structure without dry friction": without,
-        f"and `{effect.id}` at joint {effect.joint}, as `diagnose` names it": named,
-        "Coulomb friction at both joints": fitted,
-    }
     theirs = torque_errors(published, logs, "validate")
     rows = []
     for name, model in models.items():
         for (run, joint, value), (_, _, own) in zip(theirs, torque_errors(model, logs, "validate"), strict=True):
             rows.append(Row(f"{run}, joint {joint}: {name}", "%", value, own))
     rows += [Row(f"{name}", "N m", published[name], fitted[name], is_error=False) for name in fitted.names if name.endswith("Fc")]
-    panels = [[own for own in dynid.compare(model, logs).overlays if own.quantity == "torque"] for model in (without, fitted)]
+    panels = [[own for own in dynid.compare(model, logs).overlays if own.quantity == "torque"] for model in (without, now)]
     shown = [next(own for own in panel if TITLES[2] in own.title) for panel in panels]
-    curves = [("measured", shown[0].t, shown[0].measured), ("without dry friction", shown[0].t, shown[0].model), ("with it", shown[1].t, shown[1].model)]
+    curves = [("measured", shown[0].t, shown[0].measured), ("without dry friction", shown[0].t, shown[0].model), ("with what is named", shown[1].t, shown[1].model)]
     picture(arguments.readme, "double_pendulum", shown[0].title, "torque [N m]", curves)
-    write(arguments.readme, "double-pendulum", rows, [f"`diagnose` without dry friction: {' '.join(found.sentences)}"], digest(files))
+    write(arguments.readme, "double-pendulum", rows, said, digest(files))
 
 
 if __name__ == "__main__":

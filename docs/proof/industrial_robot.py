@@ -7,13 +7,16 @@ The package downloads the data; `kr300.urdf` (or a device file) is a description
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import dynid
 import numpy
 from rows import Row, options, write
+
+Role: TypeAlias = Literal["fit", "validate"]
 
 # Torques in N m of the motors, positions in degrees, ten samples a second (Weigand and others, 2022).
 SAMPLING_TIME = 0.1
@@ -23,16 +26,18 @@ def experiment(robot: dynid.Device, train: Sequence[Any], test: Sequence[Any]) -
     """The package's data sets as runs of all joints."""
     logs, joints = dynid.Experiment(robot), range(len(robot.joints))
     scale = {f"q{joint}": numpy.pi / 180 for joint in joints}
-    for sets, role in ((train, "fit"), (test, "validate")):
+    roles: list[tuple[Role, Sequence[Any]]] = [("fit", train), ("validate", test)]
+    for role, sets in roles:
         for number, own in enumerate(sets, 1):
-            logs.add(own, role=role, free=joints, label=f"{role} {number}", scale=scale, moving=True, hold="linear", sampling_time=SAMPLING_TIME)  # type: ignore[arg-type]
+            label = f"{role} {number}"
+            logs.add(own, role=role, free=joints, label=label, scale=scale, moving=True, hold="linear", sampling_time=SAMPLING_TIME)
     return logs
 
 
 def model(robot: dynid.Device) -> dynid.Model:
     """Every joint: the gear's ratio as an unknown gain, friction, an offset and a rotor."""
-    kinds = [("gain", {}), ("viscous", {}), ("coulomb", {}), ("torque_offset", {}), ("rotor_inertia", {})]
-    return dynid.Model(robot, [dynid.Effect(kind, joint, **values) for joint in range(len(robot.joints)) for kind, values in kinds])
+    kinds = ["gain", "viscous", "coulomb", "torque_offset", "rotor_inertia"]
+    return dynid.Model(robot, [dynid.Effect(kind, joint) for joint in range(len(robot.joints)) for kind in kinds])
 
 
 def scored(robot: dynid.Device, train: Sequence[Any], test: Sequence[Any]) -> tuple[list[Row], list[str]]:
@@ -40,7 +45,7 @@ def scored(robot: dynid.Device, train: Sequence[Any], test: Sequence[Any]) -> tu
     logs = experiment(robot, train, test)
     fitted = dynid.fit(model(robot), logs, error="torque").model
     compared = [run for run in dynid.compare(fitted, logs).json()["runs"] if run["role"] == "validate"]
-    rows, said = [], []
+    rows: list[Row] = []
     for joint in range(len(robot.joints)):
         torque = [run["joints"][joint]["torque_percent"] for run in compared]
         rows.append(Row(f"torque error, joint {joint + 1}", "%", None, float(numpy.mean(torque))))
@@ -50,17 +55,17 @@ def scored(robot: dynid.Device, train: Sequence[Any], test: Sequence[Any]) -> tu
     except dynid.Error as error:
         return rows, [f"open-loop simulation from the torques does not come to its end: {error}"]
     for joint in range(len(robot.joints)):
-        shares = [numpy.sqrt(numpy.mean((own.q[:, joint] - q) ** 2)) / numpy.std(q) for own, q in ((own, only.columns(run)[f"q{joint}"]) for run, own in enumerate(simulated))]
+        pairs = [(own.q[:, joint], only.columns(run)[f"q{joint}"]) for run, own in enumerate(simulated)]
+        shares = [numpy.sqrt(numpy.mean((own - q) ** 2)) / numpy.std(q) for own, q in pairs]
         rows.append(Row(f"simulated position, joint {joint + 1}, of its standard deviation", "%", None, 100 * float(numpy.mean(shares))))
-    return rows, said
+    return rows, []
 
 
 def main() -> None:
-    from nonlinear_benchmarks.not_splitted_benchmarks import Industrial_robot
-
     arguments = options(__doc__ or "", "the robot's URDF, MJCF or device file").parse_args()
     robot = load(arguments.path)
-    rows, said = scored(robot, *Industrial_robot())
+    train, test = importlib.import_module("nonlinear_benchmarks.not_splitted_benchmarks").Industrial_robot()
+    rows, said = scored(robot, train, test)
     write(arguments.readme, "industrial-robot", rows, said, "that the package downloads is not kept")
 
 

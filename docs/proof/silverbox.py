@@ -91,7 +91,8 @@ def main() -> None:
     table += [Row("training part, linear, of its standard deviation", "%", PUBLISHED_LINEAR, 100 * plain)]
     table += [Row("training part, cubic, of its standard deviation", "%", PUBLISHED_CUBIC, 100 * trained)]
     values = ", ".join(f"{name.split('.')[-1]} = {finest[name]:.4g}" for name in finest.names if "spring" in name or "viscous" in name)
-    write(arguments.readme, "silverbox", table, [f"`diagnose` of the linear model: {' '.join(found.sentences)}", f"fitted: {values}"], digest([arguments.path]))
+    said = [f"`diagnose` of the linear model: {' '.join(found.sentences)}", f"fitted: {values}"]
+    write(arguments.readme, "silverbox", table, said, digest([arguments.path]))
 
 
 if __name__ == "__main__":

@@ -10,13 +10,14 @@ import math
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import dynid
 import numpy
 from rows import HERE, Row, digest, options, picture, write
 
 Floats = numpy.ndarray[Any, numpy.dtype[numpy.float64]]
+Role: TypeAlias = Literal["fit", "validate"]
 
 # The runs with this gain of the servo's controller judge; the models see the others.
 HELD_OUT = 400
@@ -69,7 +70,7 @@ def read(file: Path) -> Recording:
 
 
 def published(own: dict[str, float], run: Recording, error_gain: float) -> float:
-    """MAE of a published model, simulated as its repository does: steps of 5 ms, friction that stops or is at its limit, the loop closed."""
+    """MAE of a published model, simulated as its repository does: in steps of 5 ms, friction stops the joint or is at its limit."""
     t = numpy.arange(run.columns["t"][0], run.columns["t"][-1], STEP)
     reference, measured = (numpy.interp(t, run.columns["t"], run.columns[name]) for name in ("ref0", "q0"))
     q, dq = float(measured[0]), float(run.columns["qd0"][0])
@@ -112,8 +113,9 @@ def experiment(robot: dynid.Device, runs: list[Recording], folder: Path) -> dyni
         use = abs(run.columns["tau0"]) < 6.0
         use[:30] = use[-30:] = False
         table = {name: run.columns[name] for name in ("t", "tau0", "q0", "ref0")} | {"use": use.astype(float)}
-        role = "validate" if run.held_out else "fit"
-        logs.add(table, role=role, free=[0], label=run.name, mask="use", controller=controller, cutoff_hz=12.0, min_speed=[0.3])  # type: ignore[arg-type]
+        role: Role = "validate" if run.held_out else "fit"
+        # The last two say of which samples the torque error is shown: at rest friction holds whatever arrives.
+        logs.add(table, role=role, free=[0], label=run.name, mask="use", controller=controller, cutoff_hz=12.0, min_speed=[0.3])
     return logs
 
 

@@ -73,7 +73,8 @@ def main() -> None:
     rows += [Row(f"{name}", "N m", published[name], fitted[name], is_error=False) for name in fitted.names if name.endswith("Fc")]
     panels = [[own for own in dynid.compare(model, logs).overlays if own.quantity == "torque"] for model in (without, now)]
     shown = [next(own for own in panel if TITLES[2] in own.title) for panel in panels]
-    curves = [("measured", shown[0].t, shown[0].measured), ("without dry friction", shown[0].t, shown[0].model), ("with what is named", shown[1].t, shown[1].model)]
+    curves = [("measured", shown[0].t, shown[0].measured)]
+    curves += [(name, own.t, own.model) for name, own in zip(("without dry friction", "with what is named"), shown, strict=True)]
     picture(arguments.readme, "double_pendulum", shown[0].title, "torque [N m]", curves)
     write(arguments.readme, "double-pendulum", rows, said, digest(files))
 

@@ -76,10 +76,11 @@ def picture(readme: Path, name: str, title: str, unit: str, curves: Sequence[tup
         return
     figure = Figure(figsize=(7.5, 4.5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    for number_of, (label, time, values) in enumerate(curves):
-        above.plot(time, values, label=label, linewidth=2.5 if number_of == 0 else 1, color="0.75" if number_of == 0 else f"C{number_of - 1}")
-        if number_of:
-            below.plot(time, numpy.asarray(curves[0][2]) - values, linewidth=1, color=f"C{number_of - 1}")
+    measured = numpy.asarray(curves[0][2])
+    above.plot(curves[0][1], measured, label=curves[0][0], linewidth=2.5, color="0.75")
+    for label, time, values in curves[1:]:
+        (line,) = above.plot(time, values, label=label, linewidth=1)
+        below.plot(time, measured - values, linewidth=1, color=line.get_color())
     above.set(title=title, ylabel=unit)
     above.legend(loc="upper right", fontsize="small")
     below.set(xlabel="t [s]", ylabel=f"left, {unit}")

@@ -13,7 +13,7 @@ import numpy
 from rows import Row, digest, options, write
 
 RATE_HZ = 610.35
-# The split of the package nonlinear_benchmarks 1.0.1, in rows of SNLS80mV; the first 50 samples of a test start a simulation and do not count.
+# The split of the package nonlinear_benchmarks 1.0.1, in rows of SNLS80mV; the first 50 samples of a test do not count.
 TRAIN = (40650, 105712)
 TESTS = {"multisine": (105712, 127400), "arrow": (100, 40575), "arrow, amplitudes of the training only": (100, 32100)}
 START = 50
@@ -21,7 +21,7 @@ START = 50
 PUBLISHED_MV = {"multisine": 7.728}
 # freq-statespace, README at 111e780: errors of simulation on six multisine periods of the training part, over their standard deviation.
 PUBLISHED_LINEAR, PUBLISHED_CUBIC = 13.17, 0.44
-# Positions and voltages have no content above half the rate: four times the samples say the same, and straight lines between them come close to it.
+# What has no content above half the rate is the same in four times the samples, and straight lines between them come close to it.
 FINER = 4
 # What the diagnosis reads of the training part, and the part after it that it holds out.
 DIAGNOSED = 8192

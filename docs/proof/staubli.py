@@ -29,7 +29,7 @@ def read(folder: Path) -> tuple[dict[str, Floats], list[Path]]:
     table = folder / "tx40.csv"
     if table.exists():
         joints = numpy.genfromtxt(table, delimiter=",", names=True)
-        columns = {f"{symbol}{joint}": joints[f"{own}_{joint + 1}"] for symbol, own in (("tau", "tau"), ("q", "q")) for joint in range(6)}
+        columns = {f"{symbol}{joint}": joints[f"{symbol}_{joint + 1}"] for symbol in ("tau", "q") for joint in range(6)}
         return {"t": joints["t"], **columns}, [table]
     files = [folder / "curr_data.csv", folder / "pos_read_data.csv"]
     torque, position = (numpy.genfromtxt(file, delimiter=",", skip_header=1) for file in files)
@@ -58,7 +58,8 @@ def main() -> None:
     errors = {name: [joint["torque_percent"] for joint in own.json()["runs"][0]["joints"]] for name, own in compared.items()}
 
     ours = models["coupled"]
-    rows = [Row(f"torque error, joint {joint + 1}: wrist not coupled", "%", None, error) for joint, error in enumerate(errors["apart"]) if joint > 3]
+    uncoupled = [(joint, error) for joint, error in enumerate(errors["apart"]) if joint > 3]
+    rows = [Row(f"torque error, joint {joint + 1}: wrist not coupled", "%", None, error) for joint, error in uncoupled]
     rows += [Row(f"torque error, joint {joint + 1}", "%", None, error) for joint, error in enumerate(errors["coupled"])]
     names = {f"{own}{joint + 1}": f"joint.{joint}.{name}" for own, name in SAME.items() for joint in range(6)}
     names |= {own: f"joint.4.{name}" for own, name in WRIST.items()}
@@ -67,7 +68,8 @@ def main() -> None:
         unit = "kg m^2" if own.startswith("I") else "N m" if own.startswith("fs") else "N m s"
         rows.append(Row(own, unit, value, ours[name], abs(value) * percent / 100, is_error=False))
     one = [[panel for panel in compared[name].overlays if panel.quantity == "torque"][5] for name in ("apart", "coupled")]
-    curves = [("measured", one[0].t, one[0].measured), ("wrist not coupled", one[0].t, one[0].model), ("coupled", one[1].t, one[1].model)]
+    curves = [("measured", one[0].t, one[0].measured)]
+    curves += [(name, own.t, own.model) for name, own in zip(("wrist not coupled", "coupled"), one, strict=True)]
     picture(arguments.readme, "staubli", one[0].title, "torque [N m]", curves)
     write(arguments.readme, "staubli", rows, ["one trajectory, nothing held out: neither they nor we have another"], digest(files))
 

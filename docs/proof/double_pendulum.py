@@ -44,7 +44,9 @@ def torque_errors(model: dynid.Model, logs: dynid.Experiment, role: str) -> list
 
 
 def main() -> None:
-    arguments = options(__doc__ or "", "a folder with the recordings, e.g. a clone of the repository").parse_args()
+    parser = options(__doc__ or "", "a folder with the recordings, e.g. a clone of the repository")
+    parser.add_argument("--rounds", type=int, default=2, help="how many effects are looked for, one after the other")
+    arguments = parser.parse_args()
     files = [found_at(arguments.path, names) for names in FIT + TEST]
     robot = dynid.devices["double_pendulum"]
     logs = dynid.Experiment(robot)
@@ -57,7 +59,7 @@ def main() -> None:
     without = dynid.fit(fixed, logs, error="torque").model
     fitted = dynid.fit(published, logs, error="torque").model
     models, said, now = {"the structure without dry friction": without}, [], without
-    for _ in range(2):
+    for _ in range(arguments.rounds):
         found = dynid.diagnose(now, logs, error="torque", depth=1)
         said.append(f"`diagnose`: {' '.join(found.sentences)}")
         effect = found.best.effect

@@ -10,7 +10,7 @@ from typing import Any
 
 import dynid
 import numpy
-from rows import Row, digest, options, write
+from rows import Row, digest, options, picture, write
 
 RATE_HZ = 610.35
 # The split of the package nonlinear_benchmarks 1.0.1, in rows of SNLS80mV; the first 50 samples of a test do not count.
@@ -52,13 +52,17 @@ def part(u: Floats, y: Floats, rows: tuple[int, int], times: int = 1) -> dict[st
 
 def errors(model: dynid.Model, u: Floats, y: Floats, tests: dict[str, tuple[int, int]], times: int) -> dict[str, float]:
     """RMS of measured less simulated [mV], of the original samples."""
+    return {name: 1e3 * float(numpy.sqrt(numpy.mean(left[START:] ** 2))) for name, left in residuals(model, u, y, tests, times).items()}
+
+
+def residuals(model: dynid.Model, u: Floats, y: Floats, tests: dict[str, tuple[int, int]], times: int) -> dict[str, Floats]:
+    """Measured less simulated [V]."""
     found = {}
     for name, rows in tests.items():
         logs = dynid.Experiment(model.device)
         logs.add(part(u, y, rows, times), role="validate", label=name, moving=True, hold="linear")
         (run,) = dynid.simulate(model, logs)
-        off = (run.q[::times, 0] - y[rows[0] : rows[1]])[START:]
-        found[name] = 1e3 * float(numpy.sqrt(numpy.mean(off**2)))
+        found[name] = y[rows[0] : rows[1]] - run.q[::times, 0]
     return found
 
 
@@ -81,6 +85,14 @@ def main() -> None:
     cubic = dynid.fit(linear.add(dynid.Effect("spring_cubic", 0)), logs, error="position").model
     fine = dynid.Experiment(robot).add(part(u, y, rows["train"], FINER), role="fit", moving=True, hold="linear")
     finest = dynid.fit(cubic, fine, error="position").model
+
+    arrow = {"arrow": tests["arrow"]}
+    end = slice(tests["arrow"][1] - int(600 * scale), tests["arrow"][1])  # the largest amplitudes
+    t, measured = numpy.arange(end.start, end.stop) / RATE_HZ, y[end]
+    curves = [("measured", t, measured)]
+    for name, model, times in (("without the cubic spring", linear, 1), ("with it", finest, FINER)):
+        curves.append((name, t, measured - residuals(model, u, y, arrow, times)["arrow"][-len(t) :]))
+    picture(arguments.readme, "silverbox", "end of the arrow, simulated", "output [V]", curves)
 
     without, straight, best = errors(linear, u, y, tests, 1), errors(cubic, u, y, tests, 1), errors(finest, u, y, tests, FINER)
     trained = errors(finest, u, y, {"train": rows["train"]}, FINER)["train"] / (1e3 * float(numpy.std(y[slice(*rows["train"])])))

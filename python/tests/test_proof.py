@@ -63,7 +63,7 @@ def played(model: dynid.Model, columns: dict[str, numpy.ndarray], free: list[int
 
 
 def test_silverbox(script, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    samples = 131072 // 32
+    samples = 131072 // 64
     t = numpy.arange(samples) / 610.35
     u = multisine(t, [20.0, 37.0, 55.0, 66.0, 71.0, 90.0, 120.0], 0.15)
     cubic = dynid.devices["oscillator"].model().add(dynid.Effect("spring_cubic", 0, K3=4.0))

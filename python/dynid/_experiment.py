@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy
 
-from dynid import _dynid, _html
+from dynid import _benchmark, _dynid, _html
 from dynid._optional import needed
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ class Experiment:
         controller: str | os.PathLike[str] | None = None,
         start: Sequence[float] | None = None,
         transmission: Mapping[str, Any] | None = None,
+        sampling_time: float | None = None,
     ) -> Experiment:
         """Adds a run, and returns the experiment.
 
@@ -77,10 +78,11 @@ class Experiment:
         what brings them to SI. `role` is "fit" for a run that parameters are fitted to, "validate" for one that models are judged by.
         Without `free`, the joints that move by more than noise are free. `turn` is a turn of an encoder that begins anew after each, `rows`
         the part of the log that counts, `hold` how torques go on between samples; the others are those of an experiment file.
+
+        `log` may also be a data set of the package `nonlinear_benchmarks`, or a tuple of them, each of which becomes a run: column i of its `u`
+        is `tau<i>`, column i of its `y` is `q<i>`. `sampling_time` [s] is for those that do not say theirs.
         """
-        path = os.fspath(log) if isinstance(log, (str, os.PathLike)) else None
         said: dict[str, Any] = {
-            "file": label or path or f"run {len(self) + 1}",
             "role": role,
             "free": None if free is None else [int(joint) for joint in free],
             "columns": None if columns is None else dict(columns),
@@ -101,9 +103,20 @@ class Experiment:
             "start": None if start is None else [float(position) for position in start],
             "transmission": None if transmission is None else dict(transmission),
         }
-        settings = json.dumps({key: value for key, value in said.items() if value is not None})
-        self._own.add(settings, _columns(log) if path is None else None, path)
+        sets = _benchmark.sets(log)
+        if sets is not None:
+            for own in sets:
+                self._add(said, label or _benchmark.name(own), _benchmark.columns(own, sampling_time), None)
+            return self
+        if sampling_time is not None:
+            raise _dynid.Error("sampling_time= is for data sets of nonlinear_benchmarks; other logs have a column `t`")
+        path = os.fspath(log) if isinstance(log, (str, os.PathLike)) else None
+        self._add(said, label or path, _columns(log) if path is None else None, path)
         return self
+
+    def _add(self, said: Mapping[str, Any], label: str | None, columns: dict[str, Any] | None, path: str | None) -> None:
+        settings = {"file": label or f"run {len(self) + 1}", **{key: value for key, value in said.items() if value is not None}}
+        self._own.add(json.dumps(settings), columns, path)
 
     @property
     def device(self) -> _dynid.Device:

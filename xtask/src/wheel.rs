@@ -39,7 +39,16 @@ pub fn tests() -> anyhow::Result<()> {
         shell::succeed(&mut command)
     };
     run(&["-X", "dev", "-W", "error", "-m", "pytest", "--quiet", "-p", "no:cacheprovider", "."])?;
-    run(&["-m", "mypy", "--strict", "--cache-dir", "../../target/python/mypy", "../examples", "../dynid"])
+    run(&[
+        "-m",
+        "mypy",
+        "--strict",
+        "--cache-dir",
+        "../../target/python/mypy",
+        "../examples",
+        "../dynid",
+        "../../docs/proof",
+    ])
 }
 
 /// Where programs lie, those of the environment first: maturin is one.

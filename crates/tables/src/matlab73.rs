@@ -75,8 +75,11 @@ impl Found {
     }
 }
 
+/// Numbers of bytes.
+type Numbers = fn(&[u8]) -> Vec<f64>;
+
 /// How bytes of this type, in the order of this machine, become numbers; `None` of what is no real number.
-fn number_of(kind: &Datatype) -> Option<fn(&[u8]) -> Vec<f64>> {
+fn number_of(kind: &Datatype) -> Option<Numbers> {
     macro_rules! numbers {
         ($own:ty) => {
             |bytes| bytes.as_chunks().0.iter().map(|own| <$own>::from_ne_bytes(*own) as f64).collect()

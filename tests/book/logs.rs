@@ -4,8 +4,8 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
-use assert_cmd::Command;
 use dynid_model::{Device, device, device_named};
 use dynid_plant::recipe::{self, Files, Recipe};
 use serde::Deserialize;
@@ -71,8 +71,9 @@ fn made(folder: &Path) -> Files {
 fn imported(name: &str, folder: &Path, work: &Path) -> &'static Device {
     let description = folder.join(format!("{name}.urdf"));
     let file = work.join(format!("{name}.toml"));
-    let mut import = Command::cargo_bin("dynid").unwrap();
-    import.args(["device", "import"]).arg(&description).arg("--out").arg(&file).assert().success();
+    let mut import = Command::new(env!("CARGO_BIN_EXE_dynid"));
+    import.args(["device", "import"]).arg(&description).arg("--out").arg(&file);
+    assert!(import.output().unwrap().status.success(), "{} is imported", description.display());
     device_named(&file.to_string_lossy(), work).unwrap()
 }
 

@@ -3,8 +3,9 @@
 //! | block | what is done |
 //! | --- | --- |
 //! | `console` | the lines after `$ ` run; what follows is what they print, the last line `[exit status 1]` if they end so |
-//! | any language, first line a comment `file: NAME` | is written to that file |
+//! | any language, first line (after one of `#!`) a comment `file: NAME` | is written to that file |
 //! | any language, first line a comment `from: NAME` | stands so in that file, which a command made |
+//! | `csv` | likewise, without that line: a table has no comments |
 //! | `python`, and `text` directly after it | `python/tests/test_book.py` |
 //!
 //! [`crate::matching`] says what `...` stands for. A picture is what a command wrote under the same name.
@@ -42,7 +43,8 @@ pub fn play(name: &str) {
         let shown = &lines[block.lines.clone()];
         let is_output_of_python = after_python && block.language == "text";
         after_python = block.language == "python";
-        match (block.language, shown.first().and_then(|line| named(line))) {
+        let first = shown.iter().find(|line| !line.starts_with("#!"));
+        match (block.language, first.and_then(|line| named(line))) {
             ("console", _) => {
                 let said = console(shown, folder.path(), &at, &mut wrong);
                 written.extend(lines[copied_to..block.lines.start].iter().map(|line| (*line).to_owned()));
@@ -54,7 +56,8 @@ pub fn play(name: &str) {
             (_, Some(("file", file))) => {
                 let file = folder.path().join(file);
                 fs::create_dir_all(file.parent().unwrap()).unwrap();
-                fs::write(file, shown.join("\n") + "\n").unwrap();
+                let content = if block.language == "csv" { &shown[1..] } else { shown };
+                fs::write(file, content.join("\n") + "\n").unwrap();
             }
             (_, Some((_, file))) => {
                 let content = read(&folder.path().join(file));
@@ -194,12 +197,12 @@ fn run(line: &str, folder: &Path, at: &str) -> String {
     said.trim_end().to_owned()
 }
 
-/// Pictures of the chapter that a command wrote are the book's; those that Python draws, whose versions draw otherwise, are there.
+/// Pictures of the chapter that a command wrote are the book's; those that Python draws (PNG) are there, for its versions draw otherwise.
 fn pictures(text: &str, folder: &Path, wrong: &mut String) {
     for picture in text.split("](pictures/").skip(1).map(|rest| rest.split(')').next().unwrap()) {
         let kept = book().join("src/pictures").join(picture);
         let made = folder.join(kept.file_name().unwrap());
-        if picture.starts_with("python/") {
+        if picture.ends_with(".png") {
             assert!(kept.is_file(), "{} is missing", kept.display());
             continue;
         }

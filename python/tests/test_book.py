@@ -29,8 +29,11 @@ def chapters() -> list[str]:
 
 def pattern(shown: str) -> str:
     """A regular expression of what may be printed."""
-    lines = [r"(?:.*\n)*" if line == "..." else r".*".join(map(re.escape, line.split("[..]"))) + r"\n" for line in shown.splitlines()]
-    return "".join(lines)
+
+    def line(own: str) -> str:
+        return r"(?:.*\n)*" if own == "..." else r".*".join(map(re.escape, own.rstrip().split("[..]"))) + r" *\n"
+
+    return "".join(map(line, shown.splitlines()))
 
 
 @pytest.mark.parametrize("chapter", chapters())

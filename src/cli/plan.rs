@@ -6,7 +6,9 @@ use anyhow::bail;
 use dynid_model::Link;
 use dynid_plan::{self as plan, NOWHERE, Plan, Unreachable};
 use dynid_plan::{base::BaseParameters, base::base_parameters};
-use dynid_plan::{unidentifiable::UnidentifiableDirection, unidentifiable::unidentifiable_directions};
+use dynid_plan::{
+    unidentifiable::Circumstances, unidentifiable::UnidentifiableDirection, unidentifiable::unidentifiable_directions,
+};
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
@@ -54,7 +56,9 @@ struct Reach {
 impl Reach {
     fn of(model: &Model, free: &[Vec<usize>]) -> anyhow::Result<Self> {
         let base = base_parameters(model, free)?;
-        let directions = unidentifiable_directions(model, free, &base)?;
+        let bare = |free: &Vec<usize>| Circumstances { free: free.clone(), payload: None };
+        let circumstances: Vec<Circumstances> = free.iter().map(bare).collect();
+        let directions = unidentifiable_directions(model, &circumstances, &base)?;
         Ok(Self { base, directions })
     }
 

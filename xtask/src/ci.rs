@@ -1,5 +1,5 @@
 //! `cargo xtask ci`: every check that a change must pass, on a machine that has a Rust toolchain and, for the live page, Chromium, for the
-//! wheel Python.
+//! wheel Python, for the book mdBook.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,7 +8,9 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use dynid_lower::Kir;
 
-use crate::{api, browser, crate_order, dependency_cycles, licences, shell, size, snapshots, unused, wheel, workspace};
+use crate::{
+    api, book, browser, crate_order, dependency_cycles, licences, shell, size, snapshots, unused, wheel, workspace,
+};
 
 /// Runs every check.
 #[derive(clap::Args)]
@@ -42,6 +44,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("the wheel for Python", wheel::tests),
         ("the loop as a program", example),
         ("documentation", documentation),
+        ("the book", book::build),
         ("licences", licences::check),
     ];
     if !arguments.quick {

@@ -2,6 +2,7 @@
 
 mod api;
 mod bench;
+mod book;
 mod browser;
 mod ci;
 mod crate_order;

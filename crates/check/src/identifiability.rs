@@ -11,7 +11,7 @@ use dynid_plan::{
     PlanError,
     base::{base_parameters, factors, independent},
     linear::{LinearParameters, Motion, Regressor},
-    unidentifiable::unidentifiable_directions,
+    unidentifiable::{Circumstances, unidentifiable_directions},
 };
 use dynid_random::Random;
 use dynid_user_model::Model;
@@ -96,7 +96,11 @@ pub fn of(model: &Model, balances: &[Balance<'_>]) -> Result<Option<Identifiabil
     free.sort_unstable();
     free.dedup();
     let base = base_parameters(model, &free)?;
-    let unidentifiable: Vec<Direction> = unidentifiable_directions(model, &free, &base)?
+    let of_run = |own: &Balance<'_>| Circumstances { free: own.run.free.clone(), payload: own.run.payload.clone() };
+    let mut circumstances: Vec<Circumstances> = balances.iter().map(of_run).collect();
+    circumstances.sort_unstable();
+    circumstances.dedup();
+    let unidentifiable: Vec<Direction> = unidentifiable_directions(model, &circumstances, &base)?
         .into_iter()
         .map(|own| Direction { is_scale: own.is_scale(), fix_one_of: own.fix_one_of })
         .collect();

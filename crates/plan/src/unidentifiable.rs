@@ -32,19 +32,29 @@ impl UnidentifiableDirection {
     }
 }
 
+/// Joints that are free together, and what the machine carries then: a load that is known tells a scale.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Circumstances {
+    /// The free joints, ascending.
+    pub free: Vec<usize>,
+    /// The payload, as a run names it; nothing where there is none.
+    pub payload: Option<String>,
+}
+
 /// Changes that differ by less are the same.
 const SAME: f64 = 1e-5;
 
-/// The unidentifiable directions of a model with these sets of joints free, together; fixed parameters stay as they are.
+/// The unidentifiable directions of a model in all of these circumstances together; fixed parameters stay as they are.
 ///
 /// # Errors
 /// Free joints without a kernel, or an effect that cannot be simulated.
 pub fn unidentifiable_directions(
     model: &Model,
-    free: &[Vec<usize>],
+    circumstances: &[Circumstances],
     base: &BaseParameters,
 ) -> Result<Vec<UnidentifiableDirection>, PlanError> {
-    let systems = free.iter().map(|free| model.system(free, |_| 0.0)).collect::<Result<Vec<_>, _>>()?;
+    let system = |own: &Circumstances| model.system_carrying(own.payload.as_deref(), &own.free, |_| 0.0);
+    let systems = circumstances.iter().map(system).collect::<Result<Vec<_>, _>>()?;
     let unknown: Vec<(String, f64)> = model
         .parameters()
         .into_iter()
@@ -288,9 +298,19 @@ mod tests {
     use dynid_dynamics::{simulate::Input, simulate::Intersample, simulate::Options, simulate::simulate};
 
     fn flat(model: &Model, configurations: &[usize]) -> Vec<UnidentifiableDirection> {
+        carrying(model, configurations, &[None])
+    }
+
+    fn carrying(model: &Model, configurations: &[usize], payloads: &[Option<&str>]) -> Vec<UnidentifiableDirection> {
         let configuration = |number: &usize| model.device.configurations[number - 1].free.clone();
         let free: Vec<Vec<usize>> = configurations.iter().map(configuration).collect();
-        unidentifiable_directions(model, &free, &base_parameters(model, &free).unwrap()).unwrap()
+        let base = base_parameters(model, &free).unwrap();
+        let with = |payload: &Option<&str>| {
+            let payload = payload.map(str::to_owned);
+            free.iter().map(move |free| Circumstances { free: free.clone(), payload: payload.clone() })
+        };
+        let all: Vec<Circumstances> = payloads.iter().flat_map(with).collect();
+        unidentifiable_directions(model, &all, &base).unwrap()
     }
 
     fn freedom() -> Model {
@@ -366,5 +386,20 @@ mod tests {
         let model = Model::of_device(dynid_model::device("double_pendulum").unwrap());
         let found = flat(&model, &[1, 2, 3]);
         assert!(found.iter().all(|direction| !direction.is_scale()), "{found:#?}");
+    }
+
+    /// A load that was weighed tells what an ampere is worth, where some runs carry it and some do not.
+    #[test]
+    fn a_known_payload_tells_the_scale() {
+        let text = "device = \"planar2r\"\n[[effect]]\nid = \"gain\"\njoint = 1\n[[effect]]\nid = \"viscous\"\njoint = 1\n\
+                    [[effect]]\nid = \"payload\"\njoint = 1\npayload = \"weight\"\nm = { value = 0.5, fixed = true }\n\
+                    x = { value = 0.1, fixed = true }\ny = { value = 0.0, fixed = true }\nz = { value = 0.0, fixed = true }\n";
+        let model = Model::parse(text, std::path::Path::new("model.toml")).unwrap();
+        let bare = flat(&model, &[2]);
+        assert!(bare.len() == 1 && bare[0].is_scale(), "{bare:#?}");
+        assert_eq!(carrying(&model, &[2], &[None, Some("weight")]), []);
+        // Of two bodies that always move as one, the known one tells nothing.
+        assert_eq!(carrying(&model, &[2], &[Some("weight")]).len(), 1);
+        assert_eq!(carrying(&model, &[2], &[None, Some("another")]).len(), 1);
     }
 }

@@ -18,7 +18,7 @@ impl Model {
     /// # Errors
     /// Joints that the device does not have, equations or an effect's function that cannot be made, a value that is missing.
     pub fn system(&self, free: &[usize], position_of: impl Fn(usize) -> f64) -> Result<System, SystemError> {
-        self.system_with(None, free, position_of)
+        self.system_carrying(None, free, position_of)
     }
 
     /// The equations of this model in a run: with its free joints, the others locked where they were on the average, and what it carries.
@@ -26,10 +26,14 @@ impl Model {
     /// # Errors
     /// As [`Model::system`].
     pub fn system_of(&self, run: &Run) -> Result<System, SystemError> {
-        self.system_with(run.payload.as_deref(), &run.free, |joint| run.log.mean_position(joint))
+        self.system_carrying(run.payload.as_deref(), &run.free, |joint| run.log.mean_position(joint))
     }
 
-    fn system_with(
+    /// As [`Model::system`], with what the machine carries.
+    ///
+    /// # Errors
+    /// As [`Model::system`].
+    pub fn system_carrying(
         &self,
         payload: Option<&str>,
         free: &[usize],

@@ -22,6 +22,7 @@ mod new;
 mod open;
 mod plan;
 mod progress;
+pub mod readers;
 mod report;
 mod simulate;
 mod table;

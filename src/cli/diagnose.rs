@@ -416,7 +416,7 @@ impl Kept {
 
     /// What an earlier, stopped diagnosis of the same left, wherever it could be kept then.
     fn read(&self) -> Finished {
-        let file = |path: &PathBuf| toml::from_str::<File>(&std::fs::read_to_string(path).ok()?).ok();
+        let file = |path: &PathBuf| parsed(&dynid_files::read(path).ok()?);
         let files = self.places.iter().filter_map(file).filter(|file| file.identity == self.identity);
         files.flat_map(|file| file.fits).collect()
     }
@@ -438,6 +438,14 @@ impl Kept {
         let left = self.places.iter().filter(|path| dynid_identify::checkpoint::remove(path).is_err());
         left.map(PathBuf::as_path).collect()
     }
+}
+
+fn parsed(text: &str) -> Option<File> {
+    toml::from_str(text).ok()
+}
+
+pub(super) fn is_checkpoint(text: &str) -> bool {
+    parsed(text).is_some()
 }
 
 /// Where fits may be kept: beside the input, or in the working folder `here`, since logs often lie where nothing can be

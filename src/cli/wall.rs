@@ -630,7 +630,7 @@ fn came_from(
     asked: &[String],
 ) -> anyhow::Result<Provenance> {
     let text_of =
-        |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
+        |path: &Path| dynid_model::document::read_text(path).with_context(|| format!("cannot read {}", path.display()));
     let digest = |text: &str| format!("sha256 {}", dynid_model::sha256_hex(text.as_bytes()));
     let Where { setting, model: model_path, .. } = place;
     let shown = |path: &Option<PathBuf>, without: &str| {

@@ -45,7 +45,7 @@ pub fn ending(path: &Path) -> Option<&'static str> {
         .find(|ending| name.strip_suffix(ending).is_some_and(|stem| stem.len() > 1 && stem.ends_with('.')))
 }
 
-/// Bytes of a text, or of a part of another file, that is compressed.
+/// Bytes that the text, or all parts of another file, may have once they are unpacked.
 pub const LARGEST_UNPACKED: u64 = 4 << 30;
 
 /// A file as a table.
@@ -202,6 +202,21 @@ impl Table {
     /// # Errors
     /// [`TableError`].
     pub fn open(path: &Path) -> Result<Self, TableError> {
+        Self::open_within(path, LARGEST_UNPACKED)
+    }
+
+    /// As [`Table::open`], with another limit than [`LARGEST_UNPACKED`].
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn open_within(path: &Path, unpacked: u64) -> Result<Self, TableError> {
+        // A pipe that nobody writes to would keep the program for ever; a folder says so itself.
+        let found = std::fs::metadata(path)?;
+        if !found.is_file() && !found.is_dir() {
+            return Err(TableError::Unreadable(
+                "it is no file but a pipe or a device; save what it gives to a file first".to_owned(),
+            ));
+        }
         let mut file = File::open(path)?;
         let mut beginning = Vec::new();
         Read::by_ref(&mut file).take(16).read_to_end(&mut beginning)?;
@@ -212,21 +227,21 @@ impl Table {
         };
         match Kind::of(&beginning, path)? {
             Kind::Text => Self::of_text(whole(file)?),
-            Kind::Gzip => Self::of_text(unpacked::gzip(file)?),
-            Kind::Zstd => Self::of_text(unpacked::zstd(file)?),
+            Kind::Gzip => Self::of_text(unpacked::gzip(file, unpacked)?),
+            Kind::Zstd => Self::of_text(unpacked::zstd(file, unpacked)?),
             Kind::Parquet => {
-                let columns = parquet_file::Columns::new(whole(file)?)?;
+                let columns = parquet_file::Columns::new(whole(file)?, unpacked)?;
                 let (names, n_rows) = (columns.names(), columns.n_rows());
                 Self::checked(names, n_rows, Content::Parquet(columns), Vec::new())
             }
-            Kind::ArrowFile => Self::of_columns(arrow_file::columns(&whole(file)?[8..])?, Vec::new()),
-            Kind::ArrowStream => Self::of_columns(arrow_file::columns(&whole(file)?)?, Vec::new()),
+            Kind::ArrowFile => Self::of_columns(arrow_file::columns(&whole(file)?[8..], unpacked)?, Vec::new()),
+            Kind::ArrowStream => Self::of_columns(arrow_file::columns(&whole(file)?, unpacked)?, Vec::new()),
             Kind::Mcap => {
-                let (columns, remarks) = mcap::columns(file)?;
+                let (columns, remarks) = mcap::columns(file, unpacked)?;
                 Self::of_columns(columns, remarks)
             }
             Kind::Matlab5 => {
-                let (columns, remarks) = matlab::columns(&whole(file)?)?;
+                let (columns, remarks) = matlab::columns(&whole(file)?, unpacked)?;
                 Self::of_columns(columns, remarks)
             }
             Kind::Matlab73 => Err(TableError::Unreadable(

@@ -27,8 +27,8 @@ impl Draw {
         &these[self.below(these.len())]
     }
 
-    pub fn between(&mut self, from: f64, to: f64) -> f64 {
-        self.0.between(from, to)
+    pub fn copy_of<T: Copy>(&mut self, these: &[T]) -> T {
+        *self.of_these(these)
     }
 
     pub fn normal(&mut self) -> f64 {

@@ -7,6 +7,7 @@
 //! `mutate`, `draw`). Workers (`worker`) are processes, so that one that is lost is an input that is found; their parent (`parent`) makes
 //! that input again and keeps it. What was mended lies in `corpus/<reader>`, and is tried before anything else.
 
+mod binary;
 mod draw;
 mod memory;
 mod mutate;
@@ -38,6 +39,15 @@ struct Arguments {
     /// One reader alone.
     #[arg(long)]
     reader: Option<String>,
+    /// Runs this program on damaged arguments and files, instead of the readers.
+    #[arg(long, value_name = "PATH")]
+    binary: Option<PathBuf>,
+    /// Runs of the program.
+    #[arg(long, default_value_t = 1000)]
+    runs: u64,
+    /// The first run's number.
+    #[arg(long, default_value_t = 0)]
+    from: u64,
     /// Where inputs that failed are kept.
     #[arg(long, default_value = "target/fuzz")]
     failures: PathBuf,
@@ -81,6 +91,20 @@ fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         let (from, to) = range.split_once("..").context("a range is `from..to`")?;
         worker::work(reader, arguments.seed, from.parse()?, to.parse()?, progress, &arguments.failures)?;
         return Ok(true);
+    }
+    if let Some(program) = &arguments.binary {
+        let found = binary::runs(program, arguments.from, arguments.runs, arguments.seed, &arguments.failures)?;
+        let ended: Vec<String> =
+            found.statuses.iter().map(|(status, count)| format!("{count} with {status}")).collect();
+        println!(
+            "{} runs: {}; {} were stopped, the slowest took {:.1} s, {} failed",
+            found.statuses.values().sum::<u64>(),
+            ended.join(", "),
+            found.stopped,
+            found.slowest_s,
+            found.failures.len()
+        );
+        return Ok(found.failures.is_empty());
     }
     let found = parent::readers(only, arguments.inputs, arguments.seed, &arguments.failures)?;
     Ok(told(&found))

@@ -89,7 +89,7 @@ pub const WORDS: [&str; 26] = [
 pub fn of_text(seed: &str, others: &[Vec<u8>], draw: &mut Draw) -> Vec<u8> {
     let mut text = seed.to_owned();
     for _ in 0..draw.size(8) {
-        let other = String::from_utf8_lossy(draw.of_these(others)).into_owned();
+        let other = String::from_utf8_lossy(draw.of_these(others).as_slice()).into_owned();
         text::change(&mut text, &other, draw);
         if text.len() > LARGEST {
             let end = (0..=LARGEST).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
@@ -98,7 +98,7 @@ pub fn of_text(seed: &str, others: &[Vec<u8>], draw: &mut Draw) -> Vec<u8> {
     }
     let mut bytes = text.into_bytes();
     if draw.one_in(16) {
-        binary::change(&mut bytes, draw.of_these(others), draw);
+        binary::change(&mut bytes, draw.of_these(others).as_slice(), draw);
     }
     if draw.one_in(32) {
         bytes = text::in_another_encoding(&bytes, draw);
@@ -110,7 +110,7 @@ pub fn of_text(seed: &str, others: &[Vec<u8>], draw: &mut Draw) -> Vec<u8> {
 pub fn of_bytes(seed: &[u8], others: &[Vec<u8>], draw: &mut Draw) -> Vec<u8> {
     let mut bytes = seed.to_vec();
     for _ in 0..draw.size(12) {
-        binary::change(&mut bytes, draw.of_these(others), draw);
+        binary::change(&mut bytes, draw.of_these(others).as_slice(), draw);
         bytes.truncate(LARGEST);
     }
     bytes

@@ -127,7 +127,7 @@ pub fn of_packed_text(seed: &[u8], others: &[Vec<u8>], is_gzip: bool, draw: &mut
 
 /// Much of little.
 fn bomb(draw: &mut Draw) -> Vec<u8> {
-    let row: &[u8] = draw.of_these(&[&b"\0"[..], b"0,", b"1\n", b"t,q0,tau0\n0,0,0\n", b"\"", b"\"\n"]);
+    let row: &[u8] = draw.copy_of(&[&b"\0"[..], b"0,", b"1\n", b"t,q0,tau0\n0,0,0\n", b"\"", b"\"\n"]);
     row.iter().copied().cycle().take(80 << 20).collect()
 }
 
@@ -154,7 +154,7 @@ pub fn of_matlab(seed: &[u8], others: &[Vec<u8>], draw: &mut Draw) -> Vec<u8> {
             inner = matlab_bytes(draw.size(100 << 20));
         } else {
             for _ in 0..draw.size(4) {
-                change(&mut inner, draw.of_these(others), draw);
+                change(&mut inner, draw.of_these(others).as_slice(), draw);
             }
         }
         let packed = if draw.one_in(2) || inner.len() > LARGEST { zlib(&inner) } else { Vec::new() };
@@ -208,7 +208,7 @@ pub fn of_mcap(seed: &[u8], others: &[Vec<u8>], draw: &mut Draw) -> Vec<u8> {
                 records.insert(with, copy);
             }
             (2, Some(_)) => records.swap(at, with),
-            (_, Some((_, own))) => change(own, draw.of_these(others), draw),
+            (_, Some((_, own))) => change(own, draw.of_these(others).as_slice(), draw),
             (_, None) => {}
         }
     }

@@ -25,7 +25,7 @@ pub fn of(seed: &[u8], others: &[Vec<u8>], draw: &mut Draw) -> Vec<u8> {
     }
     if draw.one_in(8) {
         let none = Vec::new();
-        let other = if others.is_empty() { &none } else { draw.of_these(others) };
+        let other = if others.is_empty() { &none } else { draw.of_these(others).as_slice() };
         for _ in 0..draw.size(6) {
             binary::change(&mut bytes, other, draw);
         }

@@ -120,9 +120,9 @@ fn change_token(text: &mut String, other: &str, draw: &mut Draw) {
             }
             let (_, part) = draw.of_these(&parts).clone();
             let new: &str = if draw.one_in(2) {
-                draw.of_these(&NUMBERS)
+                draw.copy_of(&NUMBERS)
             } else {
-                draw.of_these(&["", "(", ")", "-", "*", "/ 0", "q0", "sin(", "x", "if", "1e400", "\u{e9}"])
+                draw.copy_of(&["", "(", ")", "-", "*", "/ 0", "q0", "sin(", "x", "if", "1e400", "\u{e9}"])
             };
             format!("\"{}{new}{}\"", &inner[..part.start], &inner[part.end..])
         }
@@ -165,7 +165,7 @@ fn change_lines(text: &mut String, other: &str, draw: &mut Draw) {
         0 => drop(lines.remove(at)),
         1 => lines.insert(with, lines[at]),
         2 => lines.swap(at, with),
-        3 if !theirs.is_empty() => lines.insert(at, draw.of_these(&theirs)),
+        3 if !theirs.is_empty() => lines.insert(at, draw.copy_of(&theirs)),
         _ => {
             let end = (at + draw.size(12)).min(lines.len());
             let own = lines[at..end].to_vec();

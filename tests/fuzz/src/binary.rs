@@ -8,7 +8,7 @@ use std::{
     ffi::OsString,
     fs,
     io::Read,
-    os::unix::fs::symlink,
+    os::unix::{fs::symlink, process::ExitStatusExt},
     path::{Path, PathBuf},
     process::{Command, Stdio},
     sync::{
@@ -390,7 +390,8 @@ fn ended(program: &Path, arguments: &[OsString], folder: &Path) -> anyhow::Resul
     };
     let joined = |thread: thread::JoinHandle<Vec<u8>>| thread.join().unwrap_or_default();
     Ok(Ended {
-        status: status.code(),
+        // Ctrl-C ends what listens to nothing by its signal, of which a shell makes 130.
+        status: status.code().or((status.signal() == Some(2)).then_some(130)),
         was_stopped: stopped.is_some(),
         hung,
         seconds: started.elapsed().as_secs_f64(),
@@ -450,8 +451,10 @@ fn judged(
     if status > 1 {
         return Ok(None);
     }
-    let wants_json =
-        arguments.iter().any(|own| own == "--json") && !arguments.iter().any(|own| own == "--help" || own == "-h");
+    // What stands behind `--` is for others.
+    let own_arguments = arguments.split(|own| own == "--").next().unwrap_or_default();
+    let wants_json = own_arguments.iter().any(|own| own == "--json")
+        && !own_arguments.iter().any(|own| own == "--help" || own == "-h");
     if wants_json {
         let Ok(_) = serde_json::from_slice::<Value>(&ended.out) else {
             let text = String::from_utf8_lossy(&ended.out);
@@ -492,7 +495,9 @@ fn no_number(text: &str) -> Option<String> {
             let line_start = text[..at].rfind('\n').map_or(0, |place| place + 1);
             let line = text[line_start..].lines().next().unwrap_or("");
             // What a user's file calls so is quoted, or a bound.
-            let is_quoted = matches!(before, Some('"' | '`' | '/' | '\'')) || line.trim_start().starts_with('#');
+            let is_quoted = matches!(before, Some('"' | '`' | '/' | '\''))
+                || line.trim_start().starts_with('#')
+                || line.contains("/*");
             let is_bound =
                 word == "inf" && (line.contains("lower") || line.contains("upper") || line.contains("bound"));
             if !is_quoted && !is_bound {

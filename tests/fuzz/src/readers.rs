@@ -270,7 +270,10 @@ fn written_back(place: &Place, bytes: &[u8]) -> Tried {
 fn effect(_: &Place, bytes: &[u8]) -> Tried {
     let Some(text) = utf8(bytes) else { return Ok(false) };
     match Effect::parse(text, Path::new("mine.toml")) {
-        Ok(effect) => without_nan(&effect),
+        Ok(effect) => {
+            let numbers = |own: &dynid_model::EffectParameter| [own.initial, own.lower, own.upper];
+            without_nan(&effect.parameters.iter().map(numbers).collect::<Vec<_>>())
+        }
         Err(error) => said(&error.to_string()),
     }
 }

@@ -194,25 +194,6 @@ fn folder_of(path: &Path) -> &Path {
 mod tests {
     use super::*;
 
-    #[cfg(unix)]
-    #[test]
-    fn a_pipe_is_neither_read_nor_replaced() {
-        let folder = tempfile::tempdir().unwrap();
-        let pipe = folder.path().join("pipe.toml");
-        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        // Opened, it would wait for someone who writes.
-        assert!(read(&pipe).unwrap_err().to_string().contains("a pipe or a device"));
-        for overwrite in [Overwrite::Refuse, Overwrite::Force] {
-            assert!(matches!(check_output(&pipe, overwrite), Err(FileError::Unwritable { .. })));
-            assert!(matches!(write_new(&pipe, "mine", overwrite), Err(FileError::Unwritable { .. })));
-        }
-        assert!(!fs::metadata(&pipe).unwrap().is_file(), "it is there still");
-        let (null, empty) = (Path::new("/dev/null"), folder.path().join("empty.toml"));
-        assert!(read(null).unwrap_err().to_string().contains("a pipe or a device"));
-        fs::write(&empty, "").unwrap();
-        assert_eq!(read(&empty).unwrap(), "");
-    }
-
     #[test]
     fn nothing_is_overwritten_without_force() {
         let folder = tempfile::tempdir().unwrap();

@@ -154,19 +154,3 @@ pub(crate) fn numbers<const COUNT: usize>(
 pub(crate) fn counted(count: usize, what: &str) -> String {
     if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn prefixes_that_nobody_declared_are_few() {
-        let with = |count: usize| {
-            let elements: String = (0..count).map(|number| format!("<p{number}:a/>")).collect();
-            tolerant(&Source::new(std::path::Path::new("robot.urdf"), &format!("<robot>{elements}</robot>")))
-        };
-        assert!(with(MOST_PREFIXES).unwrap().contains("<p0_a/>"));
-        let error = with(MOST_PREFIXES + 1).unwrap_err().to_string();
-        assert!(error.contains("prefixes are declared nowhere"), "{error}");
-    }
-}

@@ -90,14 +90,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let kept = Kept::new(arguments, &experiment, &model, &runs, &settings.options());
     if !kept.is_possible() {
         let places: Vec<String> = kept.places.iter().map(|path| path.display().to_string()).collect();
-        eprintln!(
-            "note: fits cannot be kept in {}: if this diagnosis is stopped, it begins anew",
-            places.join(", nor in ")
-        );
+        say!("note: fits cannot be kept in {}: if this diagnosis is stopped, it begins anew", places.join(", nor in "));
     }
     settings.finished = kept.read();
     if !settings.finished.is_empty() {
-        eprintln!("note: goes on from {} of a stopped diagnosis", fits(settings.finished.len()));
+        say!("note: goes on from {} of a stopped diagnosis", fits(settings.finished.len()));
     }
     let so_far = Mutex::new(settings.finished.clone());
     let interrupt = Interrupt::listen()?;

@@ -292,7 +292,7 @@ fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     let cases = wall::compare(&model, &setting, &walls)?;
     let never = walls.len() * setting.approaches.len() * setting.hands - cases.len();
     if never > 0 {
-        eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
+        say!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
     let text = as_text(&setting, &walls, &cases, &wall::own_damping(&model, &setting)?);
     Ok(Outcome { text, json: json!({ "cases": cases }), answer: Answer::Yes })

@@ -68,7 +68,7 @@ pub const READERS: [Reader; 22] = [
     text("mjcf", "xml", &["crates/import/tests/mjcf"], description, 6),
     text("written-back", "urdf", &["crates/import/tests/urdf/pan_tilt_tool.urdf", "tests/own_robot"], written_back, 4),
     text("effect", "toml", &["model/effects"], effect, 8),
-    text("input", "toml", &["model/inputs"], input, 4),
+    text("input", "toml", &["model/inputs"], input, 1),
     text("model", "toml", &["src/tour/believed.toml", "tests/wrist/believed.toml"], model, 8),
     text("experiment", "toml", &["src/tour/experiment.toml"], experiment, 4),
     text("controller", "toml", &[], controller, 8),
@@ -254,7 +254,7 @@ fn written_back(place: &Place, bytes: &[u8]) -> Tried {
     });
     let Some(device) = device else { return Err("the robot of the corpus is not read".to_owned()) };
     let identified = dynid_import::Identified {
-        bodies: device.frames.iter().map(|frame| (frame.name.clone(), BODY)).collect(),
+        bodies: device.links.iter().map(|link| (device.frames[link.frame].name.clone(), BODY)).collect(),
         joints: vec![dynid_import::JointValues { viscous: 0.1, ..Default::default() }; device.joints.len()],
         gravity: [0.0, 0.0, -9.81],
     };

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_fleet::{Analysis, Estimate, Settings, analyse};
+use dynid_model::document::read_text;
 use dynid_report::{Section, fleet_sections, page};
 use dynid_sentences::fleet as sentences;
 
@@ -156,10 +157,8 @@ fn of_result(path: &Path, found: &mut Found) -> anyhow::Result<()> {
 }
 
 fn of_table(path: &Path, found: &mut Found) -> anyhow::Result<()> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .with_context(|| format!("{} cannot be read", path.display()))?;
+    let text = read_text(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let header = reader.headers().with_context(|| format!("{}: this is no table", path.display()))?.clone();
     let place = |name: &str| {
         let place = header.iter().position(|own| own == name);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Parser;
 use dynid_format::UnknownName;
-use dynid_model::sha256_hex;
+use dynid_model::{document::read_text, sha256_hex};
 use serde_json::json;
 
 use super::super::named::all_named_by;
@@ -16,10 +16,8 @@ use super::file::{Content, Job, OUT};
 
 /// Makes jobs of `arguments`, in which `{column}` stands for what the row has there; all columns are labels.
 pub fn run(table: &Path, folder: &Path, arguments: &[String], effects: Option<&Path>) -> anyhow::Result<Outcome> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(table)
-        .with_context(|| format!("{} cannot be read", table.display()))?;
+    let text = read_text(table).with_context(|| format!("{} cannot be read", table.display()))?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let no_table = || format!("{}: this is no table", table.display());
     let header: Vec<String> = reader.headers().with_context(no_table)?.iter().map(str::to_owned).collect();
     if let Some(name) = header.iter().enumerate().find_map(|(k, name)| header[..k].contains(name).then_some(name)) {

@@ -3,6 +3,14 @@
 //! A verb returns an [`Outcome`]: text for people, one JSON object for programs, and whether the answer is yes. Results
 //! go to stdout, progress and errors to stderr.
 
+/// Tells something on stderr. Whoever reads it may have read enough, which is no reason to die, as `eprintln!` would.
+macro_rules! say {
+    ($($told:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($told)*);
+    }};
+}
+
 mod add;
 mod check;
 mod compare;
@@ -23,6 +31,7 @@ mod new;
 mod open;
 mod plan;
 mod progress;
+pub mod readers;
 mod report;
 mod simulate;
 mod table;
@@ -263,10 +272,22 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>, again: Option<Vec<OsS
         Ok(Answer::No) => 1,
         Ok(Answer::Interrupted) => interrupt::STATUS,
         Err(error) => {
-            eprintln!("error: {}", with_causes(&error));
+            say!("error: {}", shortened(with_causes(&error)));
             2
         }
     }
+}
+
+/// Bytes of an error: it quotes what stands in a file, which may be the names of any number of columns.
+const LONGEST_ERROR: usize = 8000;
+
+fn shortened(mut error: String) -> String {
+    if error.len() > LONGEST_ERROR {
+        let end = (0..=LONGEST_ERROR).rev().find(|end| error.is_char_boundary(*end)).unwrap_or(0);
+        error.truncate(end);
+        error.push_str(" ..");
+    }
+    error
 }
 
 /// An error with its causes, but for those that it names itself.
@@ -319,6 +340,13 @@ mod tests {
     use anyhow::Context;
 
     use super::*;
+
+    #[test]
+    fn a_long_error_is_cut_between_two_characters() {
+        assert_eq!(shortened("short".to_owned()), "short");
+        let long = shortened("\u{e9}".repeat(LONGEST_ERROR));
+        assert!(long.ends_with("\u{e9} ..") && long.len() <= LONGEST_ERROR + 3);
+    }
 
     #[test]
     fn an_error_is_told_with_its_causes_and_each_once() {

@@ -6,13 +6,15 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use dynid_diagnose::with_first_estimates;
+use dynid_format::number;
 use dynid_identify::checkpoint::{self, CheckpointError, Identity};
 use dynid_identify::identify::{self, ErrorSignal, FitResult, FitTask, Progress, State};
 use dynid_identify::position::Options;
 use dynid_identify::sequence::Weighting;
 use dynid_identify::starts::Starts;
 use dynid_identify::{SearchControl, prediction};
-use dynid_logs::experiment::{Experiment, Run};
+use dynid_judge::compare::compare;
+use dynid_logs::experiment::{Experiment, Role, Run};
 use dynid_logs::part::looked_at;
 use dynid_user_model::Model;
 
@@ -195,7 +197,42 @@ pub fn fit(
         // The parent is what the user handed in, not the estimate that the search began with.
         record.parent_digest = model.digest();
     }
+    let held_out = experiment.runs_with_free(settings.free.as_deref())?;
+    let held_out: Vec<&Run> = held_out.into_iter().filter(|run| run.role == Role::Validate).collect();
+    found.notes.extend(farther(model, &found.model, &held_out));
     Ok(found)
+}
+
+/// By how much more an error of held-out runs has to grow to be told: less is the noise of a log of some seconds.
+const GROWS: f64 = 1.02;
+
+/// What is told where the runs held out are farther from the fitted model than from the one that the fit began with: it follows the
+/// runs to fit to, and no others.
+fn farther(before: &Model, after: &Model, held_out: &[&Run]) -> Option<String> {
+    if held_out.is_empty() {
+        return None;
+    }
+    // A model that cannot be compared has no errors that could grow.
+    let errors = |model: &Model| compare(model, held_out).ok();
+    let (before, after) = (errors(before)?, errors(after)?);
+    let mut grown = Vec::new();
+    if let (Some(before), Some(after)) = (before.rmse_validate, after.rmse_validate)
+        && after > GROWS * before
+    {
+        grown.push(format!("position {} -> {} RMS", number(before), number(after)));
+    }
+    if let (Some(before), Some(after)) = (before.torque_percent_validate, after.torque_percent_validate)
+        && after > GROWS * before
+    {
+        grown.push(format!("torque {} -> {} %", number(before), number(after)));
+    }
+    (!grown.is_empty()).then(|| {
+        format!(
+            "the held-out runs are farther from this model than from the one that the fit began with: {}; the runs to fit to do not \
+             tell what moves them, or an effect is missing: `dynid compare` shows where, `dynid diagnose` asks which",
+            grown.join(", ")
+        )
+    })
 }
 
 /// The experiment with what the settings say otherwise of its runs.

@@ -222,3 +222,18 @@ fn unknown_arguments_are_bad_input() {
     dynid(folder.path(), &["fit"]).code(2);
     dynid(folder.path(), &["dance"]).code(2);
 }
+
+/// Whoever reads stderr may have read enough (`2>&1 | head`): the status is that of the error, not of a panic.
+#[cfg(unix)]
+#[test]
+fn an_error_that_nobody_reads_is_an_error_still() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_dynid"))
+        .args(["devices", "no_such_device"])
+        .stderr(writer)
+        .stdout(std::process::Stdio::null())
+        .status()
+        .unwrap();
+    assert_eq!(status.code(), Some(2));
+}

@@ -22,6 +22,9 @@ use crate::{
 /// The name of the frame that stands still.
 const BASE: &str = "base";
 
+/// Joints of a device: a humanoid with hands has about seventy, and equations grow faster than their number.
+pub const MOST_JOINTS: usize = 256;
+
 /// A vector component smaller than this is the rounding error of an exact zero.
 const EXACT_ZERO: f64 = 1e-12;
 
@@ -66,6 +69,12 @@ impl Device {
             return Err(root
                 .error("the device has no joint")
                 .help("add `[[joint]]` for each joint variable q0, q1, .."));
+        }
+        if joint_tables.len() > MOST_JOINTS {
+            let message = format!("the device has {} joints, more than {MOST_JOINTS}", joint_tables.len());
+            return Err(joint_tables[MOST_JOINTS]
+                .error(message)
+                .help("describe what moves together as a device of its own"));
         }
         let (convention, frames, kinds) = read_frames(&root, joint_tables.len(), &lengths)?;
         let joints = joint_tables

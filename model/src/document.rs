@@ -1,6 +1,6 @@
 //! Typed access to a TOML text that knows where everything stands.
 
-use std::ops::Range;
+use std::{fs, io, io::Read, ops::Range, path::Path};
 
 use toml_edit::{ArrayOfTables, Document, Item, TableLike, Value};
 
@@ -9,6 +9,34 @@ use crate::{
     error::{ModelError, Source, did_you_mean},
     parameter::Parameter,
 };
+
+/// Bytes of a text that is read whole: no description of a robot, and no state of a fit, comes near.
+pub const LARGEST_TEXT: u64 = 256 << 20;
+
+/// Tables of one list of a document: joints, frames, links, effects, ..
+pub const MOST_TABLES: usize = 4096;
+
+/// The text of a file. Only what is a file is read: a pipe that nobody writes to, or a device without end, would keep the program for
+/// ever.
+///
+/// # Errors
+/// What is no file, is larger than [`LARGEST_TEXT`], or is no text.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    if !fs::metadata(path)?.is_file() {
+        // A folder says so itself.
+        if !path.is_dir() {
+            return Err(io::Error::other("it is no file but a pipe or a device; save what it gives to a file first"));
+        }
+    }
+    let mut text = String::new();
+    fs::File::open(path)?.take(LARGEST_TEXT + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > LARGEST_TEXT {
+        return Err(io::Error::other(format!(
+            "it has more than {LARGEST_TEXT} bytes, the most that a text may have here"
+        )));
+    }
+    Ok(text)
+}
 
 /// Parses the text of a source.
 ///
@@ -135,6 +163,15 @@ impl<'a> Table<'a> {
     /// It is something else.
     pub fn tables(&self, key: &str, what: &str, from: usize) -> Result<Vec<Table<'a>>, ModelError> {
         let Some(entry) = self.optional(key) else { return Ok(Vec::new()) };
+        let count = match entry.node {
+            Node::Tables(array) => array.len(),
+            Node::Value(Value::Array(array)) => array.len(),
+            _ => 0,
+        };
+        if count > MOST_TABLES {
+            let message = format!("`{key}` has {count} entries, more than {MOST_TABLES}");
+            return Err(entry.error(message).help(format!("keep at most {MOST_TABLES}")));
+        }
         let mut tables = Vec::new();
         match entry.node {
             Node::Tables(array) => {

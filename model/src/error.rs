@@ -27,16 +27,37 @@ impl Source {
         let line_start = self.text[..start].rfind('\n').map_or(0, |newline| newline + 1);
         let line_end = self.text[start..].find('\n').map_or(self.text.len(), |newline| start + newline);
         let end = floor_char_boundary(&self.text, span.end.clamp(start, line_end));
+        let column = self.text[line_start..start].chars().count();
+        // Of a long line, what stands around the place.
+        let left_out = if column > LONGEST_EXCERPT / 2 { column - LONGEST_EXCERPT / 4 } else { 0 };
+        let line = self.text[line_start..line_end].trim_end();
+        let excerpt: String = line.chars().skip(left_out).take(LONGEST_EXCERPT).collect();
+        let width = self.text[start..end].trim_end().chars().take(LONGEST_EXCERPT - (column - left_out)).count();
         ModelError(Box::new(Inner {
             path: self.path.clone(),
             line: 1 + self.text[..start].matches('\n').count(),
-            column: 1 + self.text[line_start..start].chars().count(),
-            excerpt: self.text[line_start..line_end].trim_end().replace('\t', " "),
-            width: self.text[start..end].trim_end().chars().count().max(1),
-            message: message.into(),
+            column: 1 + column,
+            excerpt: excerpt.replace('\t', " "),
+            caret: column - left_out,
+            width: width.max(1),
+            message: clipped(message.into()),
             help: None,
         }))
     }
+}
+
+/// Characters of a line that an error shows; a file may be a single line.
+const LONGEST_EXCERPT: usize = 400;
+
+/// Bytes of a message or a remedy, which quote what stands in a file.
+const LONGEST_MESSAGE: usize = 2000;
+
+fn clipped(mut text: String) -> String {
+    if text.len() > LONGEST_MESSAGE {
+        text.truncate(floor_char_boundary(&text, LONGEST_MESSAGE));
+        text.push_str(" ..");
+    }
+    text
 }
 
 /// What is wrong in a device, effect or model file: where, what was expected and found, and what to do.
@@ -50,7 +71,10 @@ struct Inner {
     path: PathBuf,
     line: usize,
     column: usize,
+    /// Of the line, as much as is shown.
     excerpt: String,
+    /// Where in the excerpt the place begins, in characters.
+    caret: usize,
     width: usize,
     message: String,
     help: Option<String>,
@@ -60,7 +84,7 @@ impl ModelError {
     /// Adds the remedy.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.0.help = Some(help.into());
+        self.0.help = Some(clipped(help.into()));
         self
     }
 
@@ -92,14 +116,14 @@ impl ModelError {
 
 impl fmt::Display for ModelError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Inner { path, line, column, excerpt, width, message, help } = &*self.0;
+        let Inner { path, line, column, excerpt, caret, width, message, help } = &*self.0;
         let number = line.to_string();
         let margin = " ".repeat(number.len());
         writeln!(f, "{message}")?;
         writeln!(f, "{margin}--> {}:{line}:{column}", path.display())?;
         writeln!(f, "{margin} |")?;
         writeln!(f, "{number} | {excerpt}")?;
-        write!(f, "{margin} | {}{}", " ".repeat(column - 1), "^".repeat(*width))?;
+        write!(f, "{margin} | {}{}", " ".repeat(*caret), "^".repeat(*width))?;
         match help {
             Some(help) => write!(f, "\n{margin} = help: {help}"),
             None => Ok(()),

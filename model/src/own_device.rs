@@ -7,7 +7,7 @@ use std::{
     sync::{Mutex, MutexGuard, OnceLock, PoisonError},
 };
 
-use crate::{Device, ModelError, device, devices, did_you_mean, library::device_text};
+use crate::{Device, ModelError, device, devices, did_you_mean, document, library::device_text};
 
 /// Why there is no device of that name.
 #[derive(Debug)]
@@ -66,7 +66,7 @@ pub fn device_named(name: &str, folder: &Path) -> Result<&'static Device, NoDevi
         return device(name).ok_or_else(|| NoDevice::Unknown { name: name.to_owned() });
     }
     let path = folder.join(name);
-    let read = fs::read_to_string(&path).and_then(|text| Ok((absolute(&path)?, text)));
+    let read = document::read_text(&path).and_then(|text| Ok((absolute(&path)?, text)));
     let (file, text) = read.map_err(|error| NoDevice::Unreadable { path: path.clone(), error })?;
     interned(&text, &path, file).map_err(NoDevice::Wrong)
 }

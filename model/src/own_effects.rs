@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::ModelError;
+use crate::{ModelError, document::read_text};
 
 /// Why a folder's effects cannot join the library.
 #[derive(Debug)]
@@ -62,7 +62,7 @@ pub(crate) fn effect_files(folder: &Path, shipped: &[(&str, &str)]) -> Result<Ve
     paths.sort();
     let mut files = Vec::new();
     for path in paths {
-        let text = fs::read_to_string(&path).map_err(unreadable(&path))?;
+        let text = read_text(&path).map_err(unreadable(&path))?;
         match shipped.iter().find(|(known, _)| Path::new(known).file_name() == path.file_name()) {
             Some((_, known)) if *known == text => {}
             Some(_) => return Err(NoEffects::Taken { path }),

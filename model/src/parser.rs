@@ -32,6 +32,9 @@ impl Expression {
         if text.trim().is_empty() {
             return Err(error_at(0..text.len(), "expected an expression, found nothing", GRAMMAR));
         }
+        if let Some(error) = too_large(text) {
+            return Err(error);
+        }
         if let Some(error) = unbalanced(text) {
             return Err(error);
         }
@@ -49,6 +52,51 @@ impl Expression {
 
 fn error_at(span: Range<usize>, message: impl Into<String>, help: impl Into<String>) -> ExpressionError {
     ExpressionError { span, message: message.into(), help: help.into() }
+}
+
+/// Bytes of an expression.
+pub const LONGEST: usize = 4096;
+
+/// How deep an expression may nest: brackets, signs before a term, `if`s. What reads and lowers it calls itself once a level.
+pub const DEEPEST: usize = 96;
+
+/// Refuses what is longer or deeper than may be, before anything descends into it.
+fn too_large(text: &str) -> Option<ExpressionError> {
+    if text.len() > LONGEST {
+        let message = format!("an expression of {} bytes; it may have {LONGEST}", text.len());
+        return Some(error_at(0..1, message, "make it shorter, or several terms of it"));
+    }
+    // Each of these may open a level: an opening bracket until it is closed; a sign, a character that stands in no expression, or a word
+    // behind another, which `if` and `else` are too, for all that follows.
+    let (mut open, mut signs, mut others, mut deepest) = (0_usize, 0_usize, 0_usize, (0, 0));
+    let (mut in_word, mut after_word, mut blank) = (false, false, false);
+    for (at, character) in text.char_indices() {
+        let is_word = character.is_alphanumeric() || character == '_';
+        match character {
+            '(' | '{' | '[' => open += 1,
+            ')' | '}' | ']' => open = open.saturating_sub(1),
+            '-' | '+' | '*' | '/' => signs += 1,
+            _ if is_word => {
+                others += usize::from(!in_word && after_word && blank && !character.is_numeric());
+                signs = 0;
+            }
+            '.' | ',' | '<' | '>' => {}
+            _ if character.is_whitespace() => {}
+            _ => others += 1,
+        }
+        if !character.is_whitespace() {
+            after_word = is_word;
+        }
+        (in_word, blank) = (is_word, character.is_whitespace());
+        if open + signs + others > deepest.0 {
+            deepest = (open + signs + others, at);
+        }
+    }
+    (deepest.0 > DEEPEST).then(|| {
+        let end = deepest.1 + text[deepest.1..].chars().next().map_or(0, char::len_utf8);
+        let message = format!("the expression is nested more than {DEEPEST} levels deep");
+        error_at(deepest.1..end, message, "make it shallower, or several terms of it")
+    })
 }
 
 /// The first bracket that lacks its other half.
@@ -186,6 +234,37 @@ mod tests {
     fn told(text: &str) -> String {
         let error = Expression::parse(text).unwrap_err();
         format!("{}\n{}\n= {}", text, " ".repeat(error.span.start) + &"^".repeat(error.span.len()), error.message)
+    }
+
+    #[test]
+    fn what_would_take_too_much_is_refused_before_it_is_read() {
+        let deep =
+            |before: &str, after: &str, count: usize| format!("{}x{}", before.repeat(count), after.repeat(count));
+        for (before, after) in [
+            ("(", ")"),
+            ("-", ""),
+            ("!", ""),
+            ("&", ""),
+            ("return ", ""),
+            ("sin(", ")"),
+            ("if 1 < 2 { ", " } else { 1 }"),
+            ("if 1 < 2 { 1 } else ", ""),
+            ("1 - (", ")"),
+        ] {
+            for count in [100, 1000, 100_000] {
+                let error = Expression::parse(&deep(before, after, count)).unwrap_err();
+                assert!(
+                    error.message.contains("nested") || error.message.contains("bytes"),
+                    "{before}: {}",
+                    error.message
+                );
+            }
+        }
+        for (before, after) in [("(", ")"), ("-", ""), ("sin(", ")")] {
+            Expression::parse(&deep(before, after, DEEPEST)).unwrap();
+        }
+        // A long sum is deep only to the left, as far as its length allows.
+        Expression::parse(&deep("1+", "", LONGEST / 2 - 1)).unwrap();
     }
 
     #[test]

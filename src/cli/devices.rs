@@ -1,11 +1,10 @@
 //! `dynid devices`: what is known about the mechanisms.
 
 use std::fmt::Write;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
-use dynid_model::{Device, JointKind, device_named, library::device_text};
+use dynid_model::{Device, JointKind, device_named, document::read_text, library::device_text};
 use serde_json::{Value, json};
 
 use super::table::{Align, Table};
@@ -60,13 +59,13 @@ pub fn find(name: &str) -> anyhow::Result<&'static Device> {
 fn file(name: &str) -> anyhow::Result<String> {
     let device = find(name)?;
     match &device.file {
-        Some(path) => Ok(fs::read_to_string(path)?),
+        Some(path) => Ok(read_text(path)?),
         None => Ok(device_text(&device.id).unwrap_or_default().to_owned()),
     }
 }
 
 fn read(path: &Path) -> anyhow::Result<Device> {
-    let text = fs::read_to_string(path)
+    let text = read_text(path)
         .map_err(|error| anyhow!("{}: cannot be read: {error}; give the path of a device file", path.display()))?;
     Ok(Device::parse_own(&text, path, path.to_owned())?)
 }

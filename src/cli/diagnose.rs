@@ -90,14 +90,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let kept = Kept::new(arguments, &experiment, &model, &runs, &settings.options());
     if !kept.is_possible() {
         let places: Vec<String> = kept.places.iter().map(|path| path.display().to_string()).collect();
-        eprintln!(
-            "note: fits cannot be kept in {}: if this diagnosis is stopped, it begins anew",
-            places.join(", nor in ")
-        );
+        say!("note: fits cannot be kept in {}: if this diagnosis is stopped, it begins anew", places.join(", nor in "));
     }
     settings.finished = kept.read();
     if !settings.finished.is_empty() {
-        eprintln!("note: goes on from {} of a stopped diagnosis", fits(settings.finished.len()));
+        say!("note: goes on from {} of a stopped diagnosis", fits(settings.finished.len()));
     }
     let so_far = Mutex::new(settings.finished.clone());
     let interrupt = Interrupt::listen()?;
@@ -416,7 +413,7 @@ impl Kept {
 
     /// What an earlier, stopped diagnosis of the same left, wherever it could be kept then.
     fn read(&self) -> Finished {
-        let file = |path: &PathBuf| toml::from_str::<File>(&std::fs::read_to_string(path).ok()?).ok();
+        let file = |path: &PathBuf| parsed(&dynid_files::read(path).ok()?);
         let files = self.places.iter().filter_map(file).filter(|file| file.identity == self.identity);
         files.flat_map(|file| file.fits).collect()
     }
@@ -438,6 +435,14 @@ impl Kept {
         let left = self.places.iter().filter(|path| dynid_identify::checkpoint::remove(path).is_err());
         left.map(PathBuf::as_path).collect()
     }
+}
+
+fn parsed(text: &str) -> Option<File> {
+    toml::from_str(text).ok()
+}
+
+pub(super) fn is_checkpoint(text: &str) -> bool {
+    parsed(text).is_some()
 }
 
 /// Where fits may be kept: beside the input, or in the working folder `here`, since logs often lie where nothing can be

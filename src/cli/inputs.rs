@@ -56,7 +56,7 @@ pub fn of_device(model: &Model, path: &Path, device: &Device, other: &str) -> an
         );
     }
     for note in &model.notes {
-        eprintln!("note: {}: {note}", path.display());
+        say!("note: {}: {note}", path.display());
     }
     Ok(())
 }

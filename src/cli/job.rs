@@ -3,7 +3,7 @@
 //! A job is one file named by its digest ([`file::Job`]), its result one file of the same name, written by renaming. So what is
 //! done is done, whoever did it: work may be stopped, parted, repeated and mixed.
 
-mod file;
+pub(super) mod file;
 mod make;
 mod work;
 
@@ -186,6 +186,9 @@ fn outcome(arguments: &Arguments, all: usize, done: usize, failed: &[String], wa
 
 /// A JSON file.
 pub fn read_json(path: &Path) -> anyhow::Result<Value> {
-    let text = dynid_files::read(path)?;
-    serde_json::from_str(&text).with_context(|| format!("{}: this is no JSON", path.display()))
+    parse_json(&dynid_files::read(path)?, path)
+}
+
+fn parse_json(text: &str, path: &Path) -> anyhow::Result<Value> {
+    serde_json::from_str(text).with_context(|| format!("{}: this is no JSON", path.display()))
 }

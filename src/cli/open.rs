@@ -177,7 +177,7 @@ async fn serve(arguments: &Arguments, app: App) -> anyhow::Result<()> {
     let app = Arc::new(app);
     let watcher = events::watch(app.folder.root().to_owned(), app.hub.clone());
     if let Err(error) = &watcher {
-        eprintln!("note: the folder cannot be watched ({error}): reload the page to see what other programs write");
+        say!("note: the folder cannot be watched ({error}): reload the page to see what other programs write");
     }
     let routes = routes(&token, Arc::clone(&app))
         .fallback(async || Refusal::missing("there is nothing here; open the address that the server printed"))
@@ -187,7 +187,7 @@ async fn serve(arguments: &Arguments, app: App) -> anyhow::Result<()> {
     writeln!(stdout, "open: {url}").and_then(|()| stdout.flush())?;
     let shown = if arguments.no_browser { Ok(None) } else { starter::show(&url) };
     if let Err(error) = &shown {
-        eprintln!("note: no browser was started ({error}): open the address yourself");
+        say!("note: no browser was started ({error}): open the address yourself");
     }
     if let Some(experiment) = app.experiment.clone() {
         // What is looked at first is read while the browser starts; the page is told what is wrong with it.

@@ -52,7 +52,7 @@ impl Teller {
 
     fn note(&self, note: &str) {
         match &self.0 {
-            Some(bar) => bar.suspend(|| eprintln!("note: {note}")),
+            Some(bar) => bar.suspend(|| say!("note: {note}")),
             None => write_line(&json!({ "progress": "note", "note": note })),
         }
     }

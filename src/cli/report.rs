@@ -66,7 +66,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
 fn read_diagnosis(path: &Path) -> anyhow::Result<Value> {
     let help = "give a file with what `dynid diagnose --json` printed";
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}; {help}", path.display()))?;
+    let text =
+        dynid_model::document::read_text(path).with_context(|| format!("cannot read {}; {help}", path.display()))?;
     let diagnosis: Value = serde_json::from_str(&text)
         .map_err(|error| anyhow::anyhow!("{}: not JSON: {error}; {help}", path.display()))?;
     if !diagnosis["verdict"].is_string() {

@@ -293,7 +293,7 @@ fn compare(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     let cases = wall::compare(&model, &setting, &walls)?;
     let never = walls.len() * setting.approaches.len() * setting.hands - cases.len();
     if never > 0 {
-        eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
+        say!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
     let text = as_text(&setting, &walls, &cases, &wall::own_damping(&model, &setting)?);
     Ok(Outcome { text, json: json!({ "cases": cases }), answer: Answer::Yes })
@@ -636,7 +636,7 @@ fn came_from(
     asked: &[String],
 ) -> anyhow::Result<Provenance> {
     let text_of =
-        |path: &Path| std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
+        |path: &Path| dynid_model::document::read_text(path).with_context(|| format!("cannot read {}", path.display()));
     let digest = |text: &str| format!("sha256 {}", dynid_model::sha256_hex(text.as_bytes()));
     let Where { setting, model: model_path, .. } = place;
     let shown = |path: &Option<PathBuf>, without: &str| {

@@ -1,4 +1,4 @@
-//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`, `fuzz`.
 
 mod api;
 mod bench;
@@ -8,6 +8,7 @@ mod ci;
 mod crate_order;
 mod dependency_cycles;
 mod fleet;
+mod fuzz;
 mod generate;
 mod hidden_effects;
 mod licences;
@@ -48,6 +49,8 @@ enum Command {
     HiddenEffects(hidden_effects::Arguments),
     /// Plays many robots over many nights, in six of which something changes, and prints what `dynid fleet` finds.
     Fleet(fleet::Arguments),
+    /// Gives damaged input to every reader, then to the whole program.
+    Fuzz(fuzz::Arguments),
 }
 
 /// What was asked for does not exist; like clap's errors, it ends with 2.
@@ -71,6 +74,7 @@ fn main() -> ExitCode {
         Command::Bench(arguments) => bench::run(&arguments),
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
         Command::Fleet(arguments) => fleet::run(&arguments),
+        Command::Fuzz(arguments) => fuzz::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

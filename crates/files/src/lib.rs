@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::ModelError;
+use dynid_model::{ModelError, document::read_text};
 
 /// A file that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -56,7 +56,7 @@ pub enum DocumentError {
 /// # Errors
 /// [`FileError::Unreadable`].
 pub fn read(path: &Path) -> Result<String, FileError> {
-    fs::read_to_string(path).map_err(|source| FileError::Unreadable { path: path.to_owned(), source })
+    read_text(path).map_err(|source| FileError::Unreadable { path: path.to_owned(), source })
 }
 
 /// What to do with an output that exists.
@@ -93,6 +93,12 @@ fn check_place(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
     let unwritable = |source| FileError::Unwritable { path: path.to_owned(), source };
     if path.is_dir() {
         return Err(unwritable(io::Error::other("it is a folder")));
+    }
+    // A new file would take the place of the pipe or the device, also that of /dev/null.
+    if fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+        return Err(unwritable(io::Error::other(
+            "it is no file but a pipe or a device, which a result does not replace",
+        )));
     }
     if overwrite == Overwrite::Refuse && path.try_exists().map_err(unwritable)? {
         return Err(FileError::Exists { path: path.to_owned() });

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::{Effect, sha256_hex};
+use dynid_model::{Effect, document::read_text, sha256_hex};
 use serde::{Deserialize, Serialize};
 
 use crate::{identify::FitTask, identify::State, position::Options, sequence::Weighting};
@@ -175,7 +175,7 @@ pub fn write(path: &Path, identity: &Identity, state: &State) -> Result<(), File
 /// # Errors
 /// No file, one of another fit, one that no fit wrote.
 pub fn read(path: &Path, identity: &Identity) -> Result<State, CheckpointError> {
-    let text = fs::read_to_string(path).map_err(|error| match error.kind() {
+    let text = read_text(path).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => CheckpointError::Missing { path: path.to_owned() },
         _ => CheckpointError::Damaged { path: path.to_owned(), reason: error.to_string() },
     })?;

@@ -16,6 +16,9 @@ use crate::{
     xml::{self, child, numbers, tag},
 };
 
+/// Elements within each other.
+const DEEPEST: usize = 256;
+
 /// Elements of a body that mean nothing to dynamics, or are read elsewhere.
 const READ: [&str; 4] = ["body", "joint", "inertial", "geom"];
 
@@ -184,6 +187,10 @@ impl<'a> Reader<'a> {
         moves: bool,
         robot: &mut Robot,
     ) -> Result<(), ModelError> {
+        if node.ancestors().count() > DEEPEST {
+            let message = format!("bodies are nested more than {DEEPEST} elements deep");
+            return Err(self.source.error(tag(node), message).help("a chain of so many bodies is no robot"));
+        }
         let class = node.attribute("childclass").or(class);
         let count = robot.links.len();
         let name = node.attribute("name").map_or_else(|| format!("body_{count}"), |name| name.trim().to_owned());

@@ -6,6 +6,9 @@ use dynid_model::{ModelError, Source, did_you_mean};
 
 use crate::urdf::Robot;
 
+/// Links of a description, those without mass included.
+const MOST_LINKS: usize = 4096;
+
 /// Who carries whom.
 #[derive(Debug)]
 pub(crate) struct Tree {
@@ -20,6 +23,12 @@ pub(crate) struct Tree {
 /// # Errors
 /// Links that nobody declared, a link that is carried twice, several roots, or none.
 pub(crate) fn grow(source: &Source, robot: &Robot) -> Result<Tree, ModelError> {
+    if robot.links.len() > MOST_LINKS {
+        let message = format!("{} links, more than {MOST_LINKS}", robot.links.len());
+        return Err(source
+            .error(robot.links[MOST_LINKS].place.clone(), message)
+            .help("leave out what does not move the robot"));
+    }
     let index: HashMap<&str, usize> = (0..).zip(&robot.links).map(|(at, link)| (link.name.as_str(), at)).collect();
     let find = |(name, place): &(String, std::ops::Range<usize>), what: &str| {
         index.get(name.as_str()).copied().ok_or_else(|| {

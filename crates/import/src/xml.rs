@@ -7,6 +7,9 @@ use roxmltree::{Document, Error, Node, TextPos};
 
 use crate::number::Number;
 
+/// Prefixes of names that nobody declared.
+const MOST_PREFIXES: usize = 32;
+
 const RUN_XACRO: &str = "this file is a template; run xacro first, e.g. `xacro robot.urdf.xacro > robot.urdf`";
 
 /// Text that stands in for the file's, place for place, where XML is stricter than readers of robot descriptions are: whatever comes
@@ -19,7 +22,8 @@ pub(crate) fn tolerant(source: &Source) -> Result<String, ModelError> {
             text.replace_range(start..start + length, &blank);
         }
     }
-    loop {
+    // Each prefix costs a look at the whole text.
+    for _ in 0..=MOST_PREFIXES {
         match Document::parse(&text).err() {
             None => return Ok(text),
             Some(Error::UnknownNamespace(prefix, position)) => {
@@ -42,6 +46,8 @@ pub(crate) fn tolerant(source: &Source) -> Result<String, ModelError> {
             Some(error) => return Err(malformed(source, &error)),
         }
     }
+    let message = format!("more than {MOST_PREFIXES} prefixes are declared nowhere");
+    Err(source.error(0..1, message).help("declare them, `xmlns:prefix=\"..\"`, or take them out"))
 }
 
 fn malformed(source: &Source, error: &Error) -> ModelError {

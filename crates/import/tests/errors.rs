@@ -377,3 +377,22 @@ fn of_mimics() {
        = help: a device's joints follow joints of their own kind; leave the mimic out
     "#);
 }
+
+#[test]
+fn what_would_take_too_long_or_too_deep_is_refused() {
+    let prefixes = |count: usize| {
+        let elements: String = (0..count).map(|number| format!("<p{number}:a/>")).collect();
+        error(&format!("<robot>{elements}</robot>"))
+    };
+    assert!(prefixes(33).contains("prefixes are declared nowhere"), "{}", prefixes(33));
+    assert!(!prefixes(31).contains("prefixes"), "{}", prefixes(31));
+    let links: String = (0..5000).map(|number| format!("<link name=\"l{number}\"/>")).collect();
+    let many = error(&format!("<robot name=\"many\">{links}</robot>"));
+    assert!(many.contains("5000 links, more than 4096"), "{many}");
+    // One line of 100 000 characters: the error shows what stands around the place.
+    assert!(many.len() < 2000, "{} bytes", many.len());
+    let bodies = "<body><inertial pos=\"0 0 0\" mass=\"1\" diaginertia=\"1 1 1\"/>".repeat(20_000);
+    let deep = format!("<mujoco><worldbody>{bodies}{}</worldbody></mujoco>", "</body>".repeat(20_000));
+    let deep = dynid_import::device_from_mjcf(&deep, Path::new("deep.xml")).unwrap_err().to_string();
+    assert!(deep.contains("nested more than 256 elements deep"), "{deep}");
+}

@@ -62,7 +62,14 @@ fn of_table(table: &Table<'_>, n_joints: usize, sample_s: f64) -> Result<Control
             let factor = |key: &str| filter.required(key, "a factor of Eq. 4.7")?.finite();
             Filter { a2: factor("a2")?, a3: factor("a3")?, b1: factor("b1")?, b2: factor("b2")? }
         }
-        (None, Some(cutoff_hz)) => Filter::butterworth(cutoff_hz, sample_s),
+        (None, Some(cutoff_hz)) => {
+            let filter = Filter::butterworth(cutoff_hz, sample_s);
+            if ![filter.a2, filter.a3, filter.b1, filter.b2].iter().all(|factor| factor.is_finite()) {
+                let message = format!("`cutoff_hz` is {cutoff_hz}, of which no filter can be made");
+                return Err(table.error(message).help("give a frequency below half of the samples a second"));
+            }
+            filter
+        }
         (None, None) => Filter::THESIS,
     };
     let limit = match table.optional("limit") {
@@ -102,6 +109,9 @@ mod tests {
         assert!(wrong.contains("`P` has 2 values, the device 1 joints") && wrong.contains("c.toml:1:"), "{wrong}");
         let missing = parse("[slow]\nfile = \"a.csv\"\nP = [1]\nD = [0]").unwrap_err().to_string();
         assert!(missing.contains("no controller for the run `b.csv`"), "{missing}");
+        // The cosine of its angle would be no number, and with it every torque.
+        let huge = parse("P = [1]\nD = [0]\ncutoff_hz = 1.79e308").unwrap_err().to_string();
+        assert!(huge.contains("of which no filter can be made"), "{huge}");
         let typo = parse("P = [1]\nD = [0]\ncutof_hz = 3").unwrap_err().to_string();
         assert!(typo.contains("cutoff_hz"), "{typo}");
     }

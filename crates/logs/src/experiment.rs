@@ -312,7 +312,7 @@ impl Experiment {
     }
 
     fn read_as(path: &Path, devices: &'static [Device], planned: Planned) -> Result<Self, ExperimentError> {
-        let text = std::fs::read_to_string(path)
+        let text = dynid_model::document::read_text(path)
             .map_err(|source| ExperimentError::Unreadable { path: path.to_owned(), source })?;
         let file = File { path, text: &text };
         let document = DeTable::parse(&text).map_err(|error| {

@@ -16,7 +16,7 @@ use arrow_array::{
 use arrow_ipc::{reader::StreamReader, root_as_message};
 use arrow_schema::{ArrowError, DataType, Field, TimeUnit};
 
-use crate::{LARGEST_UNPACKED, NOTHING, Named, TableError, guarded::guarded};
+use crate::{NOTHING, Named, TableError, guarded::guarded};
 
 /// The stream in a file: after the six bytes that it begins with, and zeros up to a multiple of 8, or of 64 as some write it.
 pub(crate) fn stream_in(file: &[u8]) -> &[u8] {
@@ -25,8 +25,8 @@ pub(crate) fn stream_in(file: &[u8]) -> &[u8] {
 }
 
 /// All columns of numbers.
-pub(crate) fn columns(bytes: &[u8]) -> Result<Vec<Named>, TableError> {
-    check_claims(bytes)?;
+pub(crate) fn columns(bytes: &[u8], most: u64) -> Result<Vec<Named>, TableError> {
+    check_claims(bytes, most)?;
     guarded(|| of_stream(bytes))
 }
 
@@ -181,7 +181,7 @@ fn ticks(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
 
 /// The library takes for granted that the parts of a batch lie within it, and makes room for what a compressed part claims to hold before
 /// it looks.
-pub(crate) fn check_claims(bytes: &[u8]) -> Result<(), TableError> {
+pub(crate) fn check_claims(bytes: &[u8], most: u64) -> Result<(), TableError> {
     let mut rest = bytes;
     while let Some((metadata, body, after)) = message(rest) {
         rest = after;
@@ -205,8 +205,8 @@ pub(crate) fn check_claims(bytes: &[u8]) -> Result<(), TableError> {
                 claims = claims.saturating_add(claim.unsigned_abs());
             }
         }
-        if claims > LARGEST_UNPACKED {
-            let message = format!("a part of it claims to hold more than {LARGEST_UNPACKED} bytes, unpacked");
+        if claims > most {
+            let message = format!("a part of it claims to hold more than {most} bytes, unpacked");
             return Err(TableError::Unreadable(message));
         }
     }

@@ -1,6 +1,6 @@
 //! Tables whose cells are words as well as numbers: nights, robots, estimates.
 
-use std::{fs::File, io::Read, path::Path};
+use std::{io::Read, path::Path};
 
 use arrow_array::{Array, ArrayRef, LargeStringArray, StringArray, StringViewArray};
 use arrow_ipc::reader::StreamReader;
@@ -9,7 +9,7 @@ use parquet::{
     record::Field,
 };
 
-use crate::{Kind, TableError, arrow_file, guarded::guarded, parquet_file, unpacked};
+use crate::{Kind, LARGEST_UNPACKED, TableError, arrow_file, guarded::guarded, opened, parquet_file, unpacked};
 
 /// A table of words, small enough to be held as such.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -35,13 +35,12 @@ impl Cells {
     /// # Errors
     /// [`TableError`], also where two columns have one name.
     pub fn open(path: &Path) -> Result<Self, TableError> {
-        let mut file = File::open(path)?;
         let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes)?;
+        opened(path)?.read_to_end(&mut bytes)?;
         let read = match Kind::of(&bytes[..bytes.len().min(16)], path)? {
             Kind::Text => of_text(&bytes),
-            Kind::Gzip => of_text(&unpacked::gzip(bytes.as_slice())?),
-            Kind::Zstd => of_text(&unpacked::zstd(bytes.as_slice())?),
+            Kind::Gzip => of_text(&unpacked::gzip(bytes.as_slice(), LARGEST_UNPACKED)?),
+            Kind::Zstd => of_text(&unpacked::zstd(bytes.as_slice(), LARGEST_UNPACKED)?),
             Kind::Parquet => guarded(|| of_parquet(bytes)),
             Kind::ArrowFile => of_arrow(arrow_file::stream_in(&bytes)),
             Kind::ArrowStream => of_arrow(&bytes),
@@ -86,7 +85,7 @@ fn of_text(bytes: &[u8]) -> Result<Cells, TableError> {
 
 fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
     // Says, too, whether its parts lie within it.
-    drop(parquet_file::Columns::new(bytes.clone())?);
+    drop(parquet_file::Columns::new(bytes.clone(), LARGEST_UNPACKED)?);
     let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(parquet_file::damaged)?;
     let schema = reader.metadata().file_metadata().schema();
     let names = schema.get_fields().iter().map(|field| field.name().to_owned()).collect();
@@ -106,7 +105,7 @@ fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
 }
 
 fn of_arrow(bytes: &[u8]) -> Result<Cells, TableError> {
-    arrow_file::check_claims(bytes)?;
+    arrow_file::check_claims(bytes, LARGEST_UNPACKED)?;
     guarded(|| {
         let reader = StreamReader::try_new(bytes, None).map_err(arrow_file::damaged)?;
         let names: Vec<String> = reader.schema().fields().iter().map(|field| field.name().clone()).collect();

@@ -55,7 +55,7 @@ pub fn ending(path: &Path) -> Option<&'static str> {
         .find(|ending| name.strip_suffix(ending).is_some_and(|stem| stem.len() > 1 && stem.ends_with('.')))
 }
 
-/// Bytes of a text, or of a part of another file, that is compressed.
+/// Bytes that the text, or all parts of another file, may have once they are unpacked.
 pub const LARGEST_UNPACKED: u64 = 4 << 30;
 
 /// A file as a table.
@@ -206,13 +206,32 @@ impl Kind {
     }
 }
 
+/// Opens what is a file: a pipe that nobody writes to would keep the program for ever, and a device may never end. A folder says so itself.
+fn opened(path: &Path) -> Result<File, TableError> {
+    let found = std::fs::metadata(path)?;
+    if !found.is_file() && !found.is_dir() {
+        return Err(TableError::Unreadable(
+            "it is no file but a pipe or a device; save what it gives to a file first".to_owned(),
+        ));
+    }
+    Ok(File::open(path)?)
+}
+
 impl Table {
     /// Reads the file at `path`.
     ///
     /// # Errors
     /// [`TableError`].
     pub fn open(path: &Path) -> Result<Self, TableError> {
-        let mut file = File::open(path)?;
+        Self::open_within(path, LARGEST_UNPACKED)
+    }
+
+    /// As [`Table::open`], with another limit than [`LARGEST_UNPACKED`].
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn open_within(path: &Path, unpacked: u64) -> Result<Self, TableError> {
+        let mut file = opened(path)?;
         let mut beginning = Vec::new();
         Read::by_ref(&mut file).take(16).read_to_end(&mut beginning)?;
         file.rewind()?;
@@ -222,25 +241,27 @@ impl Table {
         };
         match Kind::of(&beginning, path)? {
             Kind::Text => Self::of_text(whole(file)?),
-            Kind::Gzip => Self::of_text(unpacked::gzip(file)?),
-            Kind::Zstd => Self::of_text(unpacked::zstd(file)?),
+            Kind::Gzip => Self::of_text(unpacked::gzip(file, unpacked)?),
+            Kind::Zstd => Self::of_text(unpacked::zstd(file, unpacked)?),
             Kind::Parquet => {
-                let columns = parquet_file::Columns::new(whole(file)?)?;
+                let columns = parquet_file::Columns::new(whole(file)?, unpacked)?;
                 let (names, n_rows) = (columns.names(), columns.n_rows());
                 Self::checked(names, n_rows, Content::Parquet(columns), Vec::new())
             }
-            Kind::ArrowFile => Self::of_columns(arrow_file::columns(arrow_file::stream_in(&whole(file)?))?, Vec::new()),
-            Kind::ArrowStream => Self::of_columns(arrow_file::columns(&whole(file)?)?, Vec::new()),
+            Kind::ArrowFile => {
+                Self::of_columns(arrow_file::columns(arrow_file::stream_in(&whole(file)?), unpacked)?, Vec::new())
+            }
+            Kind::ArrowStream => Self::of_columns(arrow_file::columns(&whole(file)?, unpacked)?, Vec::new()),
             Kind::Mcap => {
-                let (columns, remarks) = mcap::columns(file)?;
+                let (columns, remarks) = mcap::columns(file, unpacked)?;
                 Self::of_columns(columns, remarks)
             }
             Kind::Matlab5 => {
-                let (columns, remarks) = matlab::columns(&whole(file)?)?;
+                let (columns, remarks) = matlab::columns(&whole(file)?, unpacked)?;
                 Self::of_columns(columns, remarks)
             }
             Kind::Matlab73 => {
-                let (columns, remarks) = matlab73::columns(whole(file)?)?;
+                let (columns, remarks) = matlab73::columns(whole(file)?, unpacked)?;
                 Self::of_columns(columns, remarks)
             }
         }

@@ -3,7 +3,7 @@
 //!
 //! Layout by "MAT-File Format" of MathWorks: a header of 128 bytes, then elements, each of a type, a length and its bytes, padded to 8.
 
-use crate::{LARGEST_UNPACKED, Named, Remark, TableError, unpacked};
+use crate::{Named, Remark, TableError, unpacked};
 
 /// Elements within each other.
 pub(crate) const DEEPEST: usize = 16;
@@ -12,23 +12,25 @@ const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
 
 /// The columns, and what was left out.
-pub(crate) fn columns(bytes: &[u8]) -> Result<(Vec<Named>, Vec<Remark>), TableError> {
+pub(crate) fn columns(bytes: &[u8], most: u64) -> Result<(Vec<Named>, Vec<Remark>), TableError> {
     let order = match bytes.get(126..128) {
         Some(b"IM") => Order::Little,
         Some(b"MI") => Order::Big,
         _ => return Err(damaged()),
     };
     let mut variables = Vec::new();
+    // Bytes of all numbers together: those of eight bits take eight times what they do in the file.
+    let mut left = most;
     let mut rest = Elements { bytes: &bytes[128..], order };
     while let Some((kind, content)) = rest.next()? {
         match kind {
             COMPRESSED => {
-                let unpacked = unpacked::whole(flate2::read::ZlibDecoder::new(content), LARGEST_UNPACKED)?;
+                let unpacked = unpacked::whole(flate2::read::ZlibDecoder::new(content), left)?;
                 if let Some((MATRIX, content)) = (Elements { bytes: &unpacked, order }).next()? {
-                    matrix(content, order, None, DEEPEST, &mut variables)?;
+                    matrix(content, order, None, DEEPEST, &mut left, &mut variables)?;
                 }
             }
-            MATRIX => matrix(content, order, None, DEEPEST, &mut variables)?,
+            MATRIX => matrix(content, order, None, DEEPEST, &mut left, &mut variables)?,
             _ => {}
         }
     }
@@ -159,6 +161,7 @@ fn matrix(
     order: Order,
     name: Option<String>,
     deepest: usize,
+    left: &mut u64,
     found: &mut Vec<Variable>,
 ) -> Result<(), TableError> {
     // An empty field of a struct is an element without content.
@@ -190,7 +193,7 @@ fn matrix(
             let own = if n_elements == 1 { name.clone() } else { format!("{name}[{element}]") };
             for field in &fields {
                 let (_, content) = parts.expect()?;
-                matrix(content, order, Some(format!("{own}.{field}")), deepest - 1, found)?;
+                matrix(content, order, Some(format!("{own}.{field}")), deepest - 1, left, found)?;
             }
             element += 1;
         }
@@ -203,6 +206,13 @@ fn matrix(
     }
     long.resize(long.len().max(2), 1);
     let (kind, content) = parts.expect()?;
+    let bytes = long.iter().fold(8_u64, |all, size| all.saturating_mul(*size as u64));
+    if bytes > *left {
+        let message =
+            format!("its numbers are more than may be held: those of `{name}` take {bytes} bytes, {left} are left");
+        return Err(TableError::Unreadable(message));
+    }
+    *left -= bytes;
     let Some(values) = order.numbers(kind, content) else { return Ok(()) };
     let [n_rows, n_columns] = long[..] else { return Ok(()) };
     if n_rows.checked_mul(n_columns) != Some(values.len()) {

@@ -4,18 +4,18 @@
 use hdf5_reader::{Datatype, Hdf5File, OpenOptions, error::Error, group::Group};
 
 use crate::{
-    LARGEST_UNPACKED, Named, Remark, TableError,
+    Named, Remark, TableError,
     guarded::guarded,
     matlab::{DEEPEST, Variable, table},
 };
 
 /// The columns, and what was left out.
-pub(crate) fn columns(bytes: Vec<u8>) -> Result<(Vec<Named>, Vec<Remark>), TableError> {
+pub(crate) fn columns(bytes: Vec<u8>, most: u64) -> Result<(Vec<Named>, Vec<Remark>), TableError> {
     guarded(|| {
-        let most = usize::try_from(LARGEST_UNPACKED).unwrap_or(usize::MAX);
-        let file = Hdf5File::from_vec_with_options(bytes, OpenOptions::default().with_max_read_bytes(most));
+        let at_once = usize::try_from(most).unwrap_or(usize::MAX);
+        let file = Hdf5File::from_vec_with_options(bytes, OpenOptions::default().with_max_read_bytes(at_once));
         let root = file.and_then(|file| file.root_group()).map_err(damaged)?;
-        let mut found = Found { variables: Vec::new(), bytes: 0 };
+        let mut found = Found { variables: Vec::new(), left: most };
         found.group(&root, "", DEEPEST)?;
         Ok(table(found.variables))
     })
@@ -27,8 +27,8 @@ fn damaged(error: Error) -> TableError {
 
 struct Found {
     variables: Vec<Variable>,
-    /// That all of them fill.
-    bytes: u64,
+    /// Bytes that further ones may fill.
+    left: u64,
 }
 
 impl Found {
@@ -44,10 +44,9 @@ impl Found {
             }
             let Some(number) = number_of(dataset.dtype()) else { continue };
             let n_bytes = dataset.raw_byte_len().map_err(damaged)?;
-            self.bytes = self.bytes.saturating_add(n_bytes as u64);
-            if self.bytes > LARGEST_UNPACKED {
-                return Err(TableError::Unreadable(format!("it holds more than {LARGEST_UNPACKED} bytes; part it")));
-            }
+            self.left = self.left.checked_sub(n_bytes as u64).ok_or_else(|| {
+                TableError::Unreadable("its variables hold more bytes than may be unpacked; part it".to_owned())
+            })?;
             let mut long: Vec<usize> = dataset.shape().iter().rev().map(|size| *size as usize).collect();
             if long.len() > 2 {
                 long.retain(|size| *size != 1);
@@ -112,7 +111,7 @@ mod tests {
 
     #[test]
     fn variables_are_columns() {
-        let (columns, remarks) = columns(FILE.to_vec()).unwrap();
+        let (columns, remarks) = columns(FILE.to_vec(), 1 << 20).unwrap();
         let of = |name: &str| columns.iter().find(|own| own.name == name).unwrap().values.clone();
         assert_eq!(of("t"), [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]);
         assert_eq!(of("q[0]"), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
@@ -127,9 +126,12 @@ mod tests {
     fn what_is_cut_or_damaged_is_an_error_or_a_table() {
         for length in (0..FILE.len()).step_by(7) {
             // No panic; what holds all its numbers in what is left is a table.
-            drop(columns(FILE[..length].to_vec()));
+            drop(columns(FILE[..length].to_vec(), 1 << 20));
         }
-        assert!(columns(FILE[..600].to_vec()).unwrap_err().to_string().contains("no whole file of MATLAB 7.3"));
+        assert!(columns(FILE.to_vec(), 100).unwrap_err().to_string().contains("more bytes than may be unpacked"));
+        assert!(
+            columns(FILE[..600].to_vec(), 1 << 20).unwrap_err().to_string().contains("no whole file of MATLAB 7.3")
+        );
         let mut random = Random::new(3);
         for _ in 0..1000 {
             let mut bytes = FILE.to_vec();
@@ -137,7 +139,7 @@ mod tests {
                 let place = random.between(512.0, bytes.len() as f64) as usize;
                 bytes[place] = random.between(0.0, 256.0) as u8;
             }
-            drop(columns(bytes));
+            drop(columns(bytes, 1 << 20));
         }
     }
 }

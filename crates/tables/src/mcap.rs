@@ -12,7 +12,7 @@ use std::{
     io::{BufReader, Read, Seek, SeekFrom},
 };
 
-use crate::{LARGEST_UNPACKED, Named, Remark, TableError, unpacked};
+use crate::{Named, Remark, TableError, unpacked};
 use join::Stream;
 use joint_state::{Encoding, JointState};
 
@@ -26,11 +26,11 @@ const FOOTER: u8 = 0x02;
 const DATA_END: u8 = 0x0f;
 
 /// The columns, and how they were joined.
-pub(crate) fn columns(file: impl Read + Seek) -> Result<(Vec<Named>, Vec<Remark>), TableError> {
+pub(crate) fn columns(file: impl Read + Seek, most: u64) -> Result<(Vec<Named>, Vec<Remark>), TableError> {
     let mut file = BufReader::new(file);
     let length = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(BEGINNING as u64))?;
-    let mut log = Log::default();
+    let mut log = Log { left: most, ..Log::default() };
     let mut place = BEGINNING as u64;
     loop {
         let mut start = [0; 9];
@@ -108,6 +108,8 @@ struct Log {
     streams: BTreeMap<(String, Vec<String>), Stream>,
     /// A topic with a message that cannot be read.
     damaged: Option<String>,
+    /// Bytes that may still be unpacked.
+    left: u64,
 }
 
 impl Log {
@@ -162,11 +164,13 @@ impl Log {
         let records = match compression.as_str() {
             "" => packed,
             "zstd" => {
-                unpacked = unpacked::zstd(packed)?;
+                unpacked = unpacked::zstd(packed, self.left)?;
+                self.left -= unpacked.len() as u64;
                 &unpacked
             }
             "lz4" => {
-                unpacked = unpacked::whole(lz4_flex::frame::FrameDecoder::new(packed), LARGEST_UNPACKED)?;
+                unpacked = unpacked::whole(lz4_flex::frame::FrameDecoder::new(packed), self.left)?;
+                self.left -= unpacked.len() as u64;
                 &unpacked
             }
             other => {

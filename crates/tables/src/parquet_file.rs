@@ -24,6 +24,8 @@ pub(crate) struct Columns {
     reader: SerializedFileReader<Bytes>,
     columns: Vec<Place>,
     n_rows: usize,
+    /// Bytes that the numbers of a column of the file may take.
+    most: u64,
 }
 
 impl std::fmt::Debug for Columns {
@@ -45,11 +47,11 @@ struct Place {
 
 impl Columns {
     /// Reads which columns there are. How long lists are is seen in the first row group.
-    pub fn new(bytes: Vec<u8>) -> Result<Self, TableError> {
-        guarded(|| Self::of_file(bytes))
+    pub fn new(bytes: Vec<u8>, most: u64) -> Result<Self, TableError> {
+        guarded(|| Self::of_file(bytes, most))
     }
 
-    fn of_file(bytes: Vec<u8>) -> Result<Self, TableError> {
+    fn of_file(bytes: Vec<u8>, most: u64) -> Result<Self, TableError> {
         let length = bytes.len() as u64;
         // In memory: columns that are read side by side from a file would share its place.
         let reader = SerializedFileReader::new(Bytes::from(bytes)).map_err(damaged)?;
@@ -60,7 +62,7 @@ impl Columns {
         let metadata = reader.metadata().file_metadata();
         let n_rows = usize::try_from(metadata.num_rows()).map_err(|_| too_few())?;
         let schema = metadata.schema_descr_ptr();
-        let mut own = Self { reader, columns: Vec::new(), n_rows };
+        let mut own = Self { reader, columns: Vec::new(), n_rows, most };
         for (leaf, column) in schema.columns().iter().enumerate().filter(|(_, column)| is_numeric(column)) {
             let is_list = column.max_rep_level() > 0;
             let n_items = if is_list { own.items_of_first_list(leaf)? } else { 1 };
@@ -104,7 +106,17 @@ impl Columns {
         let mut values = Entries::of(&column);
         for group in 0..self.reader.num_row_groups() {
             let mut reader = self.group(group, leaf)?;
-            while values.read(&mut reader, BATCH)? {}
+            while values.read(&mut reader, BATCH)? {
+                // A few bytes may stand for any number of equal values.
+                if values.bytes() > self.most {
+                    let message = format!(
+                        "the column `{}` holds more than {} bytes, unpacked; part it",
+                        name_of(&column),
+                        self.most
+                    );
+                    return Err(TableError::Unreadable(message));
+                }
+            }
         }
         let values = values.rows(n_items, &name_of(&column))?;
         if values.len() != n_items.saturating_mul(self.n_rows) { Err(too_few()) } else { Ok(values) }
@@ -259,6 +271,15 @@ impl Entries {
             Numbers::Times(own, _) => own.extend(values.iter().map(tick)),
         }
         Ok(n_read > 0)
+    }
+
+    /// What all that was read takes.
+    fn bytes(&self) -> u64 {
+        let n_values = match &self.numbers {
+            Numbers::Plain(values) => values.len(),
+            Numbers::Times(values, _) => values.len(),
+        };
+        8 * n_values as u64 + 2 * (self.defined.len() + self.repeated.len()) as u64
     }
 
     /// Whether at this entry there is an item, or a null among items.

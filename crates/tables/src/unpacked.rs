@@ -2,14 +2,14 @@
 
 use std::io::Read;
 
-use crate::{LARGEST_UNPACKED, TableError};
+use crate::TableError;
 
-pub(crate) fn gzip(file: impl Read) -> Result<Vec<u8>, TableError> {
-    whole(flate2::read::MultiGzDecoder::new(file), LARGEST_UNPACKED)
+pub(crate) fn gzip(file: impl Read, most: u64) -> Result<Vec<u8>, TableError> {
+    whole(flate2::read::MultiGzDecoder::new(file), most)
 }
 
-pub(crate) fn zstd(file: impl Read) -> Result<Vec<u8>, TableError> {
-    whole(zstd::stream::read::Decoder::new(file)?, LARGEST_UNPACKED)
+pub(crate) fn zstd(file: impl Read, most: u64) -> Result<Vec<u8>, TableError> {
+    whole(zstd::stream::read::Decoder::new(file)?, most)
 }
 
 /// What a reader unpacks, if it is no more than `most` bytes.

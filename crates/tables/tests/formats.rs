@@ -210,3 +210,28 @@ fn damaged_files_are_read_or_refused_in_one_sentence() {
         }
     }
 }
+
+/// A limit of what may be unpacked holds in each format that packs, and for all of its parts together.
+#[test]
+fn no_more_is_unpacked_than_may_be() {
+    let read = |name: &str, unpacked: u64| {
+        let table = Table::open_within(&file(name), unpacked).map_err(|error| error.to_string())?;
+        let places: Vec<usize> = (0..table.names().len()).collect();
+        table.columns(&places, 0..table.n_rows()).map_err(|error| error.to_string())
+    };
+    for name in ["wrist-1.csv.gz", "wrist-1.csv.zst", "wrist-1.parquet", "wrist-1.mat", "wrist-1.mcap"] {
+        assert!(read(name, 1 << 20).is_ok(), "{name}");
+        let error = read(name, 1 << 11).expect_err(name);
+        assert!(error.contains("more than"), "{name}: {error}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_not_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("log.csv");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let error = Table::open(&pipe).unwrap_err().to_string();
+    assert!(error.contains("a pipe or a device"), "{error}");
+}

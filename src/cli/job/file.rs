@@ -10,7 +10,7 @@ use dynid_model::sha256_hex;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::read_json;
+use super::{parse_json, read_json};
 
 /// What stands in an argument for the place of the result, without an ending.
 pub const OUT: &str = "{out}";
@@ -35,6 +35,14 @@ pub struct Job {
     pub content: Content,
 }
 
+impl Content {
+    /// Reads the text of a job file; `path` is for messages.
+    pub fn parse(text: &str, path: &Path) -> anyhow::Result<Self> {
+        serde_json::from_value(parse_json(text, path)?)
+            .with_context(|| format!("{}: this is no job file; `dynid job --from` makes them", path.display()))
+    }
+}
+
 impl Job {
     pub fn new(content: Content) -> anyhow::Result<Self> {
         // A `Value` sorts its keys.
@@ -43,9 +51,7 @@ impl Job {
     }
 
     fn read(path: &Path) -> anyhow::Result<Self> {
-        let content: Content = serde_json::from_value(read_json(path)?)
-            .with_context(|| format!("{}: this is no job file; `dynid job --from` makes them", path.display()))?;
-        let job = Self::new(content)?;
+        let job = Self::new(Content::parse(&dynid_files::read(path)?, path)?)?;
         if path.file_stem().is_none_or(|stem| stem != job.digest.as_str()) {
             bail!("{}: the content is not the one it is named by ({}); make the job anew", path.display(), job.digest);
         }

@@ -81,7 +81,7 @@ fn locked(job: &Job, out: &Path, place: &Path, lock: &File, interrupt: &Interrup
             None => {}
         }
     }
-    eprintln!("note: job {} died twice and has no result; the same command tries it again", job.digest);
+    say!("note: job {} died twice and has no result; the same command tries it again", job.digest);
     Ok(Ended::Died)
 }
 

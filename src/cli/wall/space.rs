@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         bail!("no hand ever comes to the wall: start nearer, or aim further");
     }
     if never > 0 {
-        eprintln!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
+        say!("note: {never} approaches never came to the wall and are left out: start nearer, or aim further");
     }
     let mut text = as_text(&setting, &walls, &cases, carried);
     if let Some(out) = &arguments.out {

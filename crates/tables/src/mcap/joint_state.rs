@@ -13,6 +13,9 @@ pub(super) enum Encoding {
 /// Fields of numbers.
 pub(super) const FIELDS: [&str; 3] = ["position", "velocity", "effort"];
 
+/// Bytes of a message of JSON that may be about joints; a value takes many times its text.
+const LARGEST_JSON: usize = 1 << 20;
+
 /// What a message says. A field that says nothing is empty, else it has one number a joint.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct JointState {
@@ -37,6 +40,7 @@ impl Encoding {
     pub fn read(self, bytes: &[u8]) -> Option<JointState> {
         let state = match self {
             Self::Cdr => Cdr::of(bytes)?.joint_state()?,
+            Self::Json if bytes.len() > LARGEST_JSON => return None,
             Self::Json => of_json(&serde_json::from_slice(bytes).ok()?)?,
         };
         let fits = |values: &Vec<f64>| values.is_empty() || values.len() == state.names.len();

@@ -1,4 +1,4 @@
-//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`, `torture`.
 
 mod api;
 mod bench;
@@ -14,6 +14,8 @@ mod shell;
 mod size;
 mod snapshots;
 mod sources;
+#[cfg(unix)]
+mod torture;
 mod unused;
 mod wheel;
 mod workspace;
@@ -47,6 +49,9 @@ enum Command {
     HiddenEffects(hidden_effects::Arguments),
     /// Plays many robots over many nights, in six of which something changes, and prints what `dynid fleet` finds.
     Fleet(fleet::Arguments),
+    /// Kills the program, fills its disk, takes its files away, and looks at what it leaves.
+    #[cfg(unix)]
+    Torture(torture::Arguments),
 }
 
 /// What was asked for does not exist; like clap's errors, it ends with 2.
@@ -70,6 +75,8 @@ fn main() -> ExitCode {
         Command::Bench(arguments) => bench::run(&arguments),
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
         Command::Fleet(arguments) => fleet::run(&arguments),
+        #[cfg(unix)]
+        Command::Torture(arguments) => torture::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -336,7 +336,6 @@ pub fn one(
         _ => Limit::None,
     };
     let but = (size * 24.0) as u64 * 4096;
-    let early = from_start && work.by_server;
     if let (Some(disk), true) = (&disk, from_start) {
         match kind {
             Kind::FullDisk => disk.fill(but)?,
@@ -365,7 +364,6 @@ pub fn one(
     }
     let met = !running.is_over();
     let kept = has_kept(place, base, false);
-    let _ = early;
     let log = place.join("fitted.csv");
     let mut changed = Vec::new();
     match kind {
@@ -414,7 +412,7 @@ pub fn one(
     if kind == Kind::Twice && !ends.iter().any(|end| end.status.code() == Some(0)) {
         bail!("neither of the two came to its end: {} / {}", ends[0].said, ends[1].said);
     }
-    let mut is_read_anew = false;
+    let mut is_as_changed = false;
     if kind == Kind::Log {
         // What was kept belongs to the log as it was, and says so.
         let again = again(work, place, base)?;
@@ -423,10 +421,10 @@ pub fn one(
             let told = end.said.contains("belongs to another fit") || end.said.contains("fitted.csv");
             ensure!(told && !end.said.contains("panicked"), "a checkpoint was taken for another log's: {}", end.said);
         }
-        is_read_anew = fs::read(&log)? == changed;
+        is_as_changed = fs::read(&log)? == changed;
         fs::copy(base.join("fitted.csv"), &log)?;
     }
-    ensure!(kind != Kind::Log || is_read_anew, "the log was written to");
+    ensure!(kind != Kind::Log || is_as_changed, "the log was written to");
     if kind == Kind::Removed {
         fs::create_dir_all(place.join("out"))?;
     }
@@ -477,8 +475,8 @@ fn is_work(name: &str) -> bool {
     name.contains(".work/")
 }
 
+/// A signal that nobody hears, or that comes before it is listened for, leaves what is half written.
 fn was_killed(kind: Kind) -> bool {
-    // The second process that looks at a pipe that was closed is no exception: a signal that nobody hears leaves what is half written.
     matches!(kind, Kind::Kill | Kind::KillAtWrite | Kind::Interrupt)
 }
 
@@ -514,6 +512,7 @@ fn is_true(kind: Kind, work: &Work, end: &End) -> anyhow::Result<()> {
                 Kind::Kill | Kind::KillAtWrite | Kind::Interrupt => &["interrupt", "stopped"],
             };
             let is_named = ["out/", "fitted", ".checkpoint", "lacks", "out "].iter().any(|name| said.contains(name));
+            // Which of its jobs failed, and why, stands in their results.
             let is_by_job = work.again == Again::Again && status.code() == Some(1);
             ensure!(
                 is_by_job || (causes.iter().any(|cause| said.contains(cause)) && is_named),

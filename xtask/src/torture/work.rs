@@ -36,7 +36,7 @@ const POSITION: &[&str] = &[
     "--error",
     "position",
     "--substeps",
-    "60",
+    "30",
     "--out",
     "out/fitted.toml",
 ];
@@ -103,7 +103,7 @@ pub const ALL: [Work; 8] = [
     Work { name: "open", arguments: POSITION, again: Again::Resume, by_server: true },
 ];
 
-const RUN_SECONDS: f64 = 3.0;
+const RUN_SECONDS: f64 = 1.5;
 
 fn recipe(seed: u64) -> String {
     let run = |file: &str, role: &str, phase: f64| {

@@ -187,6 +187,13 @@ impl Running {
 
     /// Waits for the end, of its children, too.
     fn end(&mut self) -> anyhow::Result<End> {
+        let end = self.own_end()?;
+        settled(&self.place)?;
+        Ok(end)
+    }
+
+    /// Waits for the end; another may still work in its folder.
+    fn own_end(&mut self) -> anyhow::Result<End> {
         let mut told = String::new();
         let begun = Instant::now();
         let status = loop {
@@ -210,10 +217,6 @@ impl Running {
         if let Some(mut stderr) = self.child.stderr.take() {
             std::io::Read::read_to_string(&mut stderr, &mut said)?;
         }
-        while works_in(&self.place) {
-            ensure!(begun.elapsed() < LONGEST, "what it has started goes on alone");
-            sleep(Duration::from_millis(2));
-        }
         said.push_str(&told);
         Ok(End { status, said })
     }
@@ -225,6 +228,16 @@ impl Drop for Running {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Waits until no process works in a folder.
+fn settled(place: &Path) -> anyhow::Result<()> {
+    let begun = Instant::now();
+    while works_in(place) {
+        ensure!(begun.elapsed() < LONGEST, "what was started goes on alone");
+        sleep(Duration::from_millis(2));
+    }
+    Ok(())
 }
 
 /// Whether a process has this working folder.
@@ -397,8 +410,10 @@ pub fn one(
             while place.join("out").exists() && fs::remove_dir_all(place.join("out")).is_err() {}
         }
     }
-    let end = running.end()?;
-    let others_end = other.as_mut().map(Running::end).transpose()?;
+    // Each server is ended by itself, so that neither waits for the other's.
+    let end = running.own_end()?;
+    let others_end = other.as_mut().map(Running::own_end).transpose()?;
+    settled(&running.place)?;
     if let Some(disk) = &disk {
         disk.mend();
     }

@@ -47,6 +47,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("the book", book::build),
         ("licences", licences::check),
     ];
+    #[cfg(unix)]
+    checks.push(("faults on purpose", crate::torture::short));
     if !arguments.quick {
         checks.push(("lints of derive", derive_lints));
         checks.push(("tests of derive", derive_tests));

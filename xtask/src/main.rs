@@ -1,4 +1,4 @@
-//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`, `fuzz`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`, `fuzz`, `torture`.
 
 mod api;
 mod bench;
@@ -16,6 +16,8 @@ mod shell;
 mod size;
 mod snapshots;
 mod sources;
+#[cfg(unix)]
+mod torture;
 mod unused;
 mod wheel;
 mod workspace;
@@ -51,6 +53,9 @@ enum Command {
     Fleet(fleet::Arguments),
     /// Gives damaged input to every reader, then to the whole program.
     Fuzz(fuzz::Arguments),
+    /// Kills the program, fills its disk, takes its files away, and looks at what it leaves.
+    #[cfg(unix)]
+    Torture(torture::Arguments),
 }
 
 /// What was asked for does not exist; like clap's errors, it ends with 2.
@@ -75,6 +80,8 @@ fn main() -> ExitCode {
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
         Command::Fleet(arguments) => fleet::run(&arguments),
         Command::Fuzz(arguments) => fuzz::run(&arguments),
+        #[cfg(unix)]
+        Command::Torture(arguments) => torture::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -82,9 +82,11 @@ impl Overwrite {
 /// [`FileError::Exists`], [`FileError::Unwritable`].
 pub fn check_output(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
     check_place(path, overwrite)?;
+    remove_leftovers(path);
     // Permissions alone do not tell: the folder may be another user's, or on a read-only disk.
     let tried = partial_of(path);
-    let trial = File::create(&tried).map(drop).and_then(|()| fs::remove_file(&tried));
+    // Another program may take the trial for a leftover, and remove it first.
+    let trial = File::create(&tried).map(|_| drop(fs::remove_file(&tried)));
     trial.map_err(|source| FileError::Unwritable { path: path.to_owned(), source })
 }
 
@@ -119,13 +121,51 @@ fn check_place(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
 /// [`FileError::Exists`] unless forced; [`FileError::Unwritable`], with nothing left behind.
 pub fn write_new(path: &Path, content: &(impl AsRef<[u8]> + ?Sized), overwrite: Overwrite) -> Result<(), FileError> {
     check_place(path, overwrite)?;
+    remove_leftovers(path);
     let partial = partial_of(path);
-    let written = write_all(&partial, content.as_ref()).and_then(|()| fs::rename(&partial, path));
+    // Its lock is held until it has its name.
+    let written = write_all(&partial, content.as_ref()).and_then(|_lock| take_name(&partial, path, overwrite));
     written.map_err(|source| {
         // The first error is the one to tell; a leftover that cannot be removed changes nothing.
         let _ = fs::remove_file(&partial);
-        FileError::Unwritable { path: path.to_owned(), source }
+        match source.kind() {
+            io::ErrorKind::AlreadyExists => FileError::Exists { path: path.to_owned() },
+            _ => FileError::Unwritable { path: path.to_owned(), source },
+        }
     })
+}
+
+/// Gives a file that is whole its name.
+fn take_name(partial: &Path, path: &Path, overwrite: Overwrite) -> io::Result<()> {
+    if overwrite == Overwrite::Refuse {
+        // Unlike a renaming, a second name for the file never takes the place of another that came meanwhile.
+        match fs::hard_link(partial, path) {
+            Ok(()) => return fs::remove_file(partial),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Err(error),
+            // Not every disk has second names.
+            Err(_) => {}
+        }
+    }
+    fs::rename(partial, path)
+}
+
+/// Removes what programs that were killed while they wrote this file have left beside it. What one that runs is writing is locked, and stays.
+pub fn remove_leftovers(path: &Path) {
+    let Some(name) = path.file_name().map(|name| name.to_string_lossy().into_owned()) else { return };
+    // Leftovers are in nobody's way: where they cannot be seen or removed they stay.
+    let Ok(entries) = fs::read_dir(folder_of(path)) else { return };
+    for entry in entries.flatten() {
+        let own = entry.file_name();
+        let writer = (own.to_str()).and_then(|own| {
+            own.strip_prefix('.')?.strip_prefix(name.as_str())?.strip_prefix('.')?.strip_suffix(".partial")
+        });
+        if writer.is_some_and(|id| !id.is_empty() && id.bytes().all(|byte| byte.is_ascii_digit()))
+            && let Ok(file) = File::options().write(true).open(entry.path())
+            && file.try_lock().is_ok()
+        {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
 }
 
 /// Writes several files that belong together, each with its text: all of them, or none where one of them cannot be written.
@@ -141,11 +181,13 @@ pub fn write_together(files: &[(PathBuf, String)], overwrite: Overwrite) -> Resu
         let path = path.to_owned();
         |source| FileError::Unwritable { path, source }
     };
-    let partials = files
+    files.iter().for_each(|(path, _)| remove_leftovers(path));
+    let partials: Result<Vec<File>, FileError> = files
         .iter()
-        .try_for_each(|(path, text)| write_all(&partial_of(path), text.as_bytes()).map_err(unwritable(path)));
+        .map(|(path, text)| write_all(&partial_of(path), text.as_bytes()).map_err(unwritable(path)))
+        .collect();
     let mut named: Vec<&Path> = Vec::new();
-    let all = partials.and_then(|()| {
+    let all = partials.and_then(|_locks| {
         files.iter().try_for_each(|(path, _)| {
             fs::rename(partial_of(path), path).map_err(unwritable(path))?;
             named.push(path);
@@ -172,10 +214,17 @@ pub fn make_folder(path: &Path) -> Result<(), FileError> {
     fs::create_dir_all(path).map_err(|source| FileError::Unwritable { path: path.to_owned(), source })
 }
 
-fn write_all(path: &Path, content: &[u8]) -> io::Result<()> {
+/// Writes a file that is locked as long as what is returned lives.
+fn write_all(path: &Path, content: &[u8]) -> io::Result<File> {
     let mut file = File::create(path)?;
+    // Not every disk knows locks; on one that does not, leftovers are never removed.
+    while file.lock().is_ok() && !path.try_exists()? {
+        // Another took it for a leftover before it was locked.
+        file = File::create(path)?;
+    }
     file.write_all(content)?;
-    file.sync_all()
+    file.sync_all()?;
+    Ok(file)
 }
 
 /// Where a file is written before it takes its name.
@@ -224,6 +273,35 @@ mod tests {
         assert!(matches!(write_together(&others, Overwrite::Force), Err(FileError::Unwritable { .. })));
         assert_eq!(texts(), ["one.toml", "two.toml"], "none is replaced");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "no partial file is left but the folder");
+    }
+
+    #[test]
+    fn what_a_killed_program_left_is_removed_and_what_another_writes_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, left, others, written] =
+            ["a.toml", ".a.toml.1.partial", ".a.toml.b.toml.1.partial", ".a.toml.2.partial"]
+                .map(|name| folder.path().join(name));
+        let lock = write_all(&written, "by another").unwrap();
+        fs::write(&left, "ha").unwrap();
+        fs::write(&others, "of another file").unwrap();
+        write_new(&path, "one", Overwrite::Refuse).unwrap();
+        assert!(!left.exists() && others.exists() && written.exists());
+        drop(lock);
+        check_output(&path, Overwrite::Force).unwrap();
+        assert!(!written.exists() && path.exists());
+    }
+
+    #[test]
+    fn a_file_that_came_while_another_was_written_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let [partial, path] = ["partial", "model.toml"].map(|name| folder.path().join(name));
+        fs::write(&partial, "mine").unwrap();
+        fs::write(&path, "another's").unwrap();
+        let error = take_name(&partial, &path, Overwrite::Refuse).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(fs::read_to_string(&path).unwrap(), "another's");
+        take_name(&partial, &path, Overwrite::Force).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "mine");
     }
 
     #[test]

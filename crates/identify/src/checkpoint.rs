@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{identify::FitTask, identify::State, position::Options, sequence::Weighting};
 use dynid_dynamics::simulate::Steps;
-use dynid_files::{FileError, Overwrite, write_new};
+use dynid_files::{FileError, Overwrite, remove_leftovers, write_new};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 
@@ -196,8 +196,9 @@ pub fn read(path: &Path, identity: &Identity) -> Result<State, CheckpointError> 
     Ok(state)
 }
 
-/// Removes the checkpoint of a fit that is done; one that is not there is as good.
+/// Removes the checkpoint of a fit that is done, and what is left of one that was being written; one that is not there is as good.
 pub fn remove(path: &Path) -> io::Result<()> {
+    remove_leftovers(path);
     match fs::remove_file(path) {
         // A read-only disk refuses before it looks whether the file is there.
         Err(_) if fs::symlink_metadata(path).is_err() => Ok(()),

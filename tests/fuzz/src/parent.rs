@@ -128,10 +128,10 @@ fn portion_of(portion: &Portion, seed: u64, progress: &Path, failures: &Path) ->
                 let what = format!("{what}: {file}");
                 eprintln!("{} {number}: {what}", reader.name);
                 // What the lost worker had accepted before is tried anew, so that counts are right.
-                if number > from {
-                    if let Ok(found) = tried(reader, seed, from, number, progress, failures)? {
-                        all.add(found);
-                    }
+                if number > from
+                    && let Ok(found) = tried(reader, seed, from, number, progress, failures)?
+                {
+                    all.add(found);
                 }
                 all.add(Found { inputs: 1, failures: vec![(number, what)], ..Found::default() });
                 from = number + 1;

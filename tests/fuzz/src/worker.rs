@@ -27,7 +27,9 @@ thread_local! {
 pub fn work(reader: &Reader, seed: u64, from: u64, to: u64, progress: &Path, failures: &Path) -> anyhow::Result<()> {
     set_hook(Box::new(|info| {
         let place = info.location().map_or(String::new(), ToString::to_string);
-        let told = info.payload_as_str().unwrap_or("a panic").to_owned();
+        let payload = info.payload();
+        let text = payload.downcast_ref().map(|text: &&str| (*text).to_owned());
+        let told = text.or_else(|| payload.downcast_ref().cloned()).unwrap_or_else(|| "a panic".to_owned());
         PANIC.with(|panic| *panic.borrow_mut() = Some(format!("{told} ({place})")));
     }));
     let folder = tempfile::tempdir()?;

@@ -369,7 +369,7 @@ pub fn one(
                 break;
             }
         }
-    } else if !matches!(kind, Kind::Twice) && !is_limited && !(from_start && disk.is_some()) {
+    } else if !(matches!(kind, Kind::Twice) || is_limited || from_start && disk.is_some()) {
         let begun = Instant::now();
         while begun.elapsed() < moment && !running.is_over() {
             sleep(Duration::from_millis(1));
@@ -453,7 +453,7 @@ pub fn one(
         // A wall that was stopped is the best so far; a log that changed before it was read is another log; a job that could not write has failed.
         let may_differ = (kind == Kind::Interrupt && work.name == "wall-tune")
             || kind == Kind::Log
-            || (work.again == Again::Again && name.ends_with(".json"));
+            || (work.again == Again::Failed && name.ends_with(".json"));
         if may_differ {
             let text = std::str::from_utf8(content)?;
             let parses = match name.rsplit('.').next() {
@@ -501,7 +501,7 @@ fn again(work: &Work, place: &Path, base: &Path) -> anyhow::Result<Vec<&'static 
     Ok(match work.again {
         Again::Resume if has_checkpoint => vec!["--force", "--resume"],
         Again::Resume | Again::Force => vec!["--force"],
-        Again::Again => vec!["--again"],
+        Again::Failed => vec!["--again"],
     })
 }
 
@@ -517,7 +517,7 @@ fn is_true(kind: Kind, work: &Work, end: &End) -> anyhow::Result<()> {
     match (status.code(), status.signal()) {
         (Some(0), _) if said.is_empty() || !work.by_server => Ok(()),
         // A server ends well whatever became of what it ran.
-        (Some(0 | 1 | 2), _) => {
+        (Some(0..=2), _) => {
             let causes: &[&str] = match kind {
                 Kind::FullDisk => &["No space left", "File too large", "os error 28"],
                 Kind::ReadOnly => &["Read-only", "read-only", "Permission denied"],
@@ -528,7 +528,7 @@ fn is_true(kind: Kind, work: &Work, end: &End) -> anyhow::Result<()> {
             };
             let is_named = ["out/", "fitted", ".checkpoint", "lacks", "out "].iter().any(|name| said.contains(name));
             // Which of its jobs failed, and why, stands in their results.
-            let is_by_job = work.again == Again::Again && status.code() == Some(1);
+            let is_by_job = work.again == Again::Failed && status.code() == Some(1);
             ensure!(
                 is_by_job || (causes.iter().any(|cause| said.contains(cause)) && is_named),
                 "it ended with {status} and does not say why: {said:?}"

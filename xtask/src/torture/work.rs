@@ -15,7 +15,7 @@ pub enum Again {
     /// The same with `--force`.
     Force,
     /// The same with `--again`.
-    Again,
+    Failed,
 }
 
 /// A command and how it goes on.
@@ -99,7 +99,7 @@ pub const ALL: [Work; 8] = [
         again: Again::Force,
         by_server: false,
     },
-    Work { name: "job", arguments: &["job", "jobs", "--out", "out"], again: Again::Again, by_server: false },
+    Work { name: "job", arguments: &["job", "jobs", "--out", "out"], again: Again::Failed, by_server: false },
     Work { name: "open", arguments: POSITION, again: Again::Resume, by_server: true },
 ];
 

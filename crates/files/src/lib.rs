@@ -281,7 +281,7 @@ mod tests {
         let [path, left, others, written] =
             ["a.toml", ".a.toml.1.partial", ".a.toml.b.toml.1.partial", ".a.toml.2.partial"]
                 .map(|name| folder.path().join(name));
-        let lock = write_all(&written, "by another").unwrap();
+        let lock = write_all(&written, b"by another").unwrap();
         fs::write(&left, "ha").unwrap();
         fs::write(&others, "of another file").unwrap();
         write_new(&path, "one", Overwrite::Refuse).unwrap();

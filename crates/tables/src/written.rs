@@ -99,7 +99,7 @@ fn csv(columns: &[(String, Values)], n_rows: usize) -> String {
     text
 }
 
-/// A cell; in quotes where it would be taken for several, or for none of a table with one column.
+/// A cell; in quotes where it would be taken for several, or lose its blanks.
 fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n', '\r']) || cell.trim() != cell {
         format!("\"{}\"", cell.replace('"', "\"\""))

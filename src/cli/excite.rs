@@ -23,7 +23,7 @@ use dynid_report::{plot, plot::Curve};
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
-use super::log_file::{format_of, log_file};
+use super::table_file::{format_of, log_file};
 use super::table::{Align, Table};
 use super::{Answer, Outcome, devices};
 

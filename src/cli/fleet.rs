@@ -8,9 +8,9 @@ use dynid_files::{Overwrite, check_output, write_new};
 use dynid_fleet::{Analysis, Estimate, Settings, analyse};
 use dynid_report::{Section, fleet_sections, page};
 use dynid_sentences::fleet as sentences;
-use dynid_tables::{Cells, Values, written};
+use dynid_tables::{Cells, Filled, Values, written};
 
-use super::log_file::format_of;
+use super::table_file::format_of;
 use super::{Answer, Outcome, job};
 
 /// Say what has changed on which of many robots and since when, and which are unlike the others.
@@ -121,19 +121,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
 /// The table of estimates, as [`of_table`] reads it.
 fn columns(found: &Found) -> Vec<(String, Values)> {
-    let texts =
-        |of: &dyn Fn(&Estimate) -> &str| Values::Texts(found.estimates.iter().map(|own| of(own).to_owned()).collect());
-    let numbers = |of: &dyn Fn(&Estimate) -> f64| Values::Numbers(found.estimates.iter().map(of).collect());
-    let unit = |own: &Estimate| found.units.get(&own.quantity).map_or("", String::as_str);
-    let columns = [
-        ("robot", texts(&|own| &own.robot)),
-        ("night", texts(&|own| &own.night)),
-        ("quantity", texts(&|own| &own.quantity)),
-        ("value", numbers(&|own| own.value)),
-        ("std_error", numbers(&|own| own.std_error)),
-        ("unit", Values::Texts(found.estimates.iter().map(|own| unit(own).to_owned()).collect())),
-    ];
-    columns.map(|(name, values)| (name.to_owned(), values)).into()
+    Filled::from(&found.estimates)
+        .texts("robot", |own| &own.robot)
+        .texts("night", |own| &own.night)
+        .texts("quantity", |own| &own.quantity)
+        .numbers("value", |own| own.value)
+        .numbers("std_error", |own| own.std_error)
+        .texts("unit", |own| found.units.get(&own.quantity).map_or("", String::as_str))
+        .columns()
 }
 
 fn text(analysis: &Analysis) -> String {

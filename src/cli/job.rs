@@ -94,6 +94,7 @@ fn work(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mine: Vec<&Job> =
         jobs.iter().enumerate().filter(|(k, _)| k % shard.of == shard.index).map(|(_, job)| job).collect();
     dynid_files::make_folder(&arguments.out)?;
+    dynid_files::remove_all_leftovers(&arguments.out);
     let (mut left, mut done, mut failed) = (Vec::new(), 0, Vec::new());
     for job in &mine {
         match job.result(&arguments.out) {

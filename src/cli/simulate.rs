@@ -8,7 +8,7 @@ use dynid_files::{Overwrite, check_output, write_new};
 use dynid_tables::{Format, ending};
 use serde_json::{Value, json};
 
-use super::log_file::{LogFormat, log_file};
+use super::table_file::{LogFormat, log_file};
 use super::table::{Align, Table};
 use super::{Answer, Outcome, inputs, progress};
 

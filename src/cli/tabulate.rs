@@ -7,7 +7,7 @@ use anyhow::bail;
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
 use dynid_report::{self as report, Budget, Cell, Models, ModelsRow, Provenance, Section};
-use dynid_tables::{Format, Values, written};
+use dynid_tables::{Filled, Format, Values, written};
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
@@ -94,17 +94,14 @@ fn columns(table: &Models) -> Vec<(String, Values)> {
         .flat_map(|row| table.names.iter().zip(&row.cells).map(move |(model, cell)| (row, model, cell)))
         .filter_map(|(row, model, cell)| cell.map(|cell| (row, model, cell)))
         .collect();
-    let texts = |of: &dyn Fn(&(&ModelsRow, &String, Cell)) -> String| Values::Texts(cells.iter().map(of).collect());
-    let numbers = |of: &dyn Fn(&Cell) -> f64| Values::Numbers(cells.iter().map(|(.., cell)| of(cell)).collect());
-    let columns = [
-        ("model", texts(&|(_, model, _)| (*model).clone())),
-        ("quantity", texts(&|(row, ..)| row.name.clone())),
-        ("value", numbers(&|cell| cell.value)),
-        ("std_error", numbers(&|cell| cell.std_error.unwrap_or(f64::NAN))),
-        ("unit", texts(&|(row, ..)| row.unit.clone())),
-        ("standing", texts(&|(.., cell)| cell.standing.as_str().to_owned())),
-    ];
-    columns.map(|(name, values)| (name.to_owned(), values)).into()
+    Filled::from(&cells)
+        .texts("model", |(_, model, _)| model)
+        .texts("quantity", |(row, ..)| &row.name)
+        .numbers("value", |(.., cell)| cell.value)
+        .numbers("std_error", |(.., cell)| cell.std_error.unwrap_or(f64::NAN))
+        .texts("unit", |(row, ..)| &row.unit)
+        .texts("standing", |(.., cell)| cell.standing.as_str())
+        .columns()
 }
 
 fn as_text(models: &Models) -> String {

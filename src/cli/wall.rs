@@ -22,7 +22,7 @@ use dynid_report::{Provenance, Section, WallReport, damping_in_words};
 use dynid_user_model::Model;
 use serde_json::json;
 
-use super::log_file::{format_of, log_file};
+use super::table_file::{format_of, log_file};
 use super::table::{Align, Table};
 use super::{Answer, Outcome, progress};
 

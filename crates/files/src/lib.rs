@@ -121,7 +121,6 @@ fn check_place(path: &Path, overwrite: Overwrite) -> Result<(), FileError> {
 /// [`FileError::Exists`] unless forced; [`FileError::Unwritable`], with nothing left behind.
 pub fn write_new(path: &Path, content: &(impl AsRef<[u8]> + ?Sized), overwrite: Overwrite) -> Result<(), FileError> {
     check_place(path, overwrite)?;
-    remove_leftovers(path);
     let partial = partial_of(path);
     // Its lock is held until it has its name.
     let written = write_all(&partial, content.as_ref()).and_then(|_lock| take_name(&partial, path, overwrite));
@@ -150,22 +149,35 @@ fn take_name(partial: &Path, path: &Path, overwrite: Overwrite) -> io::Result<()
 }
 
 /// Removes what programs that were killed while they wrote this file have left beside it. What one that runs is writing is locked, and stays.
+///
+/// It looks through the file's folder, so it is not done at every writing: [`check_output`] does it.
 pub fn remove_leftovers(path: &Path) {
-    let Some(name) = path.file_name().map(|name| name.to_string_lossy().into_owned()) else { return };
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+    remove_leftovers_of(folder_of(path), |own| Some(own) == name.as_deref());
+}
+
+/// As [`remove_leftovers`], of all files of a folder that belongs to this program.
+pub fn remove_all_leftovers(folder: &Path) {
+    remove_leftovers_of(folder, |_| true);
+}
+
+fn remove_leftovers_of(folder: &Path, is_wanted: impl Fn(&str) -> bool) {
     // Leftovers are in nobody's way: where they cannot be seen or removed they stay.
-    let Ok(entries) = fs::read_dir(folder_of(path)) else { return };
+    let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
-        let own = entry.file_name();
-        let writer = (own.to_str()).and_then(|own| {
-            own.strip_prefix('.')?.strip_prefix(name.as_str())?.strip_prefix('.')?.strip_suffix(".partial")
-        });
-        if writer.is_some_and(|id| !id.is_empty() && id.bytes().all(|byte| byte.is_ascii_digit()))
+        if entry.file_name().to_str().and_then(written_name).is_some_and(&is_wanted)
             && let Ok(file) = File::options().write(true).open(entry.path())
             && file.try_lock().is_ok()
         {
             let _ = fs::remove_file(entry.path());
         }
     }
+}
+
+/// The name of the file that is written under a name of [`partial_of`].
+fn written_name(partial: &str) -> Option<&str> {
+    let (name, writer) = partial.strip_prefix('.')?.strip_suffix(".partial")?.rsplit_once('.')?;
+    (!writer.is_empty() && writer.bytes().all(|byte| byte.is_ascii_digit())).then_some(name)
 }
 
 /// Writes several files that belong together, each with its text: all of them, or none where one of them cannot be written.
@@ -181,7 +193,6 @@ pub fn write_together(files: &[(PathBuf, String)], overwrite: Overwrite) -> Resu
         let path = path.to_owned();
         |source| FileError::Unwritable { path, source }
     };
-    files.iter().for_each(|(path, _)| remove_leftovers(path));
     let partials: Result<Vec<File>, FileError> = files
         .iter()
         .map(|(path, text)| write_all(&partial_of(path), text.as_bytes()).map_err(unwritable(path)))
@@ -284,11 +295,14 @@ mod tests {
         let lock = write_all(&written, b"by another").unwrap();
         fs::write(&left, "ha").unwrap();
         fs::write(&others, "of another file").unwrap();
-        write_new(&path, "one", Overwrite::Refuse).unwrap();
+        check_output(&path, Overwrite::Refuse).unwrap();
         assert!(!left.exists() && others.exists() && written.exists());
         drop(lock);
+        write_new(&path, "one", Overwrite::Refuse).unwrap();
         check_output(&path, Overwrite::Force).unwrap();
-        assert!(!written.exists() && path.exists());
+        assert!(!written.exists() && path.exists() && others.exists());
+        remove_all_leftovers(folder.path());
+        assert!(!others.exists() && path.exists());
     }
 
     #[test]

@@ -4,10 +4,7 @@ use std::{io::Read, path::Path};
 
 use arrow_array::{Array, ArrayRef, LargeStringArray, StringArray, StringViewArray};
 use arrow_ipc::reader::StreamReader;
-use parquet::{
-    file::{reader::FileReader, serialized_reader::SerializedFileReader},
-    record::Field,
-};
+use parquet::{file::reader::FileReader, record::Field};
 
 use crate::{Kind, LARGEST_UNPACKED, TableError, arrow_file, guarded::guarded, opened, parquet_file, unpacked};
 
@@ -84,9 +81,8 @@ fn of_text(bytes: &[u8]) -> Result<Cells, TableError> {
 }
 
 fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
-    // Says, too, whether its parts lie within it.
-    drop(parquet_file::Columns::new(bytes.clone(), LARGEST_UNPACKED)?);
-    let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).map_err(parquet_file::damaged)?;
+    let columns = parquet_file::Columns::new(bytes, LARGEST_UNPACKED)?;
+    let reader = columns.reader();
     let schema = reader.metadata().file_metadata().schema();
     let names = schema.get_fields().iter().map(|field| field.name().to_owned()).collect();
     let mut rows = Vec::new();

@@ -38,7 +38,7 @@ use text::Text;
 
 pub use {
     cells::{Cells, Row},
-    written::{Format, Values, written},
+    written::{Filled, Format, Values, written},
 };
 
 /// Endings of the names of files that can be read.

@@ -51,6 +51,11 @@ impl Columns {
         guarded(|| Self::of_file(bytes, most))
     }
 
+    /// Of the whole file, whose parts lie within it.
+    pub fn reader(&self) -> &SerializedFileReader<Bytes> {
+        &self.reader
+    }
+
     fn of_file(bytes: Vec<u8>, most: u64) -> Result<Self, TableError> {
         let length = bytes.len() as u64;
         // In memory: columns that are read side by side from a file would share its place.

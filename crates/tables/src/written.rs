@@ -62,6 +62,48 @@ impl Values {
     }
 }
 
+/// Columns that are filled from the same rows.
+#[derive(Debug)]
+pub struct Filled<'a, R> {
+    rows: &'a [R],
+    columns: Vec<(String, Values)>,
+}
+
+impl<'a, R> Filled<'a, R> {
+    /// From these rows; no column yet.
+    pub fn from(rows: &'a [R]) -> Self {
+        Self { rows, columns: Vec::new() }
+    }
+
+    /// Adds a column of numbers, NaN where there is none.
+    #[must_use]
+    pub fn numbers(self, name: &str, of: impl Fn(&R) -> f64) -> Self {
+        let values = Values::Numbers(self.rows.iter().map(of).collect());
+        self.with(name, values)
+    }
+
+    /// Adds a column of words.
+    #[must_use]
+    pub fn texts<'r>(self, name: &str, of: impl Fn(&'r R) -> &'r str) -> Self
+    where
+        'a: 'r,
+        R: 'r,
+    {
+        let values = Values::Texts(self.rows.iter().map(|row| of(row).to_owned()).collect());
+        self.with(name, values)
+    }
+
+    fn with(mut self, name: &str, values: Values) -> Self {
+        self.columns.push((name.to_owned(), values));
+        self
+    }
+
+    /// The columns, in the order in which they were added.
+    pub fn columns(self) -> Vec<(String, Values)> {
+        self.columns
+    }
+}
+
 /// The file that holds these columns, in this order. They are as long as each other.
 ///
 /// # Panics
@@ -79,6 +121,8 @@ pub fn written(columns: &[(String, Values)], format: Format) -> Vec<u8> {
 
 fn csv(columns: &[(String, Values)], n_rows: usize) -> String {
     let mut text = String::new();
+    // A line that is empty would be no row.
+    let nothing = if columns.len() == 1 { "\"\"" } else { "" };
     for (place, (name, _)) in columns.iter().enumerate() {
         text.push_str(if place > 0 { "," } else { "" });
         text.push_str(&quoted(name));
@@ -90,7 +134,8 @@ fn csv(columns: &[(String, Values)], n_rows: usize) -> String {
             match values {
                 // Writing to a string cannot fail.
                 Values::Numbers(values) if !values[row].is_nan() => drop(write!(text, "{}", values[row])),
-                Values::Numbers(_) => {}
+                Values::Numbers(_) => text.push_str(nothing),
+                Values::Texts(values) if values[row].is_empty() => text.push_str(nothing),
                 Values::Texts(values) => text.push_str(&quoted(&values[row])),
             }
         }
@@ -189,6 +234,20 @@ mod tests {
             assert_eq!(cells.rows.iter().map(|row| row.cells[0].as_str()).collect::<Vec<_>>(), trimmed, "{ending}");
             assert_eq!(cells.rows[0].cells[1].parse::<f64>().unwrap(), numbers[0], "{ending}");
             assert_eq!(cells.rows[1].cells[1], "", "{ending}");
+        }
+    }
+
+    #[test]
+    fn an_empty_cell_alone_in_its_row_is_a_row() {
+        let folder = tempfile::tempdir().unwrap();
+        let columns = Filled::from(&[1.0, f64::NAN, 3.0]).numbers("value", |value| *value).columns();
+        for (ending, format) in Format::ALL {
+            let path = folder.path().join(format!("table.{ending}"));
+            fs::write(&path, written(&columns, format)).unwrap();
+            let read = Table::open(&path).unwrap().columns(&[0], 0..3).unwrap().remove(0).values;
+            assert!(read[0] == 1.0 && read[1].is_nan() && read[2] == 3.0, "{ending}");
+            let cells = Cells::open(&path).unwrap();
+            assert_eq!(cells.rows.iter().map(|row| row.cells[0].as_str()).collect::<Vec<_>>(), ["1", "", "3"]);
         }
     }
 

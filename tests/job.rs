@@ -38,9 +38,9 @@ fn make(folder: &Path, fit: &[&str]) -> Value {
     made
 }
 
-/// Name -> content of all files of a folder, but for those in folders below it: what is not whole lies there.
+/// Name -> content of all files of a folder.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = fs::read_dir(folder).unwrap().flatten().filter(|own| own.path().is_file());
+    let entries = fs::read_dir(folder).unwrap().flatten();
     entries.map(|own| (own.file_name().into_string().unwrap(), fs::read(own.path()).unwrap())).collect()
 }
 
@@ -75,7 +75,12 @@ fn shares_of_the_jobs_come_to_the_files_of_all_of_them() {
     assert_eq!(dynid(path, &["job", "jobs", "--out", "whole", "--again"]).0["failed"], json!([]));
     beside.unwrap().wait().unwrap();
     assert!(before == files(&path.join("whole")));
-    // A night that is told twice is refused, and the answer of few nights says so:
+    // A night that is told twice is refused:
+    let one = whole.keys().find(|name| name.ends_with(".json")).unwrap();
+    fs::copy(path.join("whole").join(one), path.join("again.json")).unwrap();
+    let (error, status) = dynid(path, &["fleet", "whole", "again.json"]);
+    assert!(status == 2 && error.as_str().unwrap().contains("already; leave one of them out"), "{error}");
+    // The answer of few nights says that they are:
     let (fleet, status) = dynid(path, &["fleet", "whole", "--out", "fleet.html"]);
     assert_eq!((status, &fleet["robots"], &fleet["nights"]), (0, &json!(["a", "b"]), &json!(["2", "10"])));
     assert_eq!(fleet["events"], json!([]), "{fleet:#}");
@@ -121,9 +126,47 @@ fn work_that_was_stopped_goes_on_to_the_same_bytes() {
             // How often a search went on is no part of what it came to.
             assert!(own[&name] == text.into_bytes(), "{out}: {name}");
         }
-        let left = fs::read_dir(path.join(out)).unwrap().flatten().filter(|own| own.path().is_dir()).count();
-        assert_eq!(left, 0, "{out}: folders of work that is done");
+        assert_eq!(
+            files(&path.join(out)).len(),
+            files(&path.join("whole")).len(),
+            "{out}: what is left of work that is done"
+        );
     }
+}
+
+/// The model that a job writes names a device file by where both lie.
+#[test]
+fn a_job_with_a_device_of_its_own_writes_a_model_that_can_be_used() {
+    let folder = nights();
+    let path = folder.path();
+    let (device, status) = dynid(path, &["devices", "--file", "freedom6s"]);
+    assert_eq!(status, 0, "{device}");
+    fs::write(path.join("mine.toml"), device["file"].as_str().unwrap()).unwrap();
+    for name in ["believed.toml", "experiment.toml"] {
+        let text = fs::read_to_string(path.join(name)).unwrap();
+        fs::write(path.join(name), text.replace("device = \"freedom6s\"", "device = \"mine.toml\"")).unwrap();
+    }
+    fs::write(path.join("nights.csv"), "robot,night,experiment\na,1,experiment.toml\n").unwrap();
+    make(path, &FIT);
+    let (done, status) = dynid(path, &["job", "jobs", "--out", "results"]);
+    assert_eq!((&done["done"], status), (&json!(1), 0), "{done}");
+    let fitted = files(&path.join("results")).into_keys().find(|name| name.ends_with(".toml")).unwrap();
+    let (compared, _) = dynid(path, &["compare", "experiment.toml", "--model", &format!("results/{fitted}")]);
+    assert!(compared["runs"].is_array(), "{compared}");
+}
+
+/// Also where a verb writes a folder, and was killed before its result was written.
+#[test]
+fn a_job_whose_output_is_a_folder_is_done_again() {
+    let folder = nights();
+    let path = folder.path();
+    make(path, &["simulate", "{experiment}", "--model", "believed.toml", "--out-dir", "{out}"]);
+    assert_eq!(dynid(path, &["job", "jobs", "--out", "whole"]).1, 0);
+    let results = || fs::read_dir(path.join("whole")).unwrap().flatten().map(|own| own.path());
+    let result = results().find(|own| own.extension().is_some()).unwrap();
+    fs::remove_file(result).unwrap();
+    let (done, status) = dynid(path, &["job", "jobs", "--out", "whole"]);
+    assert_eq!((&done["done"], status), (&json!(4), 0), "{done}");
 }
 
 #[test]

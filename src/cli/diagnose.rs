@@ -403,7 +403,8 @@ impl Kept {
         }
         let identity = sha256_hex(text.as_bytes());
         let input = arguments.model.as_ref().unwrap_or(&arguments.experiment);
-        Self { places: places(input, Path::new(""), &identity), identity }
+        let output = arguments.out.as_deref().or(arguments.save.as_deref());
+        Self { places: places(output, input, Path::new(""), &identity), identity }
     }
 
     /// Whether there is a place that can be written to.
@@ -445,13 +446,18 @@ pub(super) fn is_checkpoint(text: &str) -> bool {
     parsed(text).is_some()
 }
 
-/// Where fits may be kept: beside the input, or in the working folder `here`, since logs often lie where nothing can be
-/// written.
-fn places(input: &Path, here: &Path, identity: &str) -> Vec<PathBuf> {
+/// Where fits may be kept: beside what is to be written, beside the input, or in the working folder `here`, since logs often lie where nothing can
+/// be written.
+fn places(output: Option<&Path>, input: &Path, here: &Path, identity: &str) -> Vec<PathBuf> {
     let name = input.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}.diagnosis-{}.checkpoint", &identity[..8]);
-    let mut places = vec![input.with_file_name(&name), here.join(&name)];
-    places.dedup();
+    let beside = output.into_iter().chain([input]).map(|path| path.with_file_name(&name));
+    let mut places: Vec<PathBuf> = Vec::new();
+    for place in beside.chain([here.join(&name)]) {
+        if !places.contains(&place) {
+            places.push(place);
+        }
+    }
     places
 }
 
@@ -472,7 +478,7 @@ mod tests {
         let (logs, here) = (folder.join("logs"), folder.join("here"));
         fs::create_dir(&logs).unwrap();
         fs::create_dir(&here).unwrap();
-        let places = places(&logs.join("experiment.toml"), &here, IDENTITY);
+        let places = places(None, &logs.join("experiment.toml"), &here, IDENTITY);
         let state = serde_json::from_value(json!({
             "plan": [], "iterations": 1, "cost": null, "is_done": false,
             "search": {"x": [], "damping": 1.0, "growth": 2.0, "idle": 0, "iterations": 1, "half_spaces": []}

@@ -23,8 +23,8 @@ use dynid_report::{plot, plot::Curve};
 use dynid_user_model::Model;
 use serde_json::{Value, json};
 
-use super::table_file::{format_of, log_file};
 use super::table::{Align, Table};
+use super::table_file::{format_of, log_file};
 use super::{Answer, Outcome, devices};
 
 /// Write commands to play on the robot, and say which standard errors to expect from the run.

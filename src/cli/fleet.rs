@@ -20,8 +20,9 @@ Examples:
   dynid fleet results --out fleet.html            results of `dynid job` whose jobs fit one night of one robot each
   dynid fleet estimates.parquet                   a table (also .csv, .arrow) with robot, night, quantity, value, std_error
 
-Results of fits are told apart by their labels `robot` and `night`. What is looked at is every parameter that a fit could tell, and
-the error that it left (`misfit`, its logarithm): a law that is no longer the robot's shows there. What all robots do alike is taken
+Results of fits are told apart by their labels `robot` and `night`; nights are ordered by their names, with numbers by their sizes (n2
+before n10). What is looked at is every parameter that a fit could tell, and
+the error that it left (`misfit`, the logarithm of its RMS; `torque_misfit` where no run could be simulated): a law that is no longer the robot's shows there. What all robots do alike is taken
 out, from five robots on. Scatter from night to night is estimated from the whole fleet and, beside that, for each robot; a change is told where a fleet in which nothing happens would show
 as much anywhere, in any robot, night and parameter, with a probability below --false-alarms.")]
 pub struct Arguments {
@@ -47,8 +48,8 @@ fn probability(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number between 0 and 1".to_owned())
 }
 
-/// The quantity that says how much a fit left.
-const MISFIT: &str = "misfit";
+/// Quantities that say how much a fit left, by the keys of its results; the first that it has is taken.
+const MISFITS: [(&str, &str); 2] = [("rmse_fit", "misfit"), ("torque_percent_fit", "torque_misfit")];
 
 /// Estimates, and the units of their quantities.
 #[derive(Default)]
@@ -57,21 +58,23 @@ struct Found {
     units: BTreeMap<String, String>,
     /// Fits that did not end at a minimum: their values are none.
     unended: usize,
-    /// Where each robot's night was read.
-    places: BTreeMap<(String, String), PathBuf>,
+    /// Where each estimate stands, by robot, night and quantity.
+    places: BTreeMap<(String, String, String), String>,
 }
 
 impl Found {
-    /// Refuses a robot's night that was read already: nobody knows which of the two is meant.
-    fn once(&mut self, robot: &str, night: &str, path: &Path) -> anyhow::Result<()> {
-        match self.places.insert((robot.to_owned(), night.to_owned()), path.to_owned()) {
-            Some(before) => bail!(
-                "{} and {} are both of robot {robot} in night {night}: move one of them away, or give each a night of its own",
-                before.display(),
-                path.display()
-            ),
-            None => Ok(()),
+    /// Adds an estimate that stands in `place`; of two of one night nobody knows which is meant.
+    fn add(&mut self, estimate: Estimate, place: &str) -> anyhow::Result<()> {
+        let Estimate { robot, night, quantity, .. } = &estimate;
+        let name = (robot.clone(), night.clone(), quantity.clone());
+        if let Some(before) = self.places.get(&name) {
+            bail!(
+                "{place}: {quantity} of robot {robot} in night {night} stands in {before} already; leave one of them out, or give each a night of its own"
+            );
         }
+        self.places.insert(name, place.to_owned());
+        self.estimates.push(estimate);
+        Ok(())
     }
 }
 
@@ -95,7 +98,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             "nothing in these files says what a fit found of a robot in a night; give results of jobs with the labels `robot` and `night`"
         );
     }
-    let analysis = analyse(&found.estimates, &Settings { false_alarms: arguments.false_alarms });
+    let mut analysis = analyse(&found.estimates, &Settings { false_alarms: arguments.false_alarms });
+    // What a fit left is nothing that a model has or lacks.
+    analysis.lacking.retain(|own| MISFITS.iter().all(|(_, name)| own.quantity != *name));
     let mut text = text(&analysis);
     if found.unended > 0 {
         text.push_str(&format!("\n{} fits did not end at a minimum and were left out\n", found.unended));
@@ -154,27 +159,27 @@ fn of_result(path: &Path, found: &mut Found) -> anyhow::Result<()> {
     let (Some(robot), Some(night)) = (label("robot"), label("night")) else { return Ok(()) };
     let fit = &result["result"];
     let Some(parameters) = fit["parameters"].as_array() else { return Ok(()) };
-    found.once(&robot, &night, path)?;
     if fit["status"] == "iteration limit" || fit["status"] == "numerical error" {
         found.unended += 1;
         return Ok(());
     }
     let mut add = |quantity: &str, value: f64, std_error: f64| {
         let (robot, night, quantity) = (robot.clone(), night.clone(), quantity.to_owned());
-        found.estimates.push(Estimate { robot, night, quantity, value, std_error });
+        found.add(Estimate { robot, night, quantity, value, std_error }, &path.display().to_string())
     };
     for own in parameters {
         let Some(name) = own["name"].as_str() else { continue };
         // What the logs of a night could not tell is no estimate; the robot has the parameter all the same.
         let known = own["value"].as_f64().zip(own["std_error"].as_f64());
         let (value, std_error) = known.unwrap_or((f64::NAN, 0.0));
-        add(name, value, std_error);
-        found.units.insert(name.to_owned(), own["unit"].as_str().unwrap_or_default().to_owned());
+        add(name, value, std_error)?;
     }
-    let left = ["rmse_fit", "torque_percent_fit"].iter().find_map(|key| fit[*key].as_f64());
-    if let Some(left) = left.filter(|left| *left > 0.0) {
-        add(MISFIT, left.ln(), 0.0);
+    let left = MISFITS.iter().find_map(|(key, name)| Some((name, fit[*key].as_f64()?)));
+    if let Some((name, left)) = left.filter(|(_, left)| *left > 0.0) {
+        add(name, left.ln(), 0.0)?;
     }
+    let units = parameters.iter().filter_map(|own| Some((own["name"].as_str()?, own["unit"].as_str()?)));
+    found.units.extend(units.map(|(name, unit)| (name.to_owned(), unit.to_owned())));
     Ok(())
 }
 
@@ -187,7 +192,6 @@ fn of_table(path: &Path, found: &mut Found) -> anyhow::Result<()> {
     let [robot, night, quantity, value] = [place("robot")?, place("night")?, place("quantity")?, place("value")?];
     let std_error = place("std_error").ok();
     let unit = place("unit").ok();
-    let mut told: BTreeMap<(&str, &str, &str), u64> = BTreeMap::new();
     for row in &read.rows {
         let text = |place: usize| row.cells[place].as_str();
         let number = |place: usize| -> anyhow::Result<f64> {
@@ -196,13 +200,6 @@ fn of_table(path: &Path, found: &mut Found) -> anyhow::Result<()> {
             number.with_context(|| format!("{}:{}: expected a number, found `{cell}`", path.display(), row.line))
         };
         let [robot, night, quantity] = [text(robot), text(night), text(quantity)];
-        if let Some(before) = told.insert((robot, night, quantity), row.line) {
-            bail!(
-                "{}:{}: {quantity} of robot {robot} in night {night} stands in line {before} already; leave one of them out",
-                path.display(),
-                row.line
-            );
-        }
         // What the logs of a night could not tell has no value; the robot has the parameter all the same.
         let value = if text(value).is_empty() { f64::NAN } else { number(value)? };
         let std_error = std_error.filter(|place| !text(*place).is_empty()).map_or(Ok(0.0), number)?;
@@ -210,13 +207,16 @@ fn of_table(path: &Path, found: &mut Found) -> anyhow::Result<()> {
             found.units.insert(quantity.to_owned(), unit.to_owned());
         }
         let [robot, night, quantity] = [robot, night, quantity].map(str::to_owned);
-        found.estimates.push(Estimate { robot, night, quantity, value, std_error });
+        let place = format!("{}:{}", path.display(), row.line);
+        found.add(Estimate { robot, night, quantity, value, std_error }, &place)?;
     }
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::{Value, json};
+
     use super::*;
 
     #[test]
@@ -227,12 +227,32 @@ mod tests {
         let mut found = Found::default();
         of_table(&path, &mut found).unwrap();
         assert_eq!((found.estimates.len(), found.estimates[1].value), (2, 3.0));
+        let error = of_table(&path, &mut found).unwrap_err().to_string();
+        assert!(error.contains("in night 1 stands in") && error.contains("estimates.csv:2 already"), "{error}");
         std::fs::write(&path, "night,robot,value,quantity\n1,a,much,p\n").unwrap();
         let error = of_table(&path, &mut found).unwrap_err().to_string();
         assert!(error.contains("estimates.csv:2") && error.contains("`much`"), "{error}");
         std::fs::write(&path, "night,robot,value,quantity\n1,a,2,p\n1,a,3,p\n").unwrap();
         let error = of_table(&path, &mut found).unwrap_err().to_string();
-        assert!(error.contains("estimates.csv:3: p of robot a in night 1 stands in line 2 already"), "{error}");
+        assert!(error.contains("estimates.csv:3: p of robot a in night 1 stands in"), "{error}");
+    }
+
+    /// One is a length, the other a share: the fleet must not take the change of the measure for one of the robot.
+    #[test]
+    fn errors_of_position_and_torque_are_two_quantities() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut found = Found::default();
+        for (night, rmse) in [("1", Value::from(0.01)), ("2", Value::Null)] {
+            let path = folder.path().join(format!("{night}.json"));
+            let result = json!({
+                "labels": { "robot": "a", "night": night },
+                "result": { "status": "converged", "parameters": [], "rmse_fit": rmse, "torque_percent_fit": 5.0 },
+            });
+            std::fs::write(&path, result.to_string()).unwrap();
+            of_result(&path, &mut found).unwrap();
+        }
+        let quantities: Vec<&str> = found.estimates.iter().map(|own| own.quantity.as_str()).collect();
+        assert_eq!(quantities, ["misfit", "torque_misfit"]);
     }
 
     #[test]

@@ -107,7 +107,7 @@ fn work(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let at_once = arguments.at_once.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
     let interrupt = Interrupt::listen()?;
     let ended = progress::counted("jobs", &|| interrupt.is_asked(), |tell| {
-        all(&left, &arguments.out, at_once.min(left.len().max(1)), &interrupt, &|count| {
+        all(&left, arguments, at_once.min(left.len().max(1)), &interrupt, &|count| {
             // Whether to stop is asked of the interrupt itself.
             let _ = tell(dynid::Done { done: before + count, of: mine.len() });
         })
@@ -128,18 +128,19 @@ const PATIENCE: Duration = Duration::from_millis(100);
 /// Does all jobs, so many at once; how each ended, in their order, `None` where none began it.
 fn all(
     jobs: &[&Job],
-    out: &Path,
+    arguments: &Arguments,
     at_once: usize,
     interrupt: &Interrupt,
     tell: &(dyn Fn(usize) + Sync),
 ) -> anyhow::Result<Vec<Option<Ended>>> {
+    let (out, again) = (&arguments.out, arguments.again);
     let (next, count) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let worker = || -> anyhow::Result<Vec<(usize, Ended)>> {
         let mut ended = Vec::new();
         while !interrupt.is_asked() {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(job) = jobs.get(index) else { break };
-            ended.push((index, work::work(job, out, interrupt)?));
+            ended.push((index, work::work(job, out, again, interrupt)?));
             tell(1 + count.fetch_add(1, Ordering::Relaxed));
         }
         Ok(ended)
@@ -157,7 +158,7 @@ fn all(
     for (own, job) in ended.iter_mut().zip(jobs) {
         while *own == Some(Ended::Elsewhere) && !interrupt.is_asked() {
             thread::sleep(PATIENCE);
-            *own = Some(work::work(job, out, interrupt)?);
+            *own = Some(work::work(job, out, again, interrupt)?);
         }
     }
     Ok(ended)

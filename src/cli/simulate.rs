@@ -8,8 +8,8 @@ use dynid_files::{Overwrite, check_output, write_new};
 use dynid_tables::{Format, ending};
 use serde_json::{Value, json};
 
-use super::table_file::{LogFormat, log_file};
 use super::table::{Align, Table};
+use super::table_file::{LogFormat, log_file};
 use super::{Answer, Outcome, inputs, progress};
 
 /// Play the commanded torques of every run on a model and write the positions that it shows.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use dynid_files::{Overwrite, check_output, write_new};
 use dynid_format::number;
-use dynid_report::{self as report, Budget, Cell, Models, ModelsRow, Provenance, Section};
+use dynid_report::{self as report, Budget, Models, Provenance, Section};
 use dynid_tables::{Filled, Format, Values, written};
 use dynid_user_model::Model;
 use serde_json::{Value, json};

@@ -22,8 +22,8 @@ use dynid_report::{Provenance, Section, WallReport, damping_in_words};
 use dynid_user_model::Model;
 use serde_json::json;
 
-use super::table_file::{format_of, log_file};
 use super::table::{Align, Table};
+use super::table_file::{format_of, log_file};
 use super::{Answer, Outcome, progress};
 
 /// Touch a virtual wall: a sampled controller, the identified device, and hands of many kinds.

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, bail};
@@ -39,8 +40,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("equations belong to the models", equations_match_models),
         ("lints", lints),
         ("the library without the program", library_alone),
-        ("tests", tests),
-        ("the live page in a browser", browser::tests),
+        ("tests, those of the live page in a browser too", tests),
         ("the wheel for Python", wheel::tests),
         ("the loop as a program", example),
         ("documentation", documentation),
@@ -71,18 +71,7 @@ fn formatting() -> anyhow::Result<()> {
 }
 
 fn lints() -> anyhow::Result<()> {
-    shell::succeed(&mut shell::cargo(&[
-        "clippy",
-        "--release",
-        "--workspace",
-        "--exclude",
-        "dynid-derive",
-        "--all-targets",
-        "--locked",
-        "--",
-        "-D",
-        "warnings",
-    ]))
+    shell::succeed(&mut shell::cargo_on_all("clippy", &["--all-targets", "--", "-D", "warnings"]))
 }
 
 /// What only the program needs. (`anyhow`, which it needs too, comes with the compiler of kernels.)
@@ -103,7 +92,8 @@ fn library_alone() -> anyhow::Result<()> {
 
 /// The example that goes through the loop ends well, and brings the error down to the noise.
 fn example() -> anyhow::Result<()> {
-    let said = shell::stdout_of(&mut shell::cargo(&["run", "--release", "--example", "library", "--locked"]))?;
+    let mut library = Command::new(shell::built_for_tests("examples/library")?);
+    let said = shell::stdout_of(library.current_dir(shell::root()))?;
     print!("{said}");
     let last =
         said.lines().rev().find_map(|line| line.strip_prefix("better: ")?.split(' ').next()?.parse::<f64>().ok());
@@ -120,17 +110,10 @@ fn tests() -> anyhow::Result<()> {
         fs::create_dir_all(folder)?;
     }
     fs::write(&references, "")?;
-    let mut command = shell::cargo(&[
-        "test",
-        "--release",
-        "--workspace",
-        "--exclude",
-        "dynid-derive",
-        "--exclude",
-        "dynid-browser",
-        "--locked",
-        "--no-fail-fast",
-    ]);
+    let mut command = shell::cargo_on_all("test", &["--no-fail-fast"]);
+    if !browser::is_there_or_installed()? {
+        command.args(["--exclude", "dynid-browser"]);
+    }
     command.env("INSTA_UPDATE", "no").env("INSTA_SNAPSHOT_REFERENCES_FILE", &references);
     shell::succeed(&mut command)?;
     // derive's own snapshots are looked at by its own tests
@@ -138,16 +121,7 @@ fn tests() -> anyhow::Result<()> {
 }
 
 fn documentation() -> anyhow::Result<()> {
-    let mut command = shell::cargo(&[
-        "doc",
-        "--release",
-        "--workspace",
-        "--exclude",
-        "dynid-derive",
-        "--no-deps",
-        "--document-private-items",
-        "--locked",
-    ]);
+    let mut command = shell::cargo_on_all("doc", &["--no-deps", "--document-private-items"]);
     shell::succeed(command.env("RUSTDOCFLAGS", "-D warnings"))
 }
 

@@ -24,6 +24,20 @@ pub fn cargo(arguments: &[&str]) -> Command {
     command
 }
 
+/// Cargo on all packages but `dynid-derive`, which compiles Symbolica. With a choice of packages the features of what they share may change, and
+/// everything is compiled anew: so all checks that can make this one.
+pub fn cargo_on_all(verb: &str, arguments: &[&str]) -> Command {
+    let mut command = cargo(&[verb, "--release", "--workspace", "--exclude", "dynid-derive", "--locked"]);
+    command.args(arguments);
+    command
+}
+
+/// A program or an example (`examples/..`) that the tests are built with; it is built first where it is not there or not of these sources.
+pub fn built_for_tests(name: &str) -> anyhow::Result<PathBuf> {
+    succeed(&mut cargo_on_all("test", &["--no-run"]))?;
+    Ok(root().join("target/release").join(format!("{name}{}", std::env::consts::EXE_SUFFIX)))
+}
+
 /// Runs to the end; anything but success is an error that shows the command.
 pub fn succeed(command: &mut Command) -> anyhow::Result<()> {
     let status = command.status().with_context(|| format!("starting {}", shown(command)))?;

@@ -52,7 +52,7 @@ struct Row {
 
 /// A few faults, for every change: what must be so after them holds whenever they come.
 pub fn short() -> anyhow::Result<()> {
-    run(&Arguments { faults: 16, seed: 1, kind: None, command: None, program: None })
+    run(&Arguments { faults: 16, seed: 1, kind: None, command: None, program: Some(shell::built_for_tests("dynid")?) })
 }
 
 /// Faults over all kinds and commands.

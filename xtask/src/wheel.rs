@@ -25,7 +25,7 @@ pub fn tests() -> anyhow::Result<()> {
         }
     };
     // What the wheel says is compared with what the program says.
-    shell::succeed(&mut shell::cargo(&["build", "--release", "--package", "dynid", "--locked"]))?;
+    let program = shell::built_for_tests("dynid")?;
     let folder = shell::root().join(FOLDER);
     // Without a build environment of its own for each build, which would lie at another place, and what knows it be compiled anew.
     let mut install = pip(&python, &["install", "--no-build-isolation", "--no-deps", "--force-reinstall"]);
@@ -35,7 +35,7 @@ pub fn tests() -> anyhow::Result<()> {
         let mut command = Command::new(&python);
         // Not in the folder of the sources, which have no compiled module beside them.
         command.args(arguments).current_dir(folder.join("tests")).stdin(Stdio::null());
-        command.env("DYNID", program()).env("MPLBACKEND", "agg");
+        command.env("DYNID", &program).env("MPLBACKEND", "agg");
         shell::succeed(&mut command)
     };
     run(&["-X", "dev", "-W", "error", "-m", "pytest", "--quiet", "-p", "no:cacheprovider", "."])?;
@@ -56,11 +56,6 @@ fn path_with(python: &Path) -> anyhow::Result<OsString> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let all = python.parent().map(Path::to_path_buf).into_iter().chain(std::env::split_paths(&path));
     std::env::join_paths(all).context("the environment's folder cannot stand in PATH")
-}
-
-/// The program that was built.
-fn program() -> PathBuf {
-    shell::root().join("target/release").join(format!("dynid{}", std::env::consts::EXE_SUFFIX))
 }
 
 /// The Python of an environment that has what the wheel and its tests need, but for the wheel.

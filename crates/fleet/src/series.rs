@@ -32,7 +32,7 @@ impl Series {
     }
 }
 
-/// All names, numbers in their order and others in theirs.
+/// All names, in their order: numbers by their sizes, also within words.
 pub(crate) fn names(estimates: &[Estimate], of: impl Fn(&Estimate) -> &String) -> Vec<String> {
     let mut all: Vec<&String> = estimates.iter().map(of).collect();
     all.sort_by(|a, b| by_number(a, b));
@@ -45,8 +45,21 @@ fn by_number(a: &str, b: &str) -> Ordering {
         (Ok(one), Ok(other)) => one.total_cmp(&other).then_with(|| a.cmp(b)),
         (Ok(_), Err(_)) => Ordering::Less,
         (Err(_), Ok(_)) => Ordering::Greater,
-        (Err(_), Err(_)) => a.cmp(b),
+        (Err(_), Err(_)) => parts(a).cmp(&parts(b)).then_with(|| a.cmp(b)),
     }
+}
+
+/// Words and the whole numbers after them, which are compared by their sizes: `n2` comes before `n10`.
+fn parts(name: &str) -> Vec<(&str, usize, &str)> {
+    let (mut parts, mut rest) = (Vec::new(), name);
+    while !rest.is_empty() {
+        let (word, after) = rest.split_at(rest.find(|own: char| own.is_ascii_digit()).unwrap_or(rest.len()));
+        let (digits, after) = after.split_at(after.find(|own: char| !own.is_ascii_digit()).unwrap_or(after.len()));
+        let number = digits.trim_start_matches('0');
+        parts.push((word, number.len(), number));
+        rest = after;
+    }
+    parts
 }
 
 /// Series by quantity, then robot. Of several estimates of a night the last is taken.
@@ -99,5 +112,25 @@ pub(crate) fn without_common(own: &mut [Series], n_nights: usize) {
         for (night, value) in series.nights.iter().zip(&mut series.values) {
             *value -= nearest(*night);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_ordered_with_numbers_by_their_sizes() {
+        let night = |night: &str| Estimate {
+            robot: "r".to_owned(),
+            night: night.to_owned(),
+            quantity: "p".to_owned(),
+            value: 0.0,
+            std_error: 0.0,
+        };
+        let ordered = |all: &[&str]| names(&all.iter().map(|own| night(own)).collect::<Vec<_>>(), |own| &own.night);
+        assert_eq!(ordered(&["n10", "n2", "n1", "n2"]), ["n1", "n2", "n10"]);
+        assert_eq!(ordered(&["2026-10-01", "2026-9-30", "2026-09-01"]), ["2026-09-01", "2026-9-30", "2026-10-01"]);
+        assert_eq!(ordered(&["10", "late", "2.5", "n01b", "n1b"]), ["2.5", "10", "late", "n01b", "n1b"]);
     }
 }

@@ -100,14 +100,8 @@ fn flatten(name: &str, field: &Field, chunks: &[ArrayRef], found: &mut Vec<Named
             }));
         }
         DataType::Timestamp(unit, _) => {
-            let per_second = match unit {
-                TimeUnit::Second => 1.0,
-                TimeUnit::Millisecond => 1e3,
-                TimeUnit::Microsecond => 1e6,
-                TimeUnit::Nanosecond => 1e9,
-            };
             let times: Vec<Option<i64>> = chunks.iter().flat_map(ticks).flatten().collect();
-            found.push(named(name.to_owned(), seconds_since_first(&times, per_second)));
+            found.push(named(name.to_owned(), seconds_since_first(&times, ticks_per_second(*unit) as f64)));
         }
         _ => {
             let values: Option<Vec<Vec<f64>>> = chunks.iter().map(numbers).collect();
@@ -169,7 +163,7 @@ fn primitive<T: ArrowPrimitiveType>(array: &ArrayRef, number: impl Fn(T::Native)
 }
 
 /// The times of an array that holds such.
-fn ticks(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
+pub(crate) fn ticks(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
     fn of<T: ArrowPrimitiveType<Native = i64>>(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
         Some(array.as_any().downcast_ref::<PrimitiveArray<T>>()?.iter().collect())
     }
@@ -177,6 +171,15 @@ fn ticks(array: &ArrayRef) -> Option<Vec<Option<i64>>> {
         .or_else(|| of::<TimestampMicrosecondType>(array))
         .or_else(|| of::<TimestampMillisecondType>(array))
         .or_else(|| of::<TimestampSecondType>(array))
+}
+
+pub(crate) fn ticks_per_second(unit: TimeUnit) -> i64 {
+    match unit {
+        TimeUnit::Second => 1,
+        TimeUnit::Millisecond => 1_000,
+        TimeUnit::Microsecond => 1_000_000,
+        TimeUnit::Nanosecond => 1_000_000_000,
+    }
 }
 
 /// The library takes for granted that the parts of a batch lie within it, and makes room for what a compressed part claims to hold before

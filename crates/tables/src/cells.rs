@@ -1,12 +1,22 @@
 //! Tables whose cells are words as well as numbers: nights, robots, estimates.
 
-use std::{io::Read, path::Path};
+use std::{io::Read, path::Path, sync::Arc};
 
-use arrow_array::{Array, ArrayRef, LargeStringArray, StringArray, StringViewArray};
+use arrow_array::{
+    Array, ArrayRef, Date32Array, Date64Array, LargeStringArray, StringArray, StringViewArray, cast::AsArray,
+};
 use arrow_ipc::reader::StreamReader;
-use parquet::{file::reader::FileReader, record::Field};
+use arrow_schema::DataType;
+use parquet::{
+    basic::{LogicalType, TimeUnit},
+    file::reader::FileReader,
+    record::Field,
+    schema::types::Type,
+};
 
-use crate::{Kind, LARGEST_UNPACKED, TableError, arrow_file, guarded::guarded, opened, parquet_file, unpacked};
+use crate::{
+    Kind, LARGEST_UNPACKED, TableError, arrow_file, guarded::guarded, opened, parquet_file, text::delimiter, unpacked,
+};
 
 /// A table of words, small enough to be held as such.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -67,7 +77,7 @@ impl Cells {
 
 fn of_text(bytes: &[u8]) -> Result<Cells, TableError> {
     let no_table = |error: csv::Error| TableError::Unreadable(format!("it is no table ({error})"));
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
+    let mut reader = csv::ReaderBuilder::new().delimiter(delimiter(bytes)).trim(csv::Trim::All).from_reader(bytes);
     let names: Vec<String> = reader.headers().map_err(no_table)?.iter().map(str::to_owned).collect();
     if names.iter().all(String::is_empty) {
         return Err(TableError::NoHeader);
@@ -85,14 +95,24 @@ fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
     let reader = columns.reader();
     let schema = reader.metadata().file_metadata().schema();
     let names = schema.get_fields().iter().map(|field| field.name().to_owned()).collect();
+    // The reader of rows knows no billionths of seconds.
+    let is_fine = |field: &Arc<Type>| {
+        let of = field.get_basic_info().logical_type_ref();
+        matches!(of, Some(LogicalType::Timestamp(own)) if own.unit == TimeUnit::NANOS)
+    };
+    let fine: Vec<bool> = schema.get_fields().iter().map(is_fine).collect();
     let mut rows = Vec::new();
     for (line, row) in (1..).zip(reader.get_row_iter(None).map_err(parquet_file::damaged)?) {
         let row = row.map_err(parquet_file::damaged)?;
-        let cells = row.get_column_iter().map(|(_, field)| match field {
+        let cells = row.get_column_iter().zip(&fine).map(|((_, field), is_fine)| match field {
+            Field::Long(ticks) if *is_fine => moment(*ticks, 1_000_000_000, 1),
             Field::Null => String::new(),
             Field::Str(text) => text.trim().to_owned(),
             Field::Double(number) => number.to_string(),
             Field::Float(number) => number.to_string(),
+            Field::Date(days) => moment(i64::from(*days), 1, DAY),
+            Field::TimestampMillis(ticks) => moment(*ticks, 1_000, 1),
+            Field::TimestampMicros(ticks) => moment(*ticks, 1_000_000, 1),
             other => other.to_string(),
         });
         rows.push(Row { line, cells: cells.collect() });
@@ -119,6 +139,28 @@ fn of_arrow(bytes: &[u8]) -> Result<Cells, TableError> {
     })
 }
 
+/// Seconds of a day.
+const DAY: i64 = 86_400;
+
+/// A moment so many ticks after the beginning of 1970, as people write it: at midnight the date alone, as other programs write columns of dates.
+fn moment(ticks: i64, ticks_per_unit: i64, seconds_per_unit: i64) -> String {
+    let (units, rest) = (ticks.div_euclid(ticks_per_unit), ticks.rem_euclid(ticks_per_unit));
+    let nanoseconds = u32::try_from(rest * (1_000_000_000 / ticks_per_unit)).ok();
+    let moment = units.checked_mul(seconds_per_unit).zip(nanoseconds);
+    let moment = moment.and_then(|(seconds, nanoseconds)| chrono::DateTime::from_timestamp(seconds, nanoseconds));
+    moment.map_or_else(
+        || ticks.to_string(),
+        |moment| {
+            let moment = moment.naive_utc();
+            if moment.time() == chrono::NaiveTime::MIN { moment.date().to_string() } else { moment.to_string() }
+        },
+    )
+}
+
+fn of_ticks(ticks: impl Iterator<Item = Option<i64>>, ticks_per_unit: i64, seconds_per_unit: i64) -> Vec<String> {
+    ticks.map(|own| own.map_or_else(String::new, |own| moment(own, ticks_per_unit, seconds_per_unit))).collect()
+}
+
 /// The cells of a column.
 fn words(name: &str, column: &ArrayRef) -> Result<Vec<String>, TableError> {
     fn of<'a>(texts: impl Iterator<Item = Option<&'a str>>) -> Vec<String> {
@@ -128,14 +170,65 @@ fn words(name: &str, column: &ArrayRef) -> Result<Vec<String>, TableError> {
     let texts = (any.downcast_ref().map(|own: &StringArray| of(own.iter())))
         .or_else(|| any.downcast_ref().map(|own: &LargeStringArray| of(own.iter())))
         .or_else(|| any.downcast_ref().map(|own: &StringViewArray| of(own.iter())));
+    let categories = || {
+        let categories = column.as_any_dictionary_opt()?;
+        let known = words(name, categories.values()).ok()?;
+        let keys = if known.is_empty() { vec![0; column.len()] } else { categories.normalized_keys() };
+        let cell =
+            |(row, key): (usize, &usize)| known.get(*key).filter(|_| column.is_valid(row)).cloned().unwrap_or_default();
+        Some(keys.iter().enumerate().map(cell).collect())
+    };
+    let dates = || {
+        let days =
+            any.downcast_ref().map(|own: &Date32Array| of_ticks(own.iter().map(|own| own.map(i64::from)), 1, DAY));
+        let thousandths = || any.downcast_ref().map(|own: &Date64Array| of_ticks(own.iter(), 1_000, 1));
+        let moments = || {
+            let DataType::Timestamp(unit, _) = column.data_type() else { return None };
+            Some(of_ticks(arrow_file::ticks(column)?.into_iter(), arrow_file::ticks_per_second(*unit), 1))
+        };
+        days.or_else(thousandths).or_else(moments)
+    };
     let numbers = || {
         let numbers = arrow_file::numbers(column)?;
         let cell = |(row, number): (usize, &f64)| if column.is_null(row) { String::new() } else { number.to_string() };
         Some(numbers.iter().enumerate().map(cell).collect())
     };
-    texts.or_else(numbers).ok_or_else(|| {
+    texts.or_else(categories).or_else(dates).or_else(numbers).ok_or_else(|| {
         TableError::Unreadable(format!(
             "column `{name}` holds neither words nor numbers; leave it out, or write it as words"
         ))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{DictionaryArray, RecordBatch, TimestampNanosecondArray, types::Int32Type};
+
+    use super::*;
+
+    #[test]
+    fn tables_of_text_may_be_parted_as_logs_are() {
+        for text in ["robot;night\na;1,5\n", "\n\nrobot\tnight\na\t1,5\n"] {
+            let read = of_text(text.as_bytes()).unwrap();
+            assert_eq!((read.names.join(" "), read.rows[0].cells.join(" ")), ("robot night".into(), "a 1,5".into()));
+        }
+    }
+
+    #[test]
+    fn categories_and_dates_are_words() {
+        let robots: DictionaryArray<Int32Type> = [Some("a"), None, Some("b")].into_iter().collect();
+        let midnight = 20_513 * DAY * 1_000_000_000;
+        let nights = TimestampNanosecondArray::from(vec![Some(midnight), Some(midnight + 1_500_000_000), None]);
+        let days = Date32Array::from(vec![Some(20_513), Some(-1), None]);
+        let columns: [(&str, ArrayRef); 3] =
+            [("robot", Arc::new(robots)), ("night", Arc::new(nights)), ("day", Arc::new(days))];
+        let batch = RecordBatch::try_from_iter_with_nullable(columns.map(|(name, own)| (name, own, true))).unwrap();
+        let mut writer = arrow_ipc::writer::StreamWriter::try_new(Vec::new(), &batch.schema()).unwrap();
+        writer.write(&batch).unwrap();
+        let read = of_arrow(&writer.into_inner().unwrap()).unwrap();
+        let rows: Vec<String> = read.rows.iter().map(|row| row.cells.join("|")).collect();
+        assert_eq!(rows, ["a|2026-03-01|2026-03-01", "|2026-03-01 00:00:01.500|1969-12-31", "b||"]);
+    }
 }

@@ -1,5 +1,5 @@
-//! MATLAB's files up to version 7 (`save` without `-v7.3`): every real, full variable of numbers that has as many values as
-//! most others. Columns of a matrix are `q[0]`, `q[1]`, ..; fields of a struct are `arm.q`, those of several `signals[0].values`.
+//! MATLAB's files up to version 7 (`save` without `-v7.3`): every real, full variable of numbers of one length, the
+//! one that holds most numbers. Columns of a matrix are `q[0]`, `q[1]`, ..; fields of a struct are `arm.q`, those of several `signals[0].values`.
 //!
 //! Layout by "MAT-File Format" of MathWorks: a header of 128 bytes, then elements, each of a type, a length and its bytes, padded to 8.
 
@@ -49,7 +49,7 @@ pub(crate) struct Variable {
     pub values: Vec<f64>,
 }
 
-/// The variables of the length that most columns have; of equally many that of the longest.
+/// The variables of the length that holds most numbers (columns times rows): a small matrix beside a log has many columns, too.
 pub(crate) fn table(variables: Vec<Variable>) -> (Vec<Named>, Vec<Remark>) {
     let n_columns = |n_rows: usize| -> usize {
         variables.iter().filter(|own| own.n_rows == n_rows).map(|own| own.n_columns).sum::<usize>()
@@ -62,7 +62,7 @@ pub(crate) fn table(variables: Vec<Variable>) -> (Vec<Named>, Vec<Remark>) {
     // A row vector or a wide matrix has its times side by side.
     let long = |own: &Variable| own.n_rows.max(own.n_columns);
     let candidates = variables.iter().map(long).filter(|length| *length > 1);
-    let Some(n_rows) = candidates.max_by_key(|length| (n_columns(*length), *length)) else {
+    let Some(n_rows) = candidates.max_by_key(|length| length * n_columns(*length)) else {
         return (Vec::new(), Vec::new());
     };
     let (mut columns, mut others) = (Vec::new(), Vec::new());
@@ -227,4 +227,22 @@ fn matrix(
 /// A name, which ends where its bytes are zero.
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes.split(|byte| *byte == 0).next().unwrap_or_default()).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_is_taken_before_a_small_matrix_with_more_columns() {
+        let variable = |name: &str, n_rows, n_columns| Variable {
+            name: name.to_owned(),
+            n_rows,
+            n_columns,
+            values: vec![0.0; n_rows * n_columns],
+        };
+        let (columns, remarks) = table(vec![variable("t", 801, 1), variable("q0", 1, 801), variable("flange", 4, 4)]);
+        assert_eq!(columns.iter().map(|own| own.name.as_str()).collect::<Vec<_>>(), ["t", "q0"]);
+        assert_eq!(remarks, [Remark::OtherLengths { n_rows: 801, names: vec!["flange".to_owned()] }]);
+    }
 }

@@ -43,7 +43,7 @@ impl Text {
     }
 
     fn in_pieces_of(size: usize, bytes: Vec<u8>) -> Result<(Vec<String>, Self), csv::Error> {
-        let delimiter = delimiter(bytes.split(|byte| *byte == b'\n').next().unwrap_or_default());
+        let delimiter = delimiter(&bytes);
         let mut reader = reader(delimiter).trim(csv::Trim::Headers).has_headers(true).from_reader(&bytes[..]);
         let names = reader.headers()?.iter().map(str::to_owned).collect();
         let below = reader.position().byte() as usize;
@@ -165,8 +165,9 @@ fn reader(delimiter: u8) -> csv::ReaderBuilder {
     builder
 }
 
-/// What parts the cells below this header: of comma, semicolon and tab the one that stands in it most often.
-fn delimiter(header: &[u8]) -> u8 {
+/// What parts the cells: of comma, semicolon and tab the one that stands most often in the header, the first line that is not empty.
+pub(crate) fn delimiter(text: &[u8]) -> u8 {
+    let header = text.split(|byte| is_line_end(*byte)).find(|line| !line.trim_ascii().is_empty()).unwrap_or_default();
     let count = |delimiter: &u8| header.iter().filter(|byte| *byte == delimiter).count();
     // Of equals the last is taken: a comma where there is none of them.
     [b'\t', b';', b','].into_iter().max_by_key(count).unwrap_or(b',')

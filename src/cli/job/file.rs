@@ -70,17 +70,17 @@ impl Job {
 
     /// Where its result lies.
     pub fn result_path(&self, out: &Path) -> PathBuf {
-        out.join(format!("{}.json", self.digest))
+        self.path(out, "json")
+    }
+
+    /// Where its file of this ending lies.
+    pub fn path(&self, out: &Path, ending: &str) -> PathBuf {
+        out.join(format!("{}.{ending}", self.digest))
     }
 
     /// Its result, if it is there and whole.
     pub fn result(&self, out: &Path) -> Option<Value> {
         read_json(&self.result_path(out)).ok().filter(|result| result["job"] == self.digest.as_str())
-    }
-
-    /// Its result, if it says what was found.
-    pub fn found(&self, out: &Path) -> Option<Value> {
-        self.result(out).filter(|result| result["error"].is_null())
     }
 
     /// The first file that is no longer the one that the job was made for.

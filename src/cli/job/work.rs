@@ -1,5 +1,6 @@
 //! One job done by this program as a child: what it does to itself reaches nobody else.
 
+use std::ffi::OsStr;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek};
 use std::path::{Path, PathBuf};
@@ -37,46 +38,54 @@ struct Printed {
     err: String,
 }
 
-/// Does a job and writes its result.
+/// Does a job and writes its result, last of all that it writes; one that has failed is done `again`, or stays.
 ///
-/// What it writes, it writes into a folder of its own below that of the results, `DIGEST.work`, from where it is moved when it is whole; what a
-/// stopped one has left there it goes on from. Who has the lock of that folder does the job; a child has it, too, so that one whose parent was killed
-/// comes to its end before another begins.
-pub fn work(job: &Job, out: &Path, interrupt: &Interrupt) -> anyhow::Result<Ended> {
-    let place = out.join(format!("{}.work", job.digest));
-    fs::create_dir_all(&place).with_context(|| format!("{} cannot be made", place.display()))?;
-    let path = place.join(LOCK);
+/// All its files lie in the folder of the results, since they name others by where they lie, and begin with its digest. Who has the lock of
+/// `DIGEST.lock` does the job; a child has it, too, so that one whose parent was killed comes to its end before another begins, which goes on from
+/// the checkpoint that was left.
+pub fn work(job: &Job, out: &Path, again: bool, interrupt: &Interrupt) -> anyhow::Result<Ended> {
+    let path = job.path(out, LOCK);
     let lock = File::options().create(true).truncate(false).read(true).write(true).open(&path);
     let lock = lock.with_context(|| format!("{} cannot be written", path.display()))?;
-    if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
-        return Ok(Ended::Elsewhere);
+    match lock.try_lock() {
+        Err(TryLockError::WouldBlock) => return Ok(Ended::Elsewhere),
+        Err(TryLockError::Error(error)) => say!(
+            "note: {} cannot be locked ({error}): see to it that no two processes do the same jobs, e.g. by --shard",
+            path.display()
+        ),
+        Ok(()) => {}
     }
-    let ended = locked(job, out, &place, &lock, interrupt)?;
+    let ended = locked(job, out, again, &lock, interrupt)?;
     if matches!(ended, Ended::Done | Ended::Failed) {
+        for left in files(job, out)?.iter().filter(|path| is_checkpoint(path)) {
+            fs::remove_file(left).with_context(|| format!("{} cannot be removed", left.display()))?;
+        }
         // Another that looks for the lock now finds the result.
-        let _ = fs::remove_dir_all(&place);
+        let _ = fs::remove_file(&path);
     }
     Ok(ended)
 }
 
-/// The file that is locked, to which a child also writes what is wrong.
+/// The ending of the file that is locked, to which a child also writes what is wrong.
 const LOCK: &str = "lock";
 
-fn locked(job: &Job, out: &Path, place: &Path, lock: &File, interrupt: &Interrupt) -> anyhow::Result<Ended> {
+fn locked(job: &Job, out: &Path, again: bool, lock: &File, interrupt: &Interrupt) -> anyhow::Result<Ended> {
     // Somebody else may have done it since it was looked for.
-    if job.found(out).is_some() {
-        return Ok(Ended::Done);
+    match job.result(out) {
+        Some(result) if result["error"].is_null() => return Ok(Ended::Done),
+        Some(_) if !again => return Ok(Ended::Failed),
+        _ => {}
     }
     if let Some(changed) = job.changed_input() {
         let error = format!("error: {changed} is not the file that the job was made for: make the job anew");
-        return write(job, out, place, &Printed { status: Some(2), out: String::new(), err: error });
+        return write(job, out, &Printed { status: Some(2), out: String::new(), err: error });
     }
     // A worker that dies is replaced: once, for what kills two kills a third.
     for _ in 0..2 {
-        let printed = printed(&arguments(job, place)?, lock, interrupt)?;
+        let printed = printed(&arguments(job, out)?, lock, interrupt)?;
         match printed.status {
             Some(status) if status == i32::from(interrupt::STATUS) => return Ok(Ended::Stopped),
-            Some(_) => return write(job, out, place, &printed),
+            Some(_) => return write(job, out, &printed),
             None if interrupt.is_asked() => return Ok(Ended::Stopped),
             None => {}
         }
@@ -90,22 +99,24 @@ fn is_checkpoint(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "checkpoint")
 }
 
-/// Files of a job's own folder, but for its lock.
-fn files(place: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    let entries = fs::read_dir(place).with_context(|| format!("{} cannot be read", place.display()))?;
-    Ok(entries
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.file_name().is_some_and(|name| name != LOCK))
-        .collect())
+/// What a verb has written for a job: all but its lock and its result.
+fn files(job: &Job, out: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let own = [job.path(out, LOCK), job.result_path(out)];
+    let entries = fs::read_dir(out).with_context(|| format!("{} cannot be read", out.display()))?;
+    let begins =
+        |path: &PathBuf| path.file_name().and_then(OsStr::to_str).is_some_and(|name| name.starts_with(&job.digest));
+    Ok(entries.flatten().map(|entry| entry.path()).filter(|path| begins(path) && !own.contains(path)).collect())
 }
 
 /// The arguments, with the result's place, and with `--resume` where one that was stopped has left what it had.
-fn arguments(job: &Job, place: &Path) -> anyhow::Result<Vec<String>> {
-    let left = files(place)?;
+fn arguments(job: &Job, out: &Path) -> anyhow::Result<Vec<String>> {
+    let left = files(job, out)?;
     // What was written whole before a death is written again.
-    left.iter().filter(|path| !is_checkpoint(path)).try_for_each(fs::remove_file)?;
-    let name = place.join(&job.digest).display().to_string();
+    for path in left.iter().filter(|path| !is_checkpoint(path)) {
+        let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+        removed.with_context(|| format!("{} cannot be removed", path.display()))?;
+    }
+    let name = out.join(&job.digest).display().to_string();
     let mut arguments: Vec<String> = job.content.arguments.iter().map(|own| own.replace(OUT, &name)).collect();
     if left.iter().any(|path| is_checkpoint(path)) && arguments.iter().any(|own| own == "fit") {
         arguments.push("--resume".to_owned());
@@ -159,20 +170,11 @@ fn ended(child: &mut Child, interrupt: &Interrupt) -> anyhow::Result<Option<i32>
     }
 }
 
-fn write(job: &Job, out: &Path, place: &Path, printed: &Printed) -> anyhow::Result<Ended> {
-    // What is told of files is told of where they lie in the end.
-    let moved = |text: &str| {
-        text.replace(&place.join(&job.digest).display().to_string(), &out.join(&job.digest).display().to_string())
-    };
-    let mut result: Value = serde_json::from_str(&moved(&printed.out)).unwrap_or(Value::Null);
+fn write(job: &Job, out: &Path, printed: &Printed) -> anyhow::Result<Ended> {
+    let mut result: Value = serde_json::from_str(&printed.out).unwrap_or(Value::Null);
     without_times(&mut result);
-    let error = if result.is_null() { Value::from(why(&moved(&printed.err), printed.status)) } else { Value::Null };
+    let error = if result.is_null() { Value::from(why(&printed.err, printed.status)) } else { Value::Null };
     let ended = if error.is_null() { Ended::Done } else { Ended::Failed };
-    for path in files(place)?.iter().filter(|path| !is_checkpoint(path)) {
-        if let Some(name) = path.file_name() {
-            fs::rename(path, out.join(name)).with_context(|| format!("{} cannot be moved", path.display()))?;
-        }
-    }
     let content = json!({
         "job": job.digest,
         "labels": job.content.labels,

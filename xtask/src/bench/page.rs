@@ -34,6 +34,7 @@ fn text(works: &[Work], rows: &[Row], ours: &Value, measured: &Value, sizes: &Va
          Written by `cargo xtask bench --peers`, which measures all of this in one run: do not edit. One core, but where threads are named.\n\
          Beside other programs: CPU seconds of one thread, the best of five, of our fits the best of three, of the peers' the only one.\n\
          Against size: wall time.\n\
+         Accelerations of a million states at once, from Python, beside Pinocchio's Python and CasADi: [`python/README.md`](../python/README.md#arrays).\n\
          A peer counts only where a number shows that it did the same work: that is the last column.\n\n",
     );
     let mut line = |line: String| text += &(line + "\n");

@@ -306,7 +306,7 @@ fn is_checkpoint(name: &str) -> bool {
 
 /// What is being written, or is locked by who writes.
 fn is_partial(name: &str) -> bool {
-    name.ends_with(".partial") || name.ends_with(".work/lock")
+    name.ends_with(".partial") || is_lock(name)
 }
 
 /// Whether anything of what has been done stands on the disk.
@@ -445,8 +445,8 @@ pub fn one(
     }
     let left = new_files(base, place)?;
     for (name, content) in &left {
-        if is_checkpoint(name) || is_partial(name) || name.contains(".work/") {
-            ensure!(!is_partial(name) || is_work(name) || was_killed(kind), "{name} is left");
+        if is_checkpoint(name) || is_partial(name) {
+            ensure!(!is_partial(name) || is_lock(name) || was_killed(kind), "{name} is left");
             continue;
         }
         let expected = whole.outputs.get(name).with_context(|| format!("{name} is no output"))?;
@@ -486,8 +486,9 @@ pub fn one(
     Ok(Seen { met, kept, resumed })
 }
 
-fn is_work(name: &str) -> bool {
-    name.contains(".work/")
+/// The lock of a job that is not done.
+fn is_lock(name: &str) -> bool {
+    name.ends_with(".lock")
 }
 
 /// A signal that nobody hears, or that comes before it is listened for, leaves what is half written.

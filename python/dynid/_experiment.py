@@ -76,8 +76,9 @@ class Experiment:
         `log` is a DataFrame, a dict of arrays, whatever hands out an Arrow stream, or the path of a file. Its columns are `t` [s], and for
         joint i `tau<i>` [N*m or N], `q<i>` [rad or m] and, where it is known, `ref<i>`; `columns` says where they have other names, `scale`
         what brings them to SI. `role` is "fit" for a run that parameters are fitted to, "validate" for one that models are judged by.
-        Times become seconds, those with a date counted from the first row. Without `free`, the joints that move by more than noise are free. `turn` is a turn of an encoder that begins anew after each, `rows`
-        the part of the log that counts, `hold` how torques go on between samples; the others are those of an experiment file.
+        Times become seconds, those with a date counted from the first row. Without `free`, the joints that move by more than noise are free.
+        `turn` is a turn of an encoder that begins anew after each, `rows` the part of the log that counts, `hold` how torques go on between
+        samples; the others are those of an experiment file.
 
         `log` may also be a data set of the package `nonlinear_benchmarks`, or a tuple of them, each of which becomes a run: column i of its `u`
         is `tau<i>`, column i of its `y` is `q<i>`. `sampling_time` [s] is for those that do not say theirs.
@@ -183,6 +184,6 @@ def _seconds(values: Any) -> Any:
     if kind not in ("m", "M"):
         return values
     times = numpy.asarray(values, dtype=f"{kind}8[ns]")
-    if kind == "M" and len(times):
-        times = times - times[numpy.isnat(times).argmin()]
+    if kind == "M":
+        times = times - numpy.append(times[~numpy.isnat(times)], numpy.datetime64("NaT"))[0]
     return times / numpy.timedelta64(1, "s")

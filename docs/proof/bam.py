@@ -1,6 +1,6 @@
 """Servo XL330 with a pendulum: mean absolute error of simulated positions, the published friction models beside ours.
 
-    python docs/proof/bam.py PATH/bam/data.bak/raw
+    python docs/proof/bam.py PATH/bam/bam/data.bak/raw
 """
 
 from __future__ import annotations

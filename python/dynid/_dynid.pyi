@@ -1,7 +1,7 @@
 """What the compiled module holds; `dynid` exports what is meant for users."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, final
 
 import numpy
@@ -111,6 +111,10 @@ class Model:
         """Value, bounds, unit and standard error of every parameter, by its name."""
     def __getitem__(self, name: str) -> float:
         """The value of a parameter."""
+    def __contains__(self, name: object) -> bool:
+        """Whether a parameter has this name."""
+    def __iter__(self) -> Iterator[str]:
+        """Over the names of all parameters."""
     def with_values(self, values: Mapping[str, float]) -> Model:
         """The model with other values of some parameters, within their bounds."""
     def fix(self, names: Sequence[str], fixed: bool = True) -> Model:
@@ -206,6 +210,7 @@ def tour(folder: Path, *, overwrite: bool = False) -> None:
 def main(arguments: list[str], again: list[str]) -> int: ...
 def shipped() -> list[str]: ...
 def columns_of(table: Any) -> dict[str, Floats]: ...
+def names_in(path: str) -> list[str]: ...
 def fit(
     model: Model,
     experiment: Experiment,

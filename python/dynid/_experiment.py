@@ -76,8 +76,9 @@ class Experiment:
         `log` is a DataFrame, a dict of arrays, whatever hands out an Arrow stream, or the path of a file. Its columns are `t` [s], and for
         joint i `tau<i>` [N*m or N], `q<i>` [rad or m] and, where it is known, `ref<i>`; `columns` says where they have other names, `scale`
         what brings them to SI. `role` is "fit" for a run that parameters are fitted to, "validate" for one that models are judged by.
-        Without `free`, the joints that move by more than noise are free. `turn` is a turn of an encoder that begins anew after each, `rows`
-        the part of the log that counts, `hold` how torques go on between samples; the others are those of an experiment file.
+        Times become seconds, those with a date counted from the first row. Without `free`, the joints that move by more than noise are free.
+        `turn` is a turn of an encoder that begins anew after each, `rows` the part of the log that counts, `hold` how torques go on between
+        samples; the others are those of an experiment file.
 
         `log` may also be a data set of the package `nonlinear_benchmarks`, or a tuple of them, each of which becomes a run: column i of its `u`
         is `tau<i>`, column i of its `y` is `q<i>`. `sampling_time` [s] is for those that do not say theirs.
@@ -159,17 +160,30 @@ def _floats(values: Mapping[str, float] | None) -> dict[str, float] | None:
 
 
 def _columns(log: Any) -> dict[str, Any]:
-    """The columns of numbers of a table."""
+    """The columns of numbers and times of a table."""
     if isinstance(log, Mapping):
-        return {str(name): values for name, values in log.items()}
+        return {str(name): _seconds(values) for name, values in log.items()}
     # pandas hands out Arrow only where pyarrow is installed.
-    if hasattr(log, "columns") and hasattr(log, "to_numpy"):
-        numeric = log.select_dtypes(["number", "bool"]) if hasattr(log, "select_dtypes") else None
-        if numeric is not None:
-            return {str(name): numeric[name].to_numpy(dtype=float, na_value=numpy.nan) for name in numeric.columns}
+    if hasattr(log, "select_dtypes"):
+        return {str(name): _numbers(column) for name, column in log.items() if column.dtype.kind in "biufmM"}
     if hasattr(log, "__arrow_c_stream__"):
         return _dynid.columns_of(log)
     raise _dynid.Error(
         f"a log of the type {type(log).__name__} is not understood; "
         "give a DataFrame, a dict of arrays, an Arrow table or the path of a file"
     )
+
+
+def _numbers(column: Any) -> Any:
+    return _seconds(column) if column.dtype.kind in "mM" else column.to_numpy(dtype=float, na_value=numpy.nan)
+
+
+def _seconds(values: Any) -> Any:
+    """Times in seconds, those with a date counted from the first, as in files; other values as they are."""
+    kind = getattr(getattr(values, "dtype", None), "kind", "")
+    if kind not in ("m", "M"):
+        return values
+    times = numpy.asarray(values, dtype=f"{kind}8[ns]")
+    if kind == "M":
+        times = times - numpy.append(times[~numpy.isnat(times)], numpy.datetime64("NaT"))[0]
+    return times / numpy.timedelta64(1, "s")

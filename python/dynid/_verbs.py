@@ -11,13 +11,15 @@ from dynid import _dynid
 from dynid._experiment import Experiment
 from dynid._progress import Progress, told
 from dynid._results import Candidate, Checked, Compared, Diagnosis, Fitted, Ladder, Simulated
+from dynid._words import listed
 
 ErrorSignal: TypeAlias = Literal["prediction", "position", "torque", "both"]
+Own: TypeAlias = "_dynid.Model | Fitted"
 Of: TypeAlias = "_dynid.Model | Fitted | Candidate | Ladder | Diagnosis"
 
 
 def fit(
-    model: _dynid.Model,
+    model: Own,
     experiment: Experiment,
     *,
     error: ErrorSignal | None = None,
@@ -35,7 +37,7 @@ def fit(
     resume: bool = False,
     progress: Progress = None,
 ) -> Fitted:
-    """Fits the parameters of a model to the runs whose role is "fit".
+    """Fits the parameters of a model, or of what a fit found, to the runs whose role is "fit".
 
     What is made small is, without `error`, the likelihood of one-step predictions; of what is fixed in the model, nothing moves. `free` takes
     only the runs with just these joints free, `only` names the parameters that move, with `*` for any text. With `checkpoint`, a file, a fit
@@ -43,13 +45,13 @@ def fit(
     """
     with told(progress, "fit") as listener:
         found = _dynid.fit(
-            model,
+            _model(model),
             experiment._own,
             error=error,
             free=None if free is None else list(free),
             method=method,
             weights=weights,
-            only=list(only),
+            only=listed(only),
             starts=starts,
             seed=seed,
             from_s=from_s,
@@ -64,15 +66,15 @@ def fit(
 
 
 def compare(
-    model: _dynid.Model, experiment: Experiment, *, free: Sequence[int] | None = None, progress: Progress = None
+    model: Own, experiment: Experiment, *, free: Sequence[int] | None = None, progress: Progress = None
 ) -> Compared:
     """Says how far a model is from logs, and where."""
     with told(progress, "compare") as listener:
-        return Compared(_dynid.compare(model, experiment._own, free=None if free is None else list(free), progress=listener))
+        return Compared(_dynid.compare(_model(model), experiment._own, free=None if free is None else list(free), progress=listener))
 
 
 def diagnose(
-    model: _dynid.Model,
+    model: Own,
     experiment: Experiment,
     *,
     free: Sequence[int] | None = None,
@@ -84,6 +86,7 @@ def diagnose(
 
     `depth` is how many effects are looked for, one after the other; without it, as many as it pays.
     """
+    model = _model(model)
     with told(progress, "diagnose") as listener:
         joints = None if free is None else list(free)
         found = _dynid.diagnose(model, experiment._own, free=joints, error=error, depth=depth, progress=listener)
@@ -91,7 +94,7 @@ def diagnose(
 
 
 def ladder(
-    models: Sequence[_dynid.Model | Fitted],
+    models: Sequence[Own],
     experiment: Experiment,
     *,
     names: Sequence[str] | None = None,
@@ -99,7 +102,7 @@ def ladder(
     progress: Progress = None,
 ) -> Ladder:
     """Puts the models of a lineage, first to last, on the same runs: does what each step added pay for its parameters?"""
-    named = _named([own.model if isinstance(own, Fitted) else own for own in models], names)
+    named = _named([_model(own) for own in models], names)
     with told(progress, "ladder") as listener:
         text = _dynid.ladder(named, experiment._own, free=None if free is None else list(free), progress=listener)
     return Ladder(named, experiment, text)
@@ -116,47 +119,47 @@ def report(
 ) -> list[str]:
     """Writes one page (HTML, opens with no network) with all that is known, and returns its verdict in sentences.
 
-    `of` are fits, ladders and models, first to last, the last model being what the page is about, and a diagnosis, if there is one. The logs
-    are those of the fits, unless `experiment` says others.
+    `of` are fits, ladders and models, first to last, the last model being what the page is about, and a diagnosis, if there is one. Models of
+    a ladder keep their names, unless `names` has one for each model. The logs are those of the fits, unless `experiment` says others.
     """
-    models: list[_dynid.Model] = []
-    known = list(names) if names is not None else None
+    models: list[tuple[str, _dynid.Model]] = []
     diagnosis = None
     for own in of:
         if isinstance(own, Diagnosis):
             diagnosis = json.dumps(own.json())
-        elif isinstance(own, Ladder):
-            models += [model for _, model in own._models]
-            known = known or [name for name, _ in own._models]
-        elif isinstance(own, Candidate):
-            models.append(own.add())
         else:
-            models.append(own.model if isinstance(own, Fitted) else own)
+            rungs = own._models if isinstance(own, Ladder) else [("", own.add() if isinstance(own, Candidate) else _model(own))]
+            for name, model in rungs:
+                # No two have one name.
+                models.append((name if name and name not in dict(models) else f"model {len(models) + 1}", model))
         experiment = experiment or (own._experiment if isinstance(own, (Fitted, Ladder, Diagnosis)) else None)
     if experiment is None:
         raise _dynid.Error("a report of models alone does not know their logs; say which: experiment=")
+    named = models if names is None else _named([model for _, model in models], names)
     with told(progress, "report") as listener:
-        return _dynid.report(
-            _named(models, known), experiment._own, os.fspath(path), diagnosis=diagnosis, overwrite=overwrite, progress=listener
-        )
+        return _dynid.report(named, experiment._own, os.fspath(path), diagnosis=diagnosis, overwrite=overwrite, progress=listener)
 
 
-def check(model: _dynid.Model, experiment: Experiment, *, free: Sequence[int] | None = None) -> Checked:
+def check(model: Own, experiment: Experiment, *, free: Sequence[int] | None = None) -> Checked:
     """Says what logs cannot answer, how to excite what is missing, and what looks wrong in them; nothing is fitted."""
-    return Checked(_dynid.check(model, experiment._own, free=None if free is None else list(free)))
+    return Checked(_dynid.check(_model(model), experiment._own, free=None if free is None else list(free)))
 
 
 def simulate(
-    model: _dynid.Model, experiment: Experiment, *, substeps: int | None = None, progress: Progress = None
+    model: Own, experiment: Experiment, *, substeps: int | None = None, progress: Progress = None
 ) -> list[Simulated]:
     """Plays the commanded torques of every run on a model."""
     with told(progress, "simulate") as listener:
-        runs = _dynid.simulate(model, experiment._own, substeps=substeps, progress=listener)
+        runs = _dynid.simulate(_model(model), experiment._own, substeps=substeps, progress=listener)
     return [Simulated(**run) for run in runs]
 
 
+def _model(own: Own) -> _dynid.Model:
+    return own.model if isinstance(own, Fitted) else own
+
+
 def _named(models: Sequence[_dynid.Model], names: Sequence[str] | None) -> list[tuple[str, _dynid.Model]]:
-    given = list(names) if names is not None else [f"model {number}" for number in range(1, len(models) + 1)]
+    given = listed(names) if names is not None else [f"model {number}" for number in range(1, len(models) + 1)]
     if len(given) != len(models):
         raise _dynid.Error(f"there are {len(given)} names for {len(models)} models; give one for each")
     return list(zip(given, models, strict=True))

@@ -10,12 +10,15 @@ A job is a JSON file named by its digest, its result one file of the same name, 
 that is stopped goes on, wherever it was stopped and whoever goes on, and comes to the same bytes as on one machine. Machines of a
 cluster share the folder.
 
+All paths are those of `folder`, which is the working folder where it is left out.
+
     python -m dynid.many nights.csv --out results/ -- fit '{experiment}' --model nominal.toml --out '{out}.toml'
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import subprocess
@@ -27,14 +30,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dynid import _dynid
 from dynid._dynid import Error
 from dynid._optional import needed
+from dynid._words import listed
 
 Progress = Callable[[int, int], None]
-"""Hears how many of how many jobs are done."""
+"""Hears how many of how many jobs are done, those counted that were done before."""
 
 _RETRIES = 3
 """A worker that dies is replaced so often, for each job; what kills more of them kills the next."""
+
+_FOUND = ("quantity", "value", "std_error", "unit")
+"""Columns of a table of estimates, after the job and its labels."""
+
+_UNENDED = ("iteration limit", "numerical error")
+"""How fits end that are no minimum: their values are none."""
 
 
 @dataclass(frozen=True)
@@ -48,32 +59,62 @@ class Done:
     left: int
 
 
-def command(arguments: Sequence[str], folder: Path | str = ".") -> dict[str, Any]:
+def command(arguments: Sequence[str], folder: Path | str = ".", progress: Progress | None = None) -> dict[str, Any]:
     """Runs a command of `dynid` in a process of its own; what it prints with `--json`."""
-    words = [sys.executable, "-m", "dynid", "--json", *arguments]
-    ran = subprocess.run(words, capture_output=True, text=True, cwd=folder, check=False)
-    if not ran.stdout.strip():
-        raise Error(ran.stderr.rpartition("error: ")[2].strip() or f"`dynid {arguments[0]}` died")
-    printed: dict[str, Any] = json.loads(ran.stdout)
-    return printed
+    words = [sys.executable, "-m", "dynid", "--json", "--progress", "json", "--stop-with-stdin", *listed(arguments)]
+    said = ""
+    # What is printed goes to a file: a pipe that nobody empties meanwhile would be full some time.
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as printed:
+        # Whatever is raised here ends its stdin, by which it stops as by Ctrl-C.
+        with subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=printed, stderr=subprocess.PIPE, cwd=folder, encoding="utf-8", errors="replace"
+        ) as running:
+            for line in running.stderr or ():
+                if not line.startswith('{"'):
+                    said += line
+                elif progress is not None and (event := json.loads(line)).get("progress") == "count":
+                    progress(event["done"], event["of"])
+        printed.seek(0)
+        text = printed.read()
+    if not text.strip():
+        raise Error(said.rpartition("error: ")[2].strip() or f"`dynid {' '.join(listed(arguments)[:1])}` died; give the same command again")
+    result: dict[str, Any] = json.loads(text)
+    return result
 
 
 def make(table: Any, arguments: Sequence[str], jobs: Path | str = "jobs", folder: Path | str = ".") -> int:
-    """Makes a job of each row of a table (a DataFrame, a dict of columns, or the path of a CSV, Parquet or Arrow file): `{column}` in an argument is what the row
-    has there, and all other columns are labels. Returns how many jobs are new."""
+    """Makes a job of each row of a table (a DataFrame, a dict of columns, whatever hands out an Arrow stream, or the path of a CSV, Parquet or Arrow
+    file): `{column}` in an argument is what the row has there, and all columns are labels. Returns how many jobs are new."""
     with tempfile.TemporaryDirectory() as place:
-        path = _as_file(table, Path(place) / "table.csv")
-        made = command(["job", str(jobs), "--from", str(path), "--", *arguments], folder)
+        path = _as_file(table, Path(folder).resolve(), Path(place) / "table.csv")
+        _refuse_own_columns(_dynid.names_in(str(path)))
+        made = command(["job", str(jobs), "--from", str(path), "--", *listed(arguments)], folder)
     return int(made["written"])
 
 
-def _as_file(table: Any, path: Path) -> Path:
-    if isinstance(table, (str, Path)):
-        return Path(table).resolve()
-    pandas = needed("pandas", "pandas", "a table in memory", "give the path of one")
-    frame = table if hasattr(table, "to_csv") else pandas.DataFrame(table)
-    frame.to_csv(path, index=False)
+def _as_file(table: Any, folder: Path, path: Path) -> Path:
+    if isinstance(table, (str, os.PathLike)):
+        return folder / table
+    # Others than pandas have a `to_csv` of their own.
+    if not (hasattr(table, "to_csv") and hasattr(table, "to_numpy")):
+        pandas = needed("pandas", "pandas", "a table in memory", "give the path of one")
+        kind = None
+        if hasattr(table, "__arrow_c_stream__"):
+            table = needed("pyarrow", "pyarrow", "an Arrow table", "give a dict of columns").table(table).to_pydict()
+            # Whole numbers stay such where others are null.
+            kind = object
+        try:
+            table = pandas.DataFrame(table, dtype=kind)
+        except ValueError as error:
+            raise Error(f"this is no table ({error}); give a DataFrame, a dict of columns, an Arrow table or the path of a file") from None
+    table.to_csv(path, index=False)
     return path
+
+
+def _refuse_own_columns(labels: Iterable[str]) -> None:
+    for label in labels:
+        if label in ("job", *_FOUND):
+            raise Error(f"a label is called `{label}`, as a column of estimates is; rename that column of the table, and make the jobs anew")
 
 
 def run(
@@ -83,107 +124,151 @@ def run(
     on: str | Executor = "here",
     folder: Path | str = ".",
     address: str | None = None,
+    again: bool = False,
     progress: Progress | None = None,
 ) -> Done:
-    """Does all jobs that are not done yet: `"here"` in as many processes as there are processors, on `"ray"` (the cluster at `address`, or one that
-    is started here), or in an executor of yours."""
+    """Does all jobs of a folder that are not done yet, with `again` also those that failed: `"here"` in as many processes as there are processors,
+    on `"ray"` (where Ray is initialised already, else on the cluster at `address`, else on one that is started here), or in an executor of yours."""
     folder = Path(folder).resolve()
+    paths = _json_files(folder / jobs, "jobs; many.make() makes them")
     (folder / out).mkdir(parents=True, exist_ok=True)
     if on == "here":
-        return _done(command(["job", str(jobs), "--out", str(out)], folder))
-    left = [path for path in sorted((folder / jobs).glob("*.json")) if not (folder / out / path.name).is_file()]
-    tell = progress or (lambda done, of: None)
+        command(["job", str(jobs), "--out", str(out), *_again(again)], folder, progress)
+        return _state(paths, folder / out)
+    left = [path for path in paths if (own := _result(folder / out / path.name)) is None or again and own["error"] is not None]
+    before = len(paths) - len(left)
+
+    def tell(count: int) -> None:
+        if progress is not None:
+            progress(before + count, len(paths))
+
     if isinstance(on, Executor):
-        futures = [on.submit(work, str(path), str(out), str(folder)) for path in left]
+        futures = [on.submit(work, str(path), str(out), str(folder), again) for path in left]
         for count, future in enumerate(as_completed(futures), 1):
             future.result()
-            tell(count, len(left))
+            tell(count)
     elif on == "ray":
-        _on_ray(left, out, folder, address, tell)
+        _on_ray(left, out, folder, address, again, tell)
     else:
         raise ValueError(f"on={on!r}: expected 'here', 'ray' or an executor")
     # Whatever became of each is in the folder.
-    return _state(folder, jobs, out)
+    return _state(paths, folder / out)
 
 
-def work(job: str, out: str, folder: str) -> None:
+def work(job: str, out: str, folder: str, again: bool = False) -> None:
     """Does one job, whoever asks: its result is a file."""
-    command(["job", job, "--out", out, "--at-once", "1"], folder)
+    command(["job", job, "--out", out, "--at-once", "1", *_again(again)], folder)
 
 
-def _on_ray(left: Sequence[Path], out: Path | str, folder: Path, address: str | None, tell: Progress) -> None:
+def _again(again: bool) -> list[str]:
+    return ["--again"] if again else []
+
+
+def _on_ray(left: Sequence[Path], out: Path | str, folder: Path, address: str | None, again: bool, tell: Callable[[int], None]) -> None:
     ray = needed("ray", "ray", "work on a cluster", "leave on=\"ray\" out")
     is_own = not ray.is_initialized()
     if is_own:
-        ray.init(address=address, log_to_driver=False, include_dashboard=False, configure_logging=False)
+        # Without an address Ray would join whatever cluster it finds.
+        ray.init(address=address or "local", log_to_driver=False, include_dashboard=False, configure_logging=False)
     try:
         remote = ray.remote(num_cpus=1, max_retries=_RETRIES)(work)
-        pending = [remote.remote(str(path), str(out), str(folder)) for path in left]
+        pending = [remote.remote(str(path), str(out), str(folder), again) for path in left]
         count = 0
         while pending:
             ready, pending = ray.wait(pending, num_returns=1)
             ray.get(ready)
             count += len(ready)
-            tell(count, len(left))
+            tell(count)
     finally:
         if is_own:
             ray.shutdown()
 
 
-def _done(printed: Mapping[str, Any]) -> Done:
-    return Done(printed["jobs"], printed["done"], list(printed["failed"]), printed["left"])
+def _json_files(folder: Path, what: str) -> list[Path]:
+    if not folder.is_dir():
+        raise Error(f"{folder} is no folder of {what}, or say where they are")
+    return sorted(folder.glob("*.json"))
 
 
-def _state(folder: Path, jobs: Path | str, out: Path | str) -> Done:
-    names = [path.stem for path in sorted((folder / jobs).glob("*.json"))]
-    found = {own["job"]: own for own in results(folder / out)}
-    failed = [name for name in names if name in found and found[name]["error"] is not None]
-    left = sum(name not in found for name in names)
-    return Done(len(names), len(names) - len(failed) - left, failed, left)
+def _result(path: Path) -> dict[str, Any] | None:
+    """The result in a file; `None` where it is not there, not whole, or something else: what a verb wrote lies beside it."""
+    try:
+        read = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return None
+    return read if isinstance(read, dict) and read.get("job") == path.stem else None
 
 
-def results(out: Path | str = "results") -> list[dict[str, Any]]:
+def _state(jobs: Sequence[Path], out: Path) -> Done:
+    found = {path.stem: _result(out / path.name) for path in jobs}
+    failed = [digest for digest, own in found.items() if own is not None and own["error"] is not None]
+    left = sum(own is None for own in found.values())
+    return Done(len(jobs), len(jobs) - len(failed) - left, failed, left)
+
+
+def results(out: Path | str = "results", folder: Path | str = ".") -> list[dict[str, Any]]:
     """All results of a folder, by digest: `job`, `labels`, `arguments`, `status`, `result` (what the verb prints with `--json`), `error`."""
-    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(out).glob("*.json"))]
+    found = map(_result, _json_files(Path(folder) / out, "results; many.run() makes them"))
+    return [own for own in found if own is not None]
 
 
-def estimates(out: Path | str = "results") -> Any:
-    """What fits found, as a DataFrame: a row for each parameter of each job, with the job's labels."""
+def estimates(out: Path | str = "results", folder: Path | str = ".") -> Any:
+    """What fits found, as a DataFrame: a row for each parameter of each job, with the job's labels. Fits that did not end at a minimum are left out,
+    as `dynid fleet` leaves them out."""
     pandas = needed("pandas", "pandas", "a table of estimates", "read results()")
-    return pandas.DataFrame(_rows(results(out)))
+    rows = _rows(results(out, folder))
+    return pandas.DataFrame(rows, columns=["job", *_labels(rows), *_FOUND]).astype({"value": float, "std_error": float})
 
 
 def _rows(found: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    return [
-        {"job": own["job"], **own["labels"], "quantity": one["name"], "value": one["value"], "std_error": one["std_error"], "unit": one["unit"]}
-        for own in found
-        for one in (own["result"] or {}).get("parameters", [])
-    ]
+    rows = []
+    for own in found:
+        fit = own["result"] or {}
+        if "status" in fit and fit["status"] not in _UNENDED:
+            _refuse_own_columns(own["labels"])
+            rows += [
+                {"job": own["job"], **own["labels"], "quantity": one["name"], "value": one["value"], "std_error": one["std_error"], "unit": one["unit"]}
+                for one in fit.get("parameters", [])
+            ]
+    return rows
 
 
-def dataset(out: Path | str = "results", to: Path | str = "estimates") -> int:
-    """Lets a Parquet dataset grow by the fits that it does not have yet: one more file. Returns how many rows it grew by."""
+def _labels(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Those that any job has."""
+    return [name for name in dict.fromkeys(name for row in rows for name in row) if name not in ("job", *_FOUND)]
+
+
+def dataset(out: Path | str = "results", to: Path | str = "estimates", folder: Path | str = ".") -> int:
+    """Lets a Parquet dataset grow by the estimates that it does not have yet, those of `estimates()`: one more file. Returns how many rows it grew by."""
     arrow, parquet = (needed(name, "pyarrow", "a Parquet dataset", "take estimates()") for name in ("pyarrow", "pyarrow.parquet"))
-    to = Path(to)
+    to = Path(folder) / to
     to.mkdir(parents=True, exist_ok=True)
     known: set[str] = set()
     for path in to.glob("*.parquet"):
         known.update(parquet.read_table(path, columns=["job"])["job"].to_pylist())
-    new = [own for own in results(out) if own["job"] not in known]
-    rows = _rows(new)
+    rows = _rows(own for own in results(out, folder) if own["job"] not in known)
     if rows:
-        # Named by what it begins with, and whole or not there.
-        path = to / f"{new[0]['job'][:16]}-{len(new)}.parquet"
+        # Named by what it holds, and whole or not there.
+        digests = sorted({row["job"] for row in rows})
+        path = to / f"{hashlib.sha256(''.join(digests).encode()).hexdigest()[:16]}-{len(digests)}.parquet"
+        if path.exists():
+            raise Error(f"{path} is there already and kept; let one process at a time write a dataset, and do it again")
+        # Of one kind in all files, also where a column is empty.
+        numbers = {"value", "std_error"}
+        names = ["job", *_labels(rows), *_FOUND]
+        schema = arrow.schema([(name, arrow.float64() if name in numbers else arrow.string()) for name in names])
         partial = path.with_suffix(f".{os.getpid()}.partial")
-        parquet.write_table(arrow.Table.from_pylist(rows), partial)
+        parquet.write_table(arrow.Table.from_pylist(rows, schema=schema), partial)
         os.replace(partial, path)
     return len(rows)
 
 
-def fleet(out: Path | str = "results", page: Path | str | None = None, false_alarms: float = 0.05) -> dict[str, Any]:
+def fleet(
+    out: Path | str = "results", page: Path | str | None = None, false_alarms: float = 0.05, folder: Path | str = "."
+) -> dict[str, Any]:
     """What has changed on which robot, and since when, by jobs with the labels `robot` and `night` (`dynid fleet --help`)."""
     written = ["--out", str(page), "--force"] if page is not None else []
-    return command(["fleet", str(out), "--false-alarms", repr(false_alarms), *written])
+    return command(["fleet", str(out), "--false-alarms", repr(false_alarms), *written], folder)
 
 
 def _main() -> int:
@@ -204,9 +289,19 @@ def _main() -> int:
     return 0 if done.done == done.jobs else 1
 
 
+def _status() -> int:
+    try:
+        return _main()
+    except Error as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
 def _told(done: int, of: int) -> None:
     print(f"\r{done} of {of}", end="" if done < of else "\n", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(_main())
+    sys.exit(_status())

@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use crate::errors::{raised, write};
+use crate::given::natural;
 use crate::kernel::Kernel;
 use crate::model::Model;
 
@@ -102,7 +103,11 @@ impl Device {
 
     /// The equations of motion of the joints `free` (all where it is left out); the others stand at `locked`.
     #[pyo3(signature = (free=None, *, locked=None))]
-    fn kernel(&self, free: Option<Vec<usize>>, locked: Option<PyArrayLike1<'_, f64>>) -> PyResult<Kernel> {
+    fn kernel(
+        &self,
+        #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
+        locked: Option<PyArrayLike1<'_, f64>>,
+    ) -> PyResult<Kernel> {
         Kernel::new(&dynid::Model::of_device(self.device), free, locked)
     }
 

@@ -4,6 +4,8 @@ use dynid::Addition;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
+use crate::given::natural;
+
 /// An effect of the library at its place.
 #[pyclass(frozen, module = "dynid", from_py_object)]
 #[derive(Debug, Clone, PartialEq)]
@@ -33,8 +35,8 @@ impl Effect {
     #[pyo3(signature = (id, joint=None, from_=None, **values))]
     fn new(
         id: String,
-        joint: Option<usize>,
-        from_: Option<usize>,
+        #[pyo3(from_py_with = natural)] joint: Option<usize>,
+        #[pyo3(from_py_with = natural)] from_: Option<usize>,
         values: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let values = values.map_or_else(

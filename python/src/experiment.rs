@@ -12,6 +12,7 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::device::Device;
 use crate::errors::raised;
+use crate::given::natural;
 use crate::work;
 
 /// Logs of a device, and what was free in each; what `dynid.Experiment` stands on.
@@ -121,7 +122,7 @@ impl Experiment {
     }
 
     /// A run's settings (TOML) and its columns in SI, of which `restored` makes it again.
-    fn given<'py>(&self, py: Python<'py>, run: usize) -> PyResult<Given<'py>> {
+    fn given<'py>(&self, py: Python<'py>, #[pyo3(from_py_with = natural)] run: usize) -> PyResult<Given<'py>> {
         let (settings, columns) = self.run(run)?.as_given();
         let dict = PyDict::new(py);
         for (name, values) in columns {

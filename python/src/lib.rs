@@ -9,6 +9,7 @@ mod device;
 mod effect;
 mod errors;
 mod experiment;
+mod given;
 mod kernel;
 mod model;
 mod program;
@@ -31,6 +32,7 @@ fn _dynid(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<residuals::Residuals>()?;
     for function in [
         wrap_pyfunction!(arrow::columns_of, module)?,
+        wrap_pyfunction!(arrow::names_in, module)?,
         wrap_pyfunction!(device::add_effects, module)?,
         wrap_pyfunction!(device::shipped, module)?,
         wrap_pyfunction!(device::tour, module)?,

@@ -7,11 +7,12 @@ use dynid::Addition;
 use dynid_model::Parameter;
 use numpy::PyArrayLike1;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyIterator, PyList, PyTuple};
 
 use crate::device::Device;
 use crate::effect::Effect;
 use crate::errors::{raised, write};
+use crate::given::{names, natural};
 use crate::kernel::Kernel;
 
 /// A device, the effects that it is believed to have, and parameter values.
@@ -131,6 +132,14 @@ impl Model {
         Ok(self.0.require(name).map_err(raised)?.value)
     }
 
+    fn __contains__(&self, name: &Bound<'_, PyAny>) -> bool {
+        name.extract::<String>().is_ok_and(|name| self.0.parameter(&name).is_some())
+    }
+
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        PyList::new(py, self.0.names())?.try_iter()
+    }
+
     /// The model with other values of some parameters.
     fn with_values(&self, values: BTreeMap<String, f64>) -> PyResult<Self> {
         let mut model = self.0.clone();
@@ -142,7 +151,7 @@ impl Model {
 
     /// The model in which some parameters keep their values in fits, or are let go with `fixed=False`.
     #[pyo3(signature = (names, fixed=true))]
-    fn fix(&self, names: Vec<String>, fixed: bool) -> PyResult<Self> {
+    fn fix(&self, #[pyo3(from_py_with = names)] names: Vec<String>, fixed: bool) -> PyResult<Self> {
         let mut model = self.0.clone();
         for name in names {
             let parameter = model.require(&name).map_err(raised)?;
@@ -159,7 +168,12 @@ impl Model {
 
     /// The model without an effect.
     #[pyo3(signature = (id, joint=None, from_=None))]
-    fn remove(&self, id: &str, joint: Option<usize>, from_: Option<usize>) -> PyResult<Self> {
+    fn remove(
+        &self,
+        id: &str,
+        #[pyo3(from_py_with = natural)] joint: Option<usize>,
+        #[pyo3(from_py_with = natural)] from_: Option<usize>,
+    ) -> PyResult<Self> {
         let mut model = self.0.clone();
         model.remove_effect(id, joint, from_).map_err(raised)?;
         Ok(Self(model))
@@ -167,7 +181,11 @@ impl Model {
 
     /// The equations of the rigid body with the model's values.
     #[pyo3(signature = (free=None, *, locked=None))]
-    fn kernel(&self, free: Option<Vec<usize>>, locked: Option<PyArrayLike1<'_, f64>>) -> PyResult<Kernel> {
+    fn kernel(
+        &self,
+        #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
+        locked: Option<PyArrayLike1<'_, f64>>,
+    ) -> PyResult<Kernel> {
         Kernel::new(&self.0, free, locked)
     }
 

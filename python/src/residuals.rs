@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use crate::arrays::shaped;
 use crate::errors::raised;
 use crate::experiment::Experiment;
+use crate::given::natural;
 use crate::model::Model;
 use crate::work;
 
@@ -30,8 +31,8 @@ impl Residuals {
         model: &Model,
         experiment: &Bound<'_, PyAny>,
         error: &str,
-        free: Option<Vec<usize>>,
-        substeps: Option<usize>,
+        #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
+        #[pyo3(from_py_with = natural)] substeps: Option<usize>,
     ) -> PyResult<Self> {
         // Users have `dynid.Experiment`, which holds ours.
         let experiment: Experiment = experiment.getattr("_own")?.extract().map_err(PyErr::from)?;

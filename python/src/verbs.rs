@@ -14,6 +14,7 @@ use serde_json::Value;
 use crate::arrays::shaped;
 use crate::errors::{raised, write};
 use crate::experiment::Experiment;
+use crate::given::natural;
 use crate::model::Model;
 use crate::work;
 
@@ -50,16 +51,16 @@ pub fn fit(
     model: &Model,
     experiment: Experiment,
     error: Option<&str>,
-    free: Option<Vec<usize>>,
+    #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
     method: Option<String>,
     weights: &str,
     only: Vec<String>,
-    starts: usize,
-    seed: u64,
+    #[pyo3(from_py_with = natural)] starts: usize,
+    #[pyo3(from_py_with = natural)] seed: u64,
     from_s: Option<f64>,
     first_half: Option<f64>,
-    substeps: Option<usize>,
-    iterations: Option<usize>,
+    #[pyo3(from_py_with = natural)] substeps: Option<usize>,
+    #[pyo3(from_py_with = natural)] iterations: Option<usize>,
     checkpoint: Option<PathBuf>,
     resume: bool,
     progress: Listener<'_, '_>,
@@ -109,7 +110,7 @@ pub fn compare<'py>(
     py: Python<'py>,
     model: &Model,
     experiment: Experiment,
-    free: Option<Vec<usize>>,
+    #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
     progress: Listener<'_, '_>,
 ) -> PyResult<(String, Bound<'py, PyList>)> {
     let (model, experiment) = (&model.0, experiment.get()?);
@@ -143,9 +144,9 @@ pub fn diagnose(
     py: Python<'_>,
     model: &Model,
     experiment: Experiment,
-    free: Option<Vec<usize>>,
+    #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
     error: Option<&str>,
-    depth: Option<usize>,
+    #[pyo3(from_py_with = natural)] depth: Option<usize>,
     progress: Listener<'_, '_>,
 ) -> PyResult<(String, Option<Model>, Option<Model>)> {
     let (model, experiment) = (&model.0, experiment.get()?);
@@ -164,7 +165,7 @@ pub fn ladder(
     py: Python<'_>,
     models: Vec<(String, Model)>,
     experiment: Experiment,
-    free: Option<Vec<usize>>,
+    #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
     progress: Listener<'_, '_>,
 ) -> PyResult<String> {
     let (models, experiment) = (named(models), experiment.get()?);
@@ -210,7 +211,7 @@ pub fn check(
     py: Python<'_>,
     model: &Model,
     experiment: Experiment,
-    free: Option<Vec<usize>>,
+    #[pyo3(from_py_with = natural)] free: Option<Vec<usize>>,
 ) -> PyResult<(String, String)> {
     let (model, experiment) = (&model.0, experiment.get()?);
     work::done(py, None, |_| {
@@ -226,7 +227,7 @@ pub fn simulate<'py>(
     py: Python<'py>,
     model: &Model,
     experiment: Experiment,
-    substeps: Option<usize>,
+    #[pyo3(from_py_with = natural)] substeps: Option<usize>,
     progress: Listener<'_, '_>,
 ) -> PyResult<Bound<'py, PyList>> {
     let (model, experiment) = (&model.0, experiment.get()?);

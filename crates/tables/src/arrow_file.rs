@@ -5,7 +5,7 @@
 
 use arrow_array::{
     Array, ArrayRef, ArrowPrimitiveType, BooleanArray, FixedSizeListArray, LargeListArray, ListArray, PrimitiveArray,
-    StructArray,
+    RecordBatch, StructArray,
     types::{
         DurationMicrosecondType, DurationMillisecondType, DurationNanosecondType, DurationSecondType, Float16Type,
         Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
@@ -14,7 +14,7 @@ use arrow_array::{
     },
 };
 use arrow_ipc::{reader::StreamReader, root_as_message};
-use arrow_schema::{ArrowError, DataType, Field, TimeUnit};
+use arrow_schema::{ArrowError, DataType, Field, Schema, TimeUnit};
 
 use crate::{NOTHING, Named, TableError, guarded::guarded};
 
@@ -36,13 +36,20 @@ pub(crate) fn damaged(error: ArrowError) -> TableError {
 
 fn of_stream(bytes: &[u8]) -> Result<Vec<Named>, TableError> {
     let schema = StreamReader::try_new(bytes, None).map_err(damaged)?.schema();
-    let wanted: Vec<usize> = (0..schema.fields().len()).filter(|place| is_numeric(schema.field(*place))).collect();
-    let reader = StreamReader::try_new(bytes, Some(wanted.clone())).map_err(damaged)?;
+    // What holds no numbers is not read.
+    let wanted = (0..schema.fields().len()).filter(|place| is_numeric(schema.field(*place))).collect();
+    let reader = StreamReader::try_new(bytes, Some(wanted)).map_err(damaged)?;
+    let schema = reader.schema();
     let batches = reader.collect::<Result<Vec<_>, _>>().map_err(damaged)?;
+    of_batches(&schema, &batches)
+}
+
+/// All columns of numbers of a table that comes in pieces.
+pub(crate) fn of_batches(schema: &Schema, batches: &[RecordBatch]) -> Result<Vec<Named>, TableError> {
     let mut columns = Vec::new();
-    for (index, place) in wanted.iter().enumerate() {
-        let chunks: Vec<ArrayRef> = batches.iter().map(|batch| batch.column(index).clone()).collect();
-        flatten(schema.field(*place).name(), schema.field(*place), &chunks, &mut columns)?;
+    for (place, field) in schema.fields().iter().enumerate().filter(|(_, field)| is_numeric(field)) {
+        let chunks: Vec<ArrayRef> = batches.iter().map(|batch| batch.column(place).clone()).collect();
+        flatten(field.name(), field, &chunks, &mut columns)?;
     }
     Ok(columns)
 }

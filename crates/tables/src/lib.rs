@@ -34,6 +34,8 @@ use std::{
     path::Path,
 };
 
+use arrow_array::RecordBatch;
+use arrow_schema::Schema;
 use text::Text;
 
 pub use {
@@ -283,6 +285,14 @@ impl Table {
         let n_rows = columns.iter().map(|(_, values)| values.len()).min().unwrap_or(0);
         let (names, values) = columns.into_iter().unzip();
         Self { names, n_rows, content: Content::Numbers(values), remarks: Vec::new() }
+    }
+
+    /// The table of Arrow's record batches of this schema: the same as that of a file that holds them.
+    ///
+    /// # Errors
+    /// [`TableError`], where no column holds numbers, or lists are not all of one length.
+    pub fn of_batches(schema: &Schema, batches: &[RecordBatch]) -> Result<Self, TableError> {
+        Self::of_columns(arrow_file::of_batches(schema, batches)?, Vec::new())
     }
 
     /// Columns of one length.

@@ -1,4 +1,4 @@
-//! The browser that the live page is tested in, where there is one or one may be installed.
+//! The live page in a real browser, where there is one or one may be installed.
 
 use std::process::{Command, Stdio};
 
@@ -7,8 +7,8 @@ use crate::shell;
 /// Programs that the tests start, and the packages of Debian that hold them.
 const NEEDED: [(&str, &str); 2] = [("chromium", "chromium"), ("chromedriver", "chromium-driver")];
 
-/// Whether the page can be used as people do; without a browser it says loudly that nobody will, and fails where `CI` is set.
-pub fn is_there_or_installed() -> anyhow::Result<bool> {
+/// Uses the page as people do; without a browser it says loudly that nobody did, and fails where `CI` is set.
+pub fn tests() -> anyhow::Result<()> {
     if !missing().is_empty()
         && is_root()
         && is_there("apt-get")
@@ -19,13 +19,18 @@ pub fn is_there_or_installed() -> anyhow::Result<bool> {
     let missing = missing();
     if !missing.is_empty() {
         let message = format!(
-            "the live page is NOT tested in a browser: {} not here; install Debian's packages chromium and chromium-driver",
+            "the live page was NOT tested in a browser: {} not here; install Debian's packages chromium and chromium-driver",
             if missing.len() == 1 { format!("{} is", missing[0]) } else { format!("{} are", missing.join(" and ")) }
         );
         anyhow::ensure!(std::env::var_os("CI").is_none(), message);
         eprintln!("\n{0}\n{message}\n{0}\n", "!".repeat(message.len()));
+        return Ok(());
     }
-    Ok(missing.is_empty())
+    // The tests start the program that lies beside them.
+    shell::built_for_tests("dynid")?;
+    let tests =
+        ["test", "--release", "--package", "dynid-browser", "--locked", "--no-fail-fast", "--", "--show-output"];
+    shell::succeed(&mut shell::cargo(&tests))
 }
 
 fn missing() -> Vec<&'static str> {

@@ -40,7 +40,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("equations belong to the models", equations_match_models),
         ("lints", lints),
         ("the library without the program", library_alone),
-        ("tests, those of the live page in a browser too", tests),
+        ("tests", tests),
+        ("the live page in a browser", browser::tests),
         ("the wheel for Python", wheel::tests),
         ("the loop as a program", example),
         ("documentation", documentation),
@@ -110,10 +111,7 @@ fn tests() -> anyhow::Result<()> {
         fs::create_dir_all(folder)?;
     }
     fs::write(&references, "")?;
-    let mut command = shell::cargo_on_all("test", &["--no-fail-fast"]);
-    if !browser::is_there_or_installed()? {
-        command.args(["--exclude", "dynid-browser"]);
-    }
+    let mut command = shell::cargo_test(&["--no-fail-fast"]);
     command.env("INSTA_UPDATE", "no").env("INSTA_SNAPSHOT_REFERENCES_FILE", &references);
     shell::succeed(&mut command)?;
     // derive's own snapshots are looked at by its own tests

@@ -32,9 +32,16 @@ pub fn cargo_on_all(verb: &str, arguments: &[&str]) -> Command {
     command
 }
 
+/// `cargo test` on all but what needs a browser, which brings much that nothing else is compiled with.
+pub fn cargo_test(arguments: &[&str]) -> Command {
+    let mut command = cargo_on_all("test", &["--exclude", "dynid-browser"]);
+    command.args(arguments);
+    command
+}
+
 /// A program or an example (`examples/..`) that the tests are built with; it is built first where it is not there or not of these sources.
 pub fn built_for_tests(name: &str) -> anyhow::Result<PathBuf> {
-    succeed(&mut cargo_on_all("test", &["--no-run"]))?;
+    succeed(&mut cargo_test(&["--no-run"]))?;
     Ok(root().join("target/release").join(format!("{name}{}", std::env::consts::EXE_SUFFIX)))
 }
 

@@ -8,8 +8,7 @@ use crate::errors::raised;
 
 /// Indices and counts, alone, in a list or left out.
 pub fn natural<'py, T: FromPyObjectOwned<'py>>(given: &Bound<'py, PyAny>) -> PyResult<T> {
-    given.extract().map_err(|error| {
-        let error: PyErr = error.into();
+    given.extract::<T>().map_err(Into::<PyErr>::into).map_err(|error| {
         if error.is_instance_of::<PyOverflowError>(given.py()) {
             raised(format!("expected an index or a count, which is not below 0, found {given}; correct the value"))
         } else {

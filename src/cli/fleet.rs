@@ -233,7 +233,7 @@ mod tests {
         let error = of_table(&path, &mut found).unwrap_err().to_string();
         assert!(error.contains("estimates.csv:2") && error.contains("`much`"), "{error}");
         std::fs::write(&path, "night,robot,value,quantity\n1,a,2,p\n1,a,3,p\n").unwrap();
-        let error = of_table(&path, &mut found).unwrap_err().to_string();
+        let error = of_table(&path, &mut Found::default()).unwrap_err().to_string();
         assert!(error.contains("estimates.csv:3: p of robot a in night 1 stands in"), "{error}");
     }
 

@@ -195,7 +195,7 @@ mod tests {
              pub trait Law: Send { const ORDER: usize; type Out: Clone + Send; fn torque(&self, q: &[f64]) -> Self::Out; fn reset(&mut self) {} }\n\
              pub const RATE: f64 = 1.0; pub static NAMES: &[&str] = &[]; pub type Both<T> = (T, T);\n\
              pub fn far<T>(a: T, b: &mut [f64]) -> impl Iterator<Item = T> where T: Clone { std::iter::once(a) }\n\
-             #[cfg(test)] pub fn tested() {} #[cfg(any(test, feature = \"fixtures\"))] pub mod fixtures {}\n\
+             #[cfg(test)] pub fn tested() {} #[cfg(any(test, feature = \"x\"))] pub mod fixtures {}\n\
              mod private { pub fn unreachable() {} }",
             &[],
         );

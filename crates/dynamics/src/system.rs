@@ -735,7 +735,8 @@ fn unsupported(effect: &PlacedEffect, why: &str) -> SystemError {
     SystemError::Unsupported { id: effect.kernel.id.to_owned(), why: why.to_owned() }
 }
 
-#[cfg(any(test, feature = "fixtures"))]
+// Always: with a feature of the tests, all crates above this one would be compiled twice, for the tests and for the wheel.
+#[doc(hidden)]
 pub mod fixtures;
 #[cfg(test)]
 mod tests;

@@ -164,6 +164,21 @@ fn what_cannot_be_played_is_reported_and_nothing_is_written() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
+/// A command in volts is limited by what makes the device's largest torque, 0.52 N*m: 2 V at 0.26 N*m/V.
+#[test]
+fn a_limit_of_torque_is_none_of_voltage() {
+    let folder = TempDir::new().unwrap();
+    let model = "device = \"servo_pendulum\"\n[[effect]]\nid = \"gain\"\njoint = 0\nKp = 0.26\n";
+    fs::write(folder.path().join("model.toml"), model).unwrap();
+    let excite = |amplitude: &str| {
+        let words = "excite servo_pendulum --model model.toml --free 0 --signal cosine --frequency 1 --duration 2 --out run.csv --amplitude";
+        dynid(folder.path(), &words.split_whitespace().chain([amplitude]).collect::<Vec<_>>())
+    };
+    let message = String::from_utf8(excite("2.1").code(2).get_output().stderr.clone()).unwrap();
+    assert!(message.contains("2.0"), "{message}");
+    excite("1.9").success();
+}
+
 /// The torques that tell a spring that stiffens from a straight one: the ratio is that of two simulations.
 #[test]
 fn two_models_are_told_apart() {

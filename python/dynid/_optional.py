@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import Any
 
 from dynid._dynid import Error
+
+
+def is_there(module: str) -> bool:
+    """Whether it is installed."""
+    return importlib.util.find_spec(module) is not None
 
 
 def needed(module: str, package: str, what: str, instead: str) -> Any:

@@ -14,12 +14,12 @@ from dynid._results import Candidate, Checked, Compared, Diagnosis, Fitted, Ladd
 from dynid._words import listed
 
 ErrorSignal: TypeAlias = Literal["prediction", "position", "torque", "both"]
-Own: TypeAlias = "_dynid.Model | Fitted"
+ModelOrFit: TypeAlias = "_dynid.Model | Fitted"
 Of: TypeAlias = "_dynid.Model | Fitted | Candidate | Ladder | Diagnosis"
 
 
 def fit(
-    model: Own,
+    model: ModelOrFit,
     experiment: Experiment,
     *,
     error: ErrorSignal | None = None,
@@ -66,7 +66,7 @@ def fit(
 
 
 def compare(
-    model: Own, experiment: Experiment, *, free: Sequence[int] | None = None, progress: Progress = None
+    model: ModelOrFit, experiment: Experiment, *, free: Sequence[int] | None = None, progress: Progress = None
 ) -> Compared:
     """Says how far a model is from logs, and where."""
     with told(progress, "compare") as listener:
@@ -74,7 +74,7 @@ def compare(
 
 
 def diagnose(
-    model: Own,
+    model: ModelOrFit,
     experiment: Experiment,
     *,
     free: Sequence[int] | None = None,
@@ -94,7 +94,7 @@ def diagnose(
 
 
 def ladder(
-    models: Sequence[Own],
+    models: Sequence[ModelOrFit],
     experiment: Experiment,
     *,
     names: Sequence[str] | None = None,
@@ -140,13 +140,13 @@ def report(
         return _dynid.report(named, experiment._own, os.fspath(path), diagnosis=diagnosis, overwrite=overwrite, progress=listener)
 
 
-def check(model: Own, experiment: Experiment, *, free: Sequence[int] | None = None) -> Checked:
+def check(model: ModelOrFit, experiment: Experiment, *, free: Sequence[int] | None = None) -> Checked:
     """Says what logs cannot answer, how to excite what is missing, and what looks wrong in them; nothing is fitted."""
     return Checked(_dynid.check(_model(model), experiment._own, free=None if free is None else list(free)))
 
 
 def simulate(
-    model: Own, experiment: Experiment, *, substeps: int | None = None, progress: Progress = None
+    model: ModelOrFit, experiment: Experiment, *, substeps: int | None = None, progress: Progress = None
 ) -> list[Simulated]:
     """Plays the commanded torques of every run on a model."""
     with told(progress, "simulate") as listener:
@@ -154,7 +154,7 @@ def simulate(
     return [Simulated(**run) for run in runs]
 
 
-def _model(own: Own) -> _dynid.Model:
+def _model(own: ModelOrFit) -> _dynid.Model:
     return own.model if isinstance(own, Fitted) else own
 
 

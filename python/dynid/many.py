@@ -32,7 +32,7 @@ from typing import Any
 
 from dynid import _dynid
 from dynid._dynid import Error
-from dynid._optional import needed
+from dynid._optional import is_there, needed
 from dynid._words import listed
 
 Progress = Callable[[int, int], None]
@@ -62,53 +62,69 @@ class Done:
 def command(arguments: Sequence[str], folder: Path | str = ".", progress: Progress | None = None) -> dict[str, Any]:
     """Runs a command of `dynid` in a process of its own; what it prints with `--json`."""
     words = [sys.executable, "-m", "dynid", "--json", "--progress", "json", "--stop-with-stdin", *listed(arguments)]
-    said = ""
+    said: list[str] = []
     # What is printed goes to a file: a pipe that nobody empties meanwhile would be full some time.
     with tempfile.TemporaryFile("w+", encoding="utf-8") as printed:
-        # Whatever is raised here ends its stdin, by which it stops as by Ctrl-C.
+        # Whatever is raised here ends its stdin, by which it stops as by Ctrl-C. That of the terminal is not for it: a second one would not wait.
         with subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=printed, stderr=subprocess.PIPE, cwd=folder, encoding="utf-8", errors="replace"
+            words,
+            stdin=subprocess.PIPE,
+            stdout=printed,
+            stderr=subprocess.PIPE,
+            cwd=folder,
+            encoding="utf-8",
+            errors="replace",
+            start_new_session=True,
         ) as running:
             for line in running.stderr or ():
-                if not line.startswith('{"'):
-                    said += line
+                if line.startswith("note: ") and not said:
+                    print(line, end="", file=sys.stderr)
+                elif not line.startswith('{"'):
+                    said.append(line)
                 elif progress is not None and (event := json.loads(line)).get("progress") == "count":
                     progress(event["done"], event["of"])
         printed.seek(0)
         text = printed.read()
     if not text.strip():
-        raise Error(said.rpartition("error: ")[2].strip() or f"`dynid {' '.join(listed(arguments)[:1])}` died; give the same command again")
+        raise Error(_why(said) or f"`dynid {' '.join(listed(arguments)[:1])}` died; give the same command again")
     result: dict[str, Any] = json.loads(text)
     return result
+
+
+def _why(said: Sequence[str]) -> str:
+    """The words of an error, which may go on over lines."""
+    begun = next((place for place, line in enumerate(said) if line.startswith("error: ")), 0)
+    return "".join(said[begun:]).removeprefix("error: ").strip()
 
 
 def make(table: Any, arguments: Sequence[str], jobs: Path | str = "jobs", folder: Path | str = ".") -> int:
     """Makes a job of each row of a table (a DataFrame, a dict of columns, whatever hands out an Arrow stream, or the path of a CSV, Parquet or Arrow
     file): `{column}` in an argument is what the row has there, and all columns are labels. Returns how many jobs are new."""
     with tempfile.TemporaryDirectory() as place:
-        path = _as_file(table, Path(folder).resolve(), Path(place) / "table.csv")
+        path = _as_file(table, Path(folder).resolve(), Path(place))
         _refuse_own_columns(_dynid.names_in(str(path)))
         made = command(["job", str(jobs), "--from", str(path), "--", *listed(arguments)], folder)
     return int(made["written"])
 
 
-def _as_file(table: Any, folder: Path, path: Path) -> Path:
+def _as_file(table: Any, folder: Path, place: Path) -> Path:
+    """The path of a table, or of one in `place` with what a table in memory holds."""
     if isinstance(table, (str, os.PathLike)):
         return folder / table
     # Others than pandas have a `to_csv` of their own.
-    if not (hasattr(table, "to_csv") and hasattr(table, "to_numpy")):
-        pandas = needed("pandas", "pandas", "a table in memory", "give the path of one")
-        kind = None
-        if hasattr(table, "__arrow_c_stream__"):
-            table = needed("pyarrow", "pyarrow", "an Arrow table", "give a dict of columns").table(table).to_pydict()
-            # Whole numbers stay such where others are null.
-            kind = object
-        try:
-            table = pandas.DataFrame(table, dtype=kind)
-        except ValueError as error:
-            raise Error(f"this is no table ({error}); give a DataFrame, a dict of columns, an Arrow table or the path of a file") from None
-    table.to_csv(path, index=False)
-    return path
+    is_frame = hasattr(table, "to_csv") and hasattr(table, "to_numpy")
+    if is_frame and not is_there("pyarrow"):
+        table.to_csv(place / "table.csv", index=False)
+        return place / "table.csv"
+    # As a file of Arrow it says the same words as if it had been read from one.
+    arrow, ipc = (needed(name, "pyarrow", "a table in memory", "give the path of one") for name in ("pyarrow", "pyarrow.ipc"))
+    try:
+        table = arrow.Table.from_pandas(table, preserve_index=False) if is_frame else arrow.table(table)
+    except (TypeError, ValueError) as error:
+        raise Error(f"this is no table ({error}); give a DataFrame, a dict of columns, an Arrow table or the path of a file") from None
+    with ipc.new_file(place / "table.arrow", table.schema) as written:
+        written.write_table(table)
+    return place / "table.arrow"
 
 
 def _refuse_own_columns(labels: Iterable[str]) -> None:
@@ -128,7 +144,8 @@ def run(
     progress: Progress | None = None,
 ) -> Done:
     """Does all jobs of a folder that are not done yet, with `again` also those that failed: `"here"` in as many processes as there are processors,
-    on `"ray"` (where Ray is initialised already, else on the cluster at `address`, else on one that is started here), or in an executor of yours."""
+    on `"ray"` (where Ray is initialised already, else on the cluster at `address` or at `RAY_ADDRESS`, else on one that is started here), or in an
+    executor of yours."""
     folder = Path(folder).resolve()
     paths = _json_files(folder / jobs, "jobs; many.make() makes them")
     (folder / out).mkdir(parents=True, exist_ok=True)
@@ -169,7 +186,7 @@ def _on_ray(left: Sequence[Path], out: Path | str, folder: Path, address: str | 
     is_own = not ray.is_initialized()
     if is_own:
         # Without an address Ray would join whatever cluster it finds.
-        ray.init(address=address or "local", log_to_driver=False, include_dashboard=False, configure_logging=False)
+        ray.init(address=address or os.environ.get("RAY_ADDRESS") or "local", log_to_driver=False, include_dashboard=False, configure_logging=False)
     try:
         remote = ray.remote(num_cpus=1, max_retries=_RETRIES)(work)
         pending = [remote.remote(str(path), str(out), str(folder), again) for path in left]
@@ -239,7 +256,8 @@ def _labels(rows: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def dataset(out: Path | str = "results", to: Path | str = "estimates", folder: Path | str = ".") -> int:
-    """Lets a Parquet dataset grow by the estimates that it does not have yet, those of `estimates()`: one more file. Returns how many rows it grew by."""
+    """Lets a Parquet dataset grow by the estimates that it does not have yet, those of `estimates()`: one more file. Returns how many rows it grew by.
+    One process at a time may write a dataset."""
     arrow, parquet = (needed(name, "pyarrow", "a Parquet dataset", "take estimates()") for name in ("pyarrow", "pyarrow.parquet"))
     to = Path(folder) / to
     to.mkdir(parents=True, exist_ok=True)
@@ -277,15 +295,18 @@ def _main() -> int:
     parser.add_argument("--jobs", default="jobs", help="folder of the jobs")
     parser.add_argument("--out", default="results", help="folder of the results")
     parser.add_argument("--on", choices=["here", "ray"], default="here")
-    parser.add_argument("--address", help="of the Ray cluster; without it, one is started here")
+    parser.add_argument("--address", help="of the Ray cluster; without it and RAY_ADDRESS, one is started here")
+    parser.add_argument("--again", action="store_true", help="also do again what failed")
     parser.add_argument("--dataset", metavar="FOLDER", help="a Parquet dataset that grows by what is found")
     parser.add_argument("arguments", nargs="+", help="those of dynid, after --: {column} is what a row has there")
     asked = parser.parse_args()
     make(asked.table, asked.arguments, asked.jobs)
-    done = run(asked.jobs, asked.out, on=asked.on, address=asked.address, progress=_told)
+    done = run(asked.jobs, asked.out, on=asked.on, address=asked.address, again=asked.again, progress=_told)
     if asked.dataset:
         dataset(asked.out, asked.dataset)
     print(f"{done.done} of {done.jobs} jobs done, {len(done.failed)} failed, {done.left} left; results: {asked.out}")
+    for digest in done.failed:
+        print(f"failed: {asked.out}/{digest}.json says why; --again tries it again")
     return 0 if done.done == done.jobs else 1
 
 

@@ -10,7 +10,7 @@ use crate::errors::raised;
 pub fn natural<'py, T: FromPyObjectOwned<'py>>(given: &Bound<'py, PyAny>) -> PyResult<T> {
     given.extract::<T>().map_err(Into::<PyErr>::into).map_err(|error| {
         if error.is_instance_of::<PyOverflowError>(given.py()) {
-            raised(format!("expected an index or a count, which is not below 0, found {given}; correct the value"))
+            raised(format!("expected an index or a count from 0 to {}, found {given}; correct the value", usize::MAX))
         } else {
             error
         }

@@ -74,6 +74,8 @@ def test_models(robot: dynid.Device, believed: dynid.Model) -> None:
         (lambda: believed["joint.4.spring.K"], "unknown parameter"),
         (lambda: dynid.Model.load("none.toml"), "cannot read none.toml"),
         (lambda: dynid.Device.load("robot.urdf"), "Device.from_urdf"),
+        (lambda: dynid.Effect("viscous", joint=-1), "expected an index or a count from 0 to"),
+        (lambda: robot.kernel(free=[2**70]), "expected an index or a count from 0 to"),
     ]:
         with pytest.raises(dynid.Error, match=said):
             wrong()  # type: ignore[no-untyped-call]

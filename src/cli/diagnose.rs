@@ -504,6 +504,15 @@ mod tests {
     }
 
     #[test]
+    fn fits_are_kept_beside_what_is_to_be_written_first() {
+        let [out, input, here] = ["out/found.json", "logs/experiment.toml", "."].map(Path::new);
+        let places = places(Some(out), input, here, IDENTITY);
+        let folders: Vec<&Path> = places.iter().filter_map(|place| place.parent()).collect();
+        assert_eq!(folders, ["out", "logs", "."].map(Path::new));
+        assert!(places.iter().all(|place| place.ends_with("experiment.toml.diagnosis-01234567.checkpoint")));
+    }
+
+    #[test]
     fn what_is_kept_nowhere_is_said_to_be_lost() {
         let folder = tempfile::tempdir().unwrap();
         let (kept, fits) = some_fits(folder.path());

@@ -114,7 +114,7 @@ pub struct Arguments {
     /// Largest speeds [rad/s or m/s], instead of the device's.
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "LIST")]
     speed_limit: Vec<f64>,
-    /// Largest commands [N*m or N], instead of the device's.
+    /// Largest commands, instead of those that make the device's largest torques.
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "LIST")]
     torque_limit: Vec<f64>,
     /// Standard deviation of the torque noise at the joints [N*m or N], for the errors to be expected. Without it, 1 % of
@@ -259,8 +259,11 @@ fn plan(arguments: &Arguments, model: &Model, rivals: Option<&[Model; 2]>) -> an
         Some(input) => input.free.clone(),
         None => free_joints(device, &arguments.free)?,
     };
-    let limits = limits(arguments, device, &free)?;
+    let mut limits = limits(arguments, device, &free)?;
     let pose = pose(arguments, device, &free, &limits)?;
+    if arguments.torque_limit.is_empty() {
+        limits.torque = command_limits(model, &free, &pose, limits.torque)?;
+    }
     let positive = |name: &str, value: f64| match value {
         value if value > 0.0 && value.is_finite() => Ok(value),
         value => Err(anyhow!("--{name} {value}: expected a positive number")),
@@ -395,6 +398,21 @@ fn limits(arguments: &Arguments, device: &Device, free: &[usize]) -> anyhow::Res
         torque: at_least_zero("torque-limit", &arguments.torque_limit)?
             .unwrap_or_else(|| own(&|joint| device.joints[joint].torque_limit)),
     })
+}
+
+/// The commands that make a device's largest torques, where a command is no torque; infinite where the drive is no straight line.
+fn command_limits(model: &Model, free: &[usize], pose: &[f64], torque: Vec<f64>) -> anyhow::Result<Vec<f64>> {
+    let is_torque = |joint: usize| ["N*m", "N"].contains(&model.device.joints[joint].command_unit.as_str());
+    if free.iter().all(|joint| is_torque(*joint)) {
+        return Ok(torque);
+    }
+    let drive = Drive::of(&model.system(free, |joint| pose[joint])?);
+    let command = |(slot, (joint, torque)): (usize, (&usize, f64))| match &drive {
+        _ if is_torque(*joint) => torque,
+        Some(drive) => torque * drive.command_per_torque(slot),
+        None => f64::INFINITY,
+    };
+    Ok(free.iter().zip(torque).enumerate().map(command).collect())
 }
 
 /// Where all joints stand.

@@ -20,11 +20,12 @@ Examples:
   dynid fleet results --out fleet.html            results of `dynid job` whose jobs fit one night of one robot each
   dynid fleet estimates.parquet                   a table (also .csv, .arrow) with robot, night, quantity, value, std_error
 
-Results of fits are told apart by their labels `robot` and `night`; nights are ordered by their names, with numbers by their sizes (n2
-before n10). What is looked at is every parameter that a fit could tell, and
-the error that it left (`misfit`, the logarithm of its RMS; `torque_misfit` where no run could be simulated): a law that is no longer the robot's shows there. What all robots do alike is taken
-out, from five robots on. Scatter from night to night is estimated from the whole fleet and, beside that, for each robot; a change is told where a fleet in which nothing happens would show
-as much anywhere, in any robot, night and parameter, with a probability below --false-alarms.")]
+Results of fits are told apart by their labels `robot` and `night`; nights are ordered by their names, with whole numbers by their sizes
+(n2 before n10). What is looked at is every parameter that a fit could tell, and the error that it left: `misfit`, the logarithm of its
+RMS, or `torque_misfit`, that of the torque error in percent, where no run could be simulated. A law that is no longer the robot's shows
+there. What all robots do alike is taken out, from five robots on. Scatter from night to night is estimated from the whole fleet and,
+beside that, for each robot; a change is told where a fleet in which nothing happens would show as much anywhere, in any robot, night and
+parameter, with a probability below --false-alarms.")]
 pub struct Arguments {
     /// Folders of results, result files, or tables (CSV, Parquet, Arrow).
     #[arg(required = true)]

@@ -94,6 +94,7 @@ fn work(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mine: Vec<&Job> =
         jobs.iter().enumerate().filter(|(k, _)| k % shard.of == shard.index).map(|(_, job)| job).collect();
     dynid_files::make_folder(&arguments.out)?;
+    refuse_own_folder(arguments)?;
     dynid_files::remove_all_leftovers(&arguments.out);
     let (mut left, mut done, mut failed) = (Vec::new(), 0, Vec::new());
     for job in &mine {
@@ -122,6 +123,19 @@ fn work(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(outcome(arguments, mine.len(), done, &failed, interrupt.is_asked()))
 }
 
+/// A result has the name of its job, and would take its place.
+fn refuse_own_folder(arguments: &Arguments) -> anyhow::Result<()> {
+    let whole = |path: &Path| path.canonicalize().with_context(|| format!("{} cannot be read", path.display()));
+    let out = whole(&arguments.out)?;
+    for place in &arguments.jobs {
+        let place = whole(place)?;
+        if place == out || (place.is_file() && place.parent() == Some(&out)) {
+            bail!("{} holds the jobs; name another folder for the results with --out", arguments.out.display());
+        }
+    }
+    Ok(())
+}
+
 /// How long another's job is left alone before it is looked at again.
 const PATIENCE: Duration = Duration::from_millis(100);
 
@@ -135,13 +149,19 @@ fn all(
 ) -> anyhow::Result<Vec<Option<Ended>>> {
     let (out, again) = (&arguments.out, arguments.again);
     let (next, count) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    // What another does, what was stopped and what died is not done.
+    let told = |ended: Ended| {
+        if matches!(ended, Ended::Done | Ended::Failed) {
+            tell(1 + count.fetch_add(1, Ordering::Relaxed));
+        }
+        ended
+    };
     let worker = || -> anyhow::Result<Vec<(usize, Ended)>> {
         let mut ended = Vec::new();
         while !interrupt.is_asked() {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(job) = jobs.get(index) else { break };
-            ended.push((index, work::work(job, out, again, interrupt)?));
-            tell(1 + count.fetch_add(1, Ordering::Relaxed));
+            ended.push((index, told(work::work(job, out, again, interrupt)?)));
         }
         Ok(ended)
     };
@@ -158,7 +178,8 @@ fn all(
     for (own, job) in ended.iter_mut().zip(jobs) {
         while *own == Some(Ended::Elsewhere) && !interrupt.is_asked() {
             thread::sleep(PATIENCE);
-            *own = Some(work::work(job, out, again, interrupt)?);
+            // Its failure is as good as ours would be.
+            *own = Some(told(work::work(job, out, false, interrupt)?));
         }
     }
     Ok(ended)

@@ -33,6 +33,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use axum::routing::{get, post};
 use axum::{Router, middleware};
+use dynid_files::remove_all_leftovers;
 use serde_json::json;
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
@@ -142,6 +143,8 @@ fn app(arguments: &Arguments, effects: Option<&Path>) -> anyhow::Result<App> {
     let model = model.map(inside).transpose()?;
     // Commands run here, and their paths are those of requests.
     std::env::set_current_dir(&root).with_context(|| format!("cannot work in {}", root.display()))?;
+    // Uploads of a server that was killed.
+    remove_all_leftovers(Path::new("."));
     let hub = Hub::new();
     let folder = Folder::new(root);
     let always = match &effects {

@@ -11,7 +11,7 @@ use dynid::{
     FitResult, FitSettings, Ladder, LadderSettings, Model, Ranked, ReportSettings, Role, Verdict,
 };
 use dynid::{tour::FILES, tour::truth};
-use dynid_files::{Overwrite, check_output, write_new};
+use dynid_files::{Overwrite, PartialFolder, check_output, write_new};
 use dynid_format::number;
 use dynid_report as report;
 use dynid_report::plot::steps;
@@ -61,13 +61,11 @@ const MADE: [&str; 6] = [FITTED, DIAGNOSIS, BETTER, BETTER_FITTED, LADDER, REPOR
 pub fn run(arguments: &Arguments) -> anyhow::Result<(Outcome, open::Arguments)> {
     let overwrite = Overwrite::if_forced(arguments.force);
     let (folder, taken) = folder(arguments, overwrite)?;
-    let mut partial = folder.clone().into_os_string();
-    partial.push(format!(".{}.partial", std::process::id()));
-    let partial = PathBuf::from(partial);
+    let partial = PartialFolder::of(&folder)?;
     let interrupt = Interrupt::listen()?;
     let stop = || interrupt.is_asked();
-    let outcome = walk(&partial, &folder, taken.as_deref(), &stop).and_then(|outcome| {
-        settle(&partial, &folder)?;
+    let outcome = walk(partial.path(), &folder, taken.as_deref(), &stop).and_then(|outcome| {
+        settle(partial.path(), &folder)?;
         Ok(outcome)
     });
     let made = open::Arguments {
@@ -76,14 +74,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<(Outcome, open::Arguments)> 
         port: 0,
         no_browser: arguments.no_browser,
     };
-    if outcome.is_err() {
-        // the first error is the one to tell
-        let _ = fs::remove_dir_all(&partial);
-        if interrupt.is_asked() {
-            let text = "stopped; nothing is left of it\n".to_owned();
-            let json = json!({ "status": "interrupted" });
-            return Ok((Outcome { text, json, answer: Answer::Interrupted }, made));
-        }
+    if outcome.is_err() && interrupt.is_asked() {
+        let text = "stopped; nothing is left of it\n".to_owned();
+        let json = json!({ "status": "interrupted" });
+        return Ok((Outcome { text, json, answer: Answer::Interrupted }, made));
     }
     Ok((outcome?, made))
 }
@@ -96,7 +90,6 @@ fn walk(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> anyhow::Result<Outcome> {
     let started = Instant::now();
-    fs::create_dir_all(partial).map_err(|error| anyhow!("cannot make the folder {}: {error}", partial.display()))?;
     let put = |name: &str, text: &str| write_new(&partial.join(name), text, Overwrite::Refuse);
     for (name, text) in FILES {
         put(name, text)?;
@@ -202,7 +195,7 @@ fn settle(partial: &Path, folder: &Path) -> anyhow::Result<()> {
         let entry = entry.map_err(unwritable)?;
         fs::rename(entry.path(), folder.join(entry.file_name())).map_err(unwritable)?;
     }
-    fs::remove_dir(partial).map_err(unwritable)
+    Ok(())
 }
 
 /// Where to write, and the name that was taken, if another had to be found.

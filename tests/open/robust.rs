@@ -146,6 +146,15 @@ impl Drop for SmallDisk {
     }
 }
 
+#[test]
+fn what_a_killed_server_left_of_an_upload_is_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let left = folder.path().join(".new.csv.1.0.partial");
+    fs::write(&left, "t,q0").unwrap();
+    let _server = Server::new(folder.path(), &[]);
+    assert!(!left.exists());
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_one_clear_message() {

@@ -24,7 +24,7 @@ pub struct Limits {
     pub position: Vec<[f64; 2]>,
     /// [rad/s or m/s]; may be infinite.
     pub speed: Vec<f64>,
-    /// Of the command [N*m or N]; may be infinite.
+    /// Of the command, in its unit; may be infinite.
     pub torque: Vec<f64>,
 }
 

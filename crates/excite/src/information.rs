@@ -386,6 +386,11 @@ impl Drive {
         Some(Self { inverse: slope.try_inverse()?, offset })
     }
 
+    /// Size of the command of a free joint that makes a torque of one there, the others commanding what keeps theirs.
+    pub fn command_per_torque(&self, slot: usize) -> f64 {
+        self.inverse[(slot, slot)].abs()
+    }
+
     /// The commands that make these torques.
     pub fn command(&self, torque: &[f64]) -> Vec<f64> {
         (&self.inverse * (DVector::from_column_slice(torque) - &self.offset)).as_slice().to_vec()

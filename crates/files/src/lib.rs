@@ -152,25 +152,75 @@ fn take_name(partial: &Path, path: &Path, overwrite: Overwrite) -> io::Result<()
 ///
 /// It looks through the file's folder, so it is not done at every writing: [`check_output`] does it.
 pub fn remove_leftovers(path: &Path) {
-    let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
-    remove_leftovers_of(folder_of(path), |own| Some(own) == name.as_deref());
+    remove_leftovers_of(folder_of(path), Left::Files, |own| Some(own) == name_of(path).as_deref());
 }
 
-/// As [`remove_leftovers`], of all files of a folder that belongs to this program.
+/// As [`remove_leftovers`], of all files of a folder: `.NAME.NUMBER.partial` that nobody has locked.
 pub fn remove_all_leftovers(folder: &Path) {
-    remove_leftovers_of(folder, |_| true);
+    remove_leftovers_of(folder, Left::Files, |_| true);
 }
 
-fn remove_leftovers_of(folder: &Path, is_wanted: impl Fn(&str) -> bool) {
+#[derive(Clone, Copy, PartialEq)]
+enum Left {
+    Files,
+    Folders,
+}
+
+fn remove_leftovers_of(folder: &Path, kind: Left, is_wanted: impl Fn(&str) -> bool) {
     // Leftovers are in nobody's way: where they cannot be seen or removed they stay.
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
         if entry.file_name().to_str().and_then(written_name).is_some_and(&is_wanted)
-            && let Ok(file) = File::options().write(true).open(entry.path())
-            && file.try_lock().is_ok()
+            && entry.file_type().is_ok_and(|own| own.is_dir() == (kind == Left::Folders))
+            && let Ok(left) = File::options().read(true).write(kind == Left::Files).open(entry.path())
+            && left.try_lock().is_ok()
         {
-            let _ = fs::remove_file(entry.path());
+            let _ = match kind {
+                Left::Files => fs::remove_file(entry.path()),
+                Left::Folders => fs::remove_dir_all(entry.path()),
+            };
         }
+    }
+}
+
+/// A folder that is filled beside the place where its content belongs, and goes with what is still in it when it is dropped.
+///
+/// It is locked where the system locks folders; there, one that a killed program left is removed when the next is made.
+#[derive(Debug)]
+pub struct PartialFolder {
+    path: PathBuf,
+    _lock: Option<File>,
+}
+
+impl PartialFolder {
+    /// Makes the folder whose content belongs to `path`, and those it lies in.
+    ///
+    /// # Errors
+    /// [`FileError::Unwritable`].
+    pub fn of(path: &Path) -> Result<Self, FileError> {
+        let partial = partial_of(path);
+        make_folder(folder_of(path))?;
+        remove_leftovers_of(folder_of(path), Left::Folders, |own| Some(own) == name_of(path).as_deref());
+        loop {
+            make_folder(&partial)?;
+            let lock = File::open(&partial).ok().filter(|folder| folder.lock().is_ok());
+            // Another may have taken it for a leftover before it was locked.
+            if partial.is_dir() {
+                return Ok(Self { path: partial, _lock: lock });
+            }
+        }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for PartialFolder {
+    fn drop(&mut self) {
+        // Nothing is in it any more where all went well.
+        let _ = fs::remove_dir_all(&self.path);
     }
 }
 
@@ -240,8 +290,12 @@ fn write_all(path: &Path, content: &[u8]) -> io::Result<File> {
 
 /// Where a file is written before it takes its name.
 fn partial_of(path: &Path) -> PathBuf {
-    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = name_of(path).unwrap_or_default();
     folder_of(path).join(format!(".{name}.{}.partial", std::process::id()))
+}
+
+fn name_of(path: &Path) -> Option<String> {
+    path.file_name().map(|name| name.to_string_lossy().into_owned())
 }
 
 fn folder_of(path: &Path) -> &Path {
@@ -303,6 +357,26 @@ mod tests {
         assert!(!written.exists() && path.exists() && others.exists());
         remove_all_leftovers(folder.path());
         assert!(!others.exists() && path.exists());
+    }
+
+    #[test]
+    fn a_folder_is_filled_beside_its_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let [place, left] = ["in/tour", "in/.tour.1.partial"].map(|name| folder.path().join(name));
+        fs::create_dir_all(&left).unwrap();
+        fs::write(left.join("log.csv"), "ha").unwrap();
+        let partial = PartialFolder::of(&place).unwrap();
+        let path = partial.path().to_owned();
+        // A lock on a folder is Unix's.
+        assert_eq!(left.exists(), !cfg!(unix), "what a killed program left");
+        fs::write(path.join("log.csv"), "whole").unwrap();
+        if cfg!(unix) {
+            remove_leftovers_of(&folder.path().join("in"), Left::Folders, |_| true);
+            assert!(path.exists(), "nobody else removes what is being filled");
+        }
+        drop(partial);
+        assert!(!path.exists() && !place.exists());
+        assert!(PartialFolder::of(&folder.path().join("in/a/b")).is_ok());
     }
 
     #[test]

@@ -27,7 +27,7 @@ pub use unlike::{Lacking, Unlike};
 pub struct Estimate {
     /// Which robot.
     pub robot: String,
-    /// Which night; nights are put in the order of their numbers, or of their names where they are no numbers (as dates are).
+    /// Which night. Nights are put in the order of their names, with numbers by their sizes (`n2` before `n10`).
     pub night: String,
     /// What was estimated, e.g. `joint.1.viscous.Fv`.
     pub quantity: String,

@@ -32,7 +32,7 @@ impl Series {
     }
 }
 
-/// All names, in their order: numbers by their sizes, also within words.
+/// All names, in their order: numbers by their sizes, whole numbers also within words.
 pub(crate) fn names(estimates: &[Estimate], of: impl Fn(&Estimate) -> &String) -> Vec<String> {
     let mut all: Vec<&String> = estimates.iter().map(of).collect();
     all.sort_by(|a, b| by_number(a, b));

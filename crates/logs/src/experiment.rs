@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::{Device, instance::check_payload, nearest};
+use dynid_model::{Device, document::MOST_TABLES, instance::check_payload, nearest};
 use dynid_tables::Table;
 use sha2::{Digest, Sha256};
 use toml::{
@@ -331,6 +331,11 @@ impl Experiment {
         if entries.is_empty() {
             let remedy = "add one: [[run]] with file, free and role";
             return Err(file.invalid(runs.span().start, "the experiment has no run".to_owned(), remedy));
+        }
+        if entries.len() > MOST_TABLES {
+            let message = format!("the experiment has {} runs, more than {MOST_TABLES}", entries.len());
+            let remedy = format!("keep at most {MOST_TABLES}; the others are an experiment of their own");
+            return Err(file.invalid(runs.span().start, message, &remedy));
         }
         let mut hash = Sha256::new();
         let mut read = Vec::with_capacity(entries.len());

@@ -95,24 +95,24 @@ fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
     let reader = columns.reader();
     let schema = reader.metadata().file_metadata().schema();
     let names = schema.get_fields().iter().map(|field| field.name().to_owned()).collect();
-    // The reader of rows knows no billionths of seconds.
-    let is_fine = |field: &Arc<Type>| {
-        let of = field.get_basic_info().logical_type_ref();
-        matches!(of, Some(LogicalType::Timestamp(own)) if own.unit == TimeUnit::NANOS)
+    // The reader of rows knows no billionths of seconds and no zones.
+    let moment_of = |field: &Arc<Type>| match field.get_basic_info().logical_type_ref() {
+        Some(LogicalType::Timestamp(own)) => (own.unit == TimeUnit::NANOS, own.is_adjusted_to_u_t_c),
+        _ => (false, false),
     };
-    let fine: Vec<bool> = schema.get_fields().iter().map(is_fine).collect();
+    let moments: Vec<(bool, bool)> = schema.get_fields().iter().map(moment_of).collect();
     let mut rows = Vec::new();
     for (line, row) in (1..).zip(reader.get_row_iter(None).map_err(parquet_file::damaged)?) {
         let row = row.map_err(parquet_file::damaged)?;
-        let cells = row.get_column_iter().zip(&fine).map(|((_, field), is_fine)| match field {
-            Field::Long(ticks) if *is_fine => moment(*ticks, 1_000_000_000, 1),
+        let cells = row.get_column_iter().zip(&moments).map(|((_, field), (is_fine, is_utc))| match field {
+            Field::Long(ticks) if *is_fine => moment(*ticks, 1_000_000_000, 1, *is_utc),
             Field::Null => String::new(),
             Field::Str(text) => text.trim().to_owned(),
             Field::Double(number) => number.to_string(),
             Field::Float(number) => number.to_string(),
-            Field::Date(days) => moment(i64::from(*days), 1, DAY),
-            Field::TimestampMillis(ticks) => moment(*ticks, 1_000, 1),
-            Field::TimestampMicros(ticks) => moment(*ticks, 1_000_000, 1),
+            Field::Date(days) => moment(i64::from(*days), 1, DAY, false),
+            Field::TimestampMillis(ticks) => moment(*ticks, 1_000, 1, *is_utc),
+            Field::TimestampMicros(ticks) => moment(*ticks, 1_000_000, 1, *is_utc),
             other => other.to_string(),
         });
         rows.push(Row { line, cells: cells.collect() });
@@ -143,7 +143,8 @@ fn of_arrow(bytes: &[u8]) -> Result<Cells, TableError> {
 const DAY: i64 = 86_400;
 
 /// A moment so many ticks after the beginning of 1970, as people write it: at midnight the date alone, as other programs write columns of dates.
-fn moment(ticks: i64, ticks_per_unit: i64, seconds_per_unit: i64) -> String {
+/// One of a stated zone is that of UTC, and says so: its date may be another.
+fn moment(ticks: i64, ticks_per_unit: i64, seconds_per_unit: i64, is_utc: bool) -> String {
     let (units, rest) = (ticks.div_euclid(ticks_per_unit), ticks.rem_euclid(ticks_per_unit));
     let nanoseconds = u32::try_from(rest * (1_000_000_000 / ticks_per_unit)).ok();
     let moment = units.checked_mul(seconds_per_unit).zip(nanoseconds);
@@ -152,13 +153,23 @@ fn moment(ticks: i64, ticks_per_unit: i64, seconds_per_unit: i64) -> String {
         || ticks.to_string(),
         |moment| {
             let moment = moment.naive_utc();
-            if moment.time() == chrono::NaiveTime::MIN { moment.date().to_string() } else { moment.to_string() }
+            match moment.time() {
+                _ if is_utc => format!("{moment}Z"),
+                chrono::NaiveTime::MIN => moment.date().to_string(),
+                _ => moment.to_string(),
+            }
         },
     )
 }
 
-fn of_ticks(ticks: impl Iterator<Item = Option<i64>>, ticks_per_unit: i64, seconds_per_unit: i64) -> Vec<String> {
-    ticks.map(|own| own.map_or_else(String::new, |own| moment(own, ticks_per_unit, seconds_per_unit))).collect()
+fn of_ticks(
+    ticks: impl Iterator<Item = Option<i64>>,
+    ticks_per_unit: i64,
+    seconds_per_unit: i64,
+    is_utc: bool,
+) -> Vec<String> {
+    let moment = |own| moment(own, ticks_per_unit, seconds_per_unit, is_utc);
+    ticks.map(|own| own.map_or_else(String::new, moment)).collect()
 }
 
 /// The cells of a column.
@@ -179,12 +190,14 @@ fn words(name: &str, column: &ArrayRef) -> Result<Vec<String>, TableError> {
         Some(keys.iter().enumerate().map(cell).collect())
     };
     let dates = || {
-        let days =
-            any.downcast_ref().map(|own: &Date32Array| of_ticks(own.iter().map(|own| own.map(i64::from)), 1, DAY));
-        let thousandths = || any.downcast_ref().map(|own: &Date64Array| of_ticks(own.iter(), 1_000, 1));
+        let days = any
+            .downcast_ref()
+            .map(|own: &Date32Array| of_ticks(own.iter().map(|own| own.map(i64::from)), 1, DAY, false));
+        let thousandths = || any.downcast_ref().map(|own: &Date64Array| of_ticks(own.iter(), 1_000, 1, false));
         let moments = || {
-            let DataType::Timestamp(unit, _) = column.data_type() else { return None };
-            Some(of_ticks(arrow_file::ticks(column)?.into_iter(), arrow_file::ticks_per_second(*unit), 1))
+            let DataType::Timestamp(unit, zone) = column.data_type() else { return None };
+            let ticks = arrow_file::ticks(column)?.into_iter();
+            Some(of_ticks(ticks, arrow_file::ticks_per_second(*unit), 1, zone.is_some()))
         };
         days.or_else(thousandths).or_else(moments)
     };
@@ -221,14 +234,26 @@ mod tests {
         let robots: DictionaryArray<Int32Type> = [Some("a"), None, Some("b")].into_iter().collect();
         let midnight = 20_513 * DAY * 1_000_000_000;
         let nights = TimestampNanosecondArray::from(vec![Some(midnight), Some(midnight + 1_500_000_000), None]);
+        let zoned = nights.clone().with_timezone("Europe/Berlin");
         let days = Date32Array::from(vec![Some(20_513), Some(-1), None]);
-        let columns: [(&str, ArrayRef); 3] =
-            [("robot", Arc::new(robots)), ("night", Arc::new(nights)), ("day", Arc::new(days))];
+        let columns: [(&str, ArrayRef); 4] = [
+            ("robot", Arc::new(robots)),
+            ("night", Arc::new(nights)),
+            ("began", Arc::new(zoned)),
+            ("day", Arc::new(days)),
+        ];
         let batch = RecordBatch::try_from_iter_with_nullable(columns.map(|(name, own)| (name, own, true))).unwrap();
         let mut writer = arrow_ipc::writer::StreamWriter::try_new(Vec::new(), &batch.schema()).unwrap();
         writer.write(&batch).unwrap();
         let read = of_arrow(&writer.into_inner().unwrap()).unwrap();
         let rows: Vec<String> = read.rows.iter().map(|row| row.cells.join("|")).collect();
-        assert_eq!(rows, ["a|2026-03-01|2026-03-01", "|2026-03-01 00:00:01.500|1969-12-31", "b||"]);
+        assert_eq!(
+            rows,
+            [
+                "a|2026-03-01|2026-03-01 00:00:00Z|2026-03-01",
+                "|2026-03-01 00:00:01.500|2026-03-01 00:00:01.500Z|1969-12-31",
+                "b|||"
+            ]
+        );
     }
 }

@@ -49,7 +49,8 @@ pub(crate) struct Variable {
     pub values: Vec<f64>,
 }
 
-/// The variables of the length that holds most numbers (columns times rows): a small matrix beside a log has many columns, too.
+/// The variables of the length that holds most numbers (columns times rows), the longest of several: a small matrix beside a log has many columns,
+/// too.
 pub(crate) fn table(variables: Vec<Variable>) -> (Vec<Named>, Vec<Remark>) {
     let n_columns = |n_rows: usize| -> usize {
         variables.iter().filter(|own| own.n_rows == n_rows).map(|own| own.n_columns).sum::<usize>()
@@ -62,7 +63,7 @@ pub(crate) fn table(variables: Vec<Variable>) -> (Vec<Named>, Vec<Remark>) {
     // A row vector or a wide matrix has its times side by side.
     let long = |own: &Variable| own.n_rows.max(own.n_columns);
     let candidates = variables.iter().map(long).filter(|length| *length > 1);
-    let Some(n_rows) = candidates.max_by_key(|length| length * n_columns(*length)) else {
+    let Some(n_rows) = candidates.max_by_key(|length| (length * n_columns(*length), *length)) else {
         return (Vec::new(), Vec::new());
     };
     let (mut columns, mut others) = (Vec::new(), Vec::new());

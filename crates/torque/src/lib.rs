@@ -63,21 +63,22 @@ impl JointTorqueError {
         (n_used > 0).then(|| (square_sum(&self.residual, &self.used) / n_used as f64).sqrt())
     }
 
-    /// `100 |residual| / |torque|` where it counts; `None` where no torque does.
+    /// As [`total_percent`], of this joint alone.
     pub fn percent(&self) -> Option<f64> {
-        let torque = square_sum(&self.torque, &self.used);
-        (torque > 0.0).then(|| 100.0 * (square_sum(&self.residual, &self.used) / torque).sqrt())
+        total_percent([self])
     }
 }
 
-/// `100 |residual| / |torque|` of several joints together.
+/// `100 |residual| / |torque|` of several joints together; none where that is no number: without torque, or where an effect's states are too
+/// fast to be followed.
 pub fn total_percent<'a>(joints: impl IntoIterator<Item = &'a JointTorqueError>) -> Option<f64> {
     let (mut residual, mut torque) = (0.0, 0.0);
     for joint in joints {
         residual += square_sum(&joint.residual, &joint.used);
         torque += square_sum(&joint.torque, &joint.used);
     }
-    (torque > 0.0).then(|| 100.0 * (residual / torque).sqrt())
+    let percent = 100.0 * (residual / torque).sqrt();
+    percent.is_finite().then_some(percent)
 }
 
 fn square_sum(values: &[f64], used: &[bool]) -> f64 {

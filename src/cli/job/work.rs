@@ -40,11 +40,17 @@ struct Printed {
 
 /// Does a job and writes its result, last of all that it writes; one that has failed is done `again`, or stays.
 ///
-/// All its files lie in the folder of the results, since they name others by where they lie, and begin with its digest. Who has the lock of
+/// All its files but the checkpoint of a diagnosis lie in the folder of the results, since they name others by where they lie, and begin with its
+/// digest. Who has the lock of
 /// `DIGEST.lock` does the job; a child has it, too, so that one whose parent was killed comes to its end before another begins, which goes on from
 /// the checkpoint that was left.
 pub fn work(job: &Job, out: &Path, again: bool, interrupt: &Interrupt) -> anyhow::Result<Ended> {
     let path = job.path(out, LOCK);
+    // Folders of thousands of results are looked through only where somebody has left something.
+    let was_written = |(own, place): (&String, String)| own.contains(OUT) && Path::new(&place).exists();
+    let was_begun = path.exists()
+        || job.result_path(out).exists()
+        || job.content.arguments.iter().zip(with_places(job, out)).any(was_written);
     let lock = File::options().create(true).truncate(false).read(true).write(true).open(&path);
     let lock = lock.with_context(|| format!("{} cannot be written", path.display()))?;
     match lock.try_lock() {
@@ -55,10 +61,13 @@ pub fn work(job: &Job, out: &Path, again: bool, interrupt: &Interrupt) -> anyhow
         ),
         Ok(()) => {}
     }
-    let ended = locked(job, out, again, &lock, interrupt)?;
+    let ended = locked(job, out, again, &lock, was_begun, interrupt)?;
     if matches!(ended, Ended::Done | Ended::Failed) {
-        for left in files(job, out)?.iter().filter(|path| is_checkpoint(path)) {
-            fs::remove_file(left).with_context(|| format!("{} cannot be removed", left.display()))?;
+        // A fit that comes to its end removes its own.
+        if was_begun || ended == Ended::Failed {
+            for left in files(job, out)?.iter().filter(|path| is_checkpoint(path)) {
+                fs::remove_file(left).with_context(|| format!("{} cannot be removed", left.display()))?;
+            }
         }
         // Another that looks for the lock now finds the result.
         let _ = fs::remove_file(&path);
@@ -69,7 +78,14 @@ pub fn work(job: &Job, out: &Path, again: bool, interrupt: &Interrupt) -> anyhow
 /// The ending of the file that is locked, to which a child also writes what is wrong.
 const LOCK: &str = "lock";
 
-fn locked(job: &Job, out: &Path, again: bool, lock: &File, interrupt: &Interrupt) -> anyhow::Result<Ended> {
+fn locked(
+    job: &Job,
+    out: &Path,
+    again: bool,
+    lock: &File,
+    was_begun: bool,
+    interrupt: &Interrupt,
+) -> anyhow::Result<Ended> {
     // Somebody else may have done it since it was looked for.
     match job.result(out) {
         Some(result) if result["error"].is_null() => return Ok(Ended::Done),
@@ -81,8 +97,9 @@ fn locked(job: &Job, out: &Path, again: bool, lock: &File, interrupt: &Interrupt
         return write(job, out, &Printed { status: Some(2), out: String::new(), err: error });
     }
     // A worker that dies is replaced: once, for what kills two kills a third.
-    for _ in 0..2 {
-        let printed = printed(&arguments(job, out)?, lock, interrupt)?;
+    for attempt in 0..2 {
+        let left = if was_begun || attempt > 0 { files(job, out)? } else { Vec::new() };
+        let printed = printed(&arguments(job, out, &left)?, lock, interrupt)?;
         match printed.status {
             Some(status) if status == i32::from(interrupt::STATUS) => return Ok(Ended::Stopped),
             Some(_) => return write(job, out, &printed),
@@ -108,20 +125,24 @@ fn files(job: &Job, out: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(entries.flatten().map(|entry| entry.path()).filter(|path| begins(path) && !own.contains(path)).collect())
 }
 
-/// The arguments, with the result's place, and with `--resume` where one that was stopped has left what it had.
-fn arguments(job: &Job, out: &Path) -> anyhow::Result<Vec<String>> {
-    let left = files(job, out)?;
+/// The arguments, with the result's place, and with `--resume` where one that was stopped has `left` what it had.
+fn arguments(job: &Job, out: &Path, left: &[PathBuf]) -> anyhow::Result<Vec<String>> {
     // What was written whole before a death is written again.
     for path in left.iter().filter(|path| !is_checkpoint(path)) {
         let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
         removed.with_context(|| format!("{} cannot be removed", path.display()))?;
     }
-    let name = out.join(&job.digest).display().to_string();
-    let mut arguments: Vec<String> = job.content.arguments.iter().map(|own| own.replace(OUT, &name)).collect();
+    let mut arguments = with_places(job, out);
     if left.iter().any(|path| is_checkpoint(path)) && arguments.iter().any(|own| own == "fit") {
         arguments.push("--resume".to_owned());
     }
     Ok(arguments)
+}
+
+/// The arguments, with the place of what the verb writes.
+fn with_places(job: &Job, out: &Path) -> Vec<String> {
+    let name = out.join(&job.digest).display().to_string();
+    job.content.arguments.iter().map(|own| own.replace(OUT, &name)).collect()
 }
 
 fn printed(arguments: &[String], mut lock: &File, interrupt: &Interrupt) -> anyhow::Result<Printed> {

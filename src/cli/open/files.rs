@@ -168,7 +168,10 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let partial = Partial(format!(".{}.{}.{number}.partial", path.display(), std::process::id()));
     let unwritable = |source| FileError::Unwritable { path: path.clone(), source };
-    let mut file = tokio::fs::File::create_new(&partial.0).await.map_err(unwritable)?;
+    let file = fs::File::create_new(&partial.0).map_err(unwritable)?;
+    // The lock says that it is no leftover; not every disk has locks.
+    let _ = file.try_lock();
+    let mut file = tokio::fs::File::from_std(file);
     let mut body = request.into_body().into_data_stream();
     let mut bytes = 0;
     while let Some(chunk) = body.next().await {
@@ -185,8 +188,9 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
     // Only flushing tells what became of the last chunk.
     file.flush().await.map_err(unwritable)?;
     file.sync_all().await.map_err(unwritable)?;
-    drop(file);
+    let locked = file.into_std().await;
     blocking(move || {
+        let _locked = locked;
         // Unlike a renaming, a second name for the file never takes the place of another.
         let taken = fs::hard_link(&partial.0, &path).is_err();
         if taken && !path.exists() {

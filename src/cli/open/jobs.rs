@@ -25,8 +25,9 @@ use super::events::Hub;
 
 /// Commands that run beside each other.
 const AT_A_TIME: usize = 4;
-/// Commands that are remembered.
+/// Commands that are remembered, and the bytes that all of them may take before the oldest are forgotten.
 const REMEMBERED: usize = 200;
+const REMEMBERED_BYTES: usize = 8 * LONGEST;
 /// Lines of progress that are kept of each, and which of them are thinned.
 const MOST_LINES: usize = 2000;
 const REPEATED: [&str; 3] = ["count", "iteration", "searched"];
@@ -117,6 +118,11 @@ impl Job {
         })
     }
 
+    /// About what its texts take; progress is thinned to little.
+    fn bytes(&self) -> usize {
+        self.noted.min(LONGEST) + [&self.result, &self.error].into_iter().flatten().map(String::len).sum::<usize>()
+    }
+
     /// All that is known of it, as JSON. Its answer stands in it as it was printed, to the last digit.
     fn whole(&self) -> String {
         let mut whole = self.summary();
@@ -164,6 +170,18 @@ impl Job {
     }
 }
 
+/// Makes room for one more: of those that are over, the oldest go.
+fn forget(list: &mut VecDeque<Job>) {
+    let is_full = |list: &VecDeque<Job>| {
+        list.len() >= REMEMBERED || list.iter().map(Job::bytes).sum::<usize>() > REMEMBERED_BYTES
+    };
+    while is_full(list)
+        && let Some(over) = list.iter().position(|job| job.state.is_over())
+    {
+        list.remove(over);
+    }
+}
+
 impl Jobs {
     pub fn new(hub: Hub, always: Vec<String>) -> Self {
         Self { list: Mutex::default(), slots: Semaphore::new(AT_A_TIME), hub, always }
@@ -194,11 +212,7 @@ impl Jobs {
     fn begin(self: &Arc<Self>, args: Vec<String>) -> Value {
         let (stop, stops) = mpsc::unbounded_channel();
         let mut list = self.list();
-        if list.len() >= REMEMBERED
-            && let Some(over) = list.iter().position(|job| job.state.is_over())
-        {
-            list.remove(over);
-        }
+        forget(&mut list);
         let id = 1 + list.back().map_or(0, |job| job.id);
         let words: Vec<&String> = self.always.iter().chain(&args).collect();
         let job = Job::new(id, args.clone(), shell_line(&words), stop);
@@ -391,6 +405,18 @@ mod tests {
         (0..9).for_each(|_| assert!(job.hear(line.clone()).is_none()));
         let error = job.error.unwrap();
         assert!(error.starts_with("no\nx") && error.len() < 2 * LONGEST, "{}", error.len());
+    }
+
+    #[test]
+    fn the_oldest_that_are_over_are_forgotten_where_all_take_too_much() {
+        let (stop, _stops) = mpsc::unbounded_channel();
+        let mut list: VecDeque<Job> = (1..12).map(|id| Job::new(id, Vec::new(), String::new(), stop.clone())).collect();
+        for job in list.iter_mut().skip(1) {
+            (job.state, job.result) = (JobState::Done, Some("x".repeat(LONGEST)));
+        }
+        forget(&mut list);
+        let left: Vec<u64> = list.iter().map(|job| job.id).collect();
+        assert_eq!(left, [1, 4, 5, 6, 7, 8, 9, 10, 11], "8 of the largest fit, and what runs stays");
     }
 
     #[tokio::test]

@@ -103,7 +103,7 @@ pub static PENDULUM: Kernel = Kernel {
     },
 };
 
-/// Length of the first link of the two-link arm [m].
+/// Length of the first link of the two-link arm \[m\].
 const L1: f64 = 0.4;
 
 fn arm_regressor(q: &[f64], dq: &[f64], ddq: &[f64]) -> [f64; 10] {

@@ -192,6 +192,8 @@ fn bad_experiments_are_refused_with_place_and_remedy() {
     assert_snapshot!(refused(&GOOD.replace("device", "devise")), @"experiment.toml:1:1: unknown key `devise`; did you mean `device`? the keys here are device, run, columns, scale, turn, repeated_times, cutoff_hz, decimate, min_speed, mask, hold, controller, from_s, first_half, moving, payload, transmission");
     assert_snapshot!(refused(&GOOD.replace("\"arm\"", "\"arn\"")), @r#"experiment.toml:1:10: there is no device `arn`; known: double_pendulum, freedom6s, oscillator, planar2r, servo_pendulum, staubli_tx40; a device of your own is named by its file: "arn.toml""#);
     assert_snapshot!(refused("device = \"arm\"\n"), @"experiment.toml:2:1: the experiment has no run; add one: [[run]] with file, free and role");
+    let many = format!("device = \"arm\"\n{}", "[[run]]\n".repeat(4097));
+    assert_snapshot!(refused(&many), @"experiment.toml:2:1: the experiment has 4097 runs, more than 4096; keep at most 4096; the others are an experiment of their own");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 0]")), @"experiment.toml:4:12: free: joint 0 is named twice; name each joint once");
     assert_snapshot!(refused(&GOOD.replace("[0, 1]", "[0, 2]")), @"experiment.toml:4:12: free: `arm` has no joint 2, its joints are 0 to 1; name each joint by its index");
     assert_snapshot!(refused(&GOOD.replace("\"fit\"", "\"train\"")), @r#"experiment.toml:5:8: role: expected "fit" or "validate", found "train"; say "fit" for a run that parameters are fitted to, "validate" for a held-out run"#);

@@ -149,7 +149,7 @@ impl Drop for SmallDisk {
 #[test]
 fn what_a_killed_server_left_of_an_upload_is_removed() {
     let folder = tempfile::tempdir().unwrap();
-    let left = folder.path().join(".new.csv.1.0.partial");
+    let left = folder.path().join(".new.csv.1-0.partial");
     fs::write(&left, "t,q0").unwrap();
     let _server = Server::new(folder.path(), &[]);
     assert!(!left.exists());

@@ -8,7 +8,7 @@ use arrow_array::{
 use arrow_ipc::reader::StreamReader;
 use arrow_schema::DataType;
 use parquet::{
-    basic::{LogicalType, TimeUnit},
+    basic::{ConvertedType, LogicalType, TimeUnit},
     file::reader::FileReader,
     record::Field,
     schema::types::Type,
@@ -96,24 +96,36 @@ fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
     let schema = reader.metadata().file_metadata().schema();
     let names = schema.get_fields().iter().map(|field| field.name().to_owned()).collect();
     // The reader of rows knows no billionths of seconds and no zones.
-    let moment_of = |field: &Arc<Type>| match field.get_basic_info().logical_type_ref() {
-        Some(LogicalType::Timestamp(own)) => (own.unit == TimeUnit::NANOS, own.is_adjusted_to_u_t_c),
-        _ => (false, false),
+    let ticks_of = |field: &Arc<Type>| {
+        let info = field.get_basic_info();
+        match (info.logical_type_ref(), info.converted_type()) {
+            (Some(LogicalType::Timestamp(own)), _) => {
+                let per_second = match own.unit {
+                    TimeUnit::MILLIS => 1_000,
+                    TimeUnit::MICROS => 1_000_000,
+                    TimeUnit::NANOS => 1_000_000_000,
+                };
+                Some(Ticks::of_moments(per_second, own.is_adjusted_to_u_t_c))
+            }
+            (_, ConvertedType::TIMESTAMP_MILLIS) => Some(Ticks::of_moments(1_000, false)),
+            (_, ConvertedType::TIMESTAMP_MICROS) => Some(Ticks::of_moments(1_000_000, false)),
+            _ => None,
+        }
     };
-    let moments: Vec<(bool, bool)> = schema.get_fields().iter().map(moment_of).collect();
+    let ticks: Vec<Option<Ticks>> = schema.get_fields().iter().map(ticks_of).collect();
     let mut rows = Vec::new();
     for (line, row) in (1..).zip(reader.get_row_iter(None).map_err(parquet_file::damaged)?) {
         let row = row.map_err(parquet_file::damaged)?;
-        let cells = row.get_column_iter().zip(&moments).map(|((_, field), (is_fine, is_utc))| match field {
-            Field::Long(ticks) if *is_fine => moment(*ticks, 1_000_000_000, 1, *is_utc),
-            Field::Null => String::new(),
-            Field::Str(text) => text.trim().to_owned(),
-            Field::Double(number) => number.to_string(),
-            Field::Float(number) => number.to_string(),
-            Field::Date(days) => moment(i64::from(*days), 1, DAY, false),
-            Field::TimestampMillis(ticks) => moment(*ticks, 1_000, 1, *is_utc),
-            Field::TimestampMicros(ticks) => moment(*ticks, 1_000_000, 1, *is_utc),
-            other => other.to_string(),
+        let cells = row.get_column_iter().zip(&ticks).map(|((_, field), ticks)| match (field, ticks) {
+            (Field::Long(own) | Field::TimestampMillis(own) | Field::TimestampMicros(own), Some(ticks)) => {
+                ticks.words(*own)
+            }
+            (Field::Date(days), _) => Ticks::DAYS.words(i64::from(*days)),
+            (Field::Null, _) => String::new(),
+            (Field::Str(text), _) => text.trim().to_owned(),
+            (Field::Double(number), _) => number.to_string(),
+            (Field::Float(number), _) => number.to_string(),
+            (other, _) => other.to_string(),
         });
         rows.push(Row { line, cells: cells.collect() });
     }
@@ -139,37 +151,39 @@ fn of_arrow(bytes: &[u8]) -> Result<Cells, TableError> {
     })
 }
 
-/// Seconds of a day.
-const DAY: i64 = 86_400;
-
-/// A moment so many ticks after the beginning of 1970, as people write it: at midnight the date alone, as other programs write columns of dates.
-/// One of a stated zone is that of UTC, and says so: its date may be another.
-fn moment(ticks: i64, ticks_per_unit: i64, seconds_per_unit: i64, is_utc: bool) -> String {
-    let (units, rest) = (ticks.div_euclid(ticks_per_unit), ticks.rem_euclid(ticks_per_unit));
-    let nanoseconds = u32::try_from(rest * (1_000_000_000 / ticks_per_unit)).ok();
-    let moment = units.checked_mul(seconds_per_unit).zip(nanoseconds);
-    let moment = moment.and_then(|(seconds, nanoseconds)| chrono::DateTime::from_timestamp(seconds, nanoseconds));
-    moment.map_or_else(
-        || ticks.to_string(),
-        |moment| {
-            let moment = moment.naive_utc();
-            match moment.time() {
-                _ if is_utc => format!("{moment}Z"),
-                chrono::NaiveTime::MIN => moment.date().to_string(),
-                _ => moment.to_string(),
-            }
-        },
-    )
+/// What is counted from the beginning of 1970.
+#[derive(Clone, Copy)]
+struct Ticks {
+    seconds: i64,
+    per_second: i64,
+    is_utc: bool,
 }
 
-fn of_ticks(
-    ticks: impl Iterator<Item = Option<i64>>,
-    ticks_per_unit: i64,
-    seconds_per_unit: i64,
-    is_utc: bool,
-) -> Vec<String> {
-    let moment = |own| moment(own, ticks_per_unit, seconds_per_unit, is_utc);
-    ticks.map(|own| own.map_or_else(String::new, moment)).collect()
+impl Ticks {
+    const DAYS: Self = Self { seconds: 86_400, per_second: 1, is_utc: false };
+
+    fn of_moments(per_second: i64, is_utc: bool) -> Self {
+        Self { seconds: 1, per_second, is_utc }
+    }
+
+    /// A moment as people write it: at midnight the date alone, as other programs write columns of dates.
+    /// One of a stated zone is that of UTC, and says so: its date may be another.
+    fn words(self, ticks: i64) -> String {
+        let (units, rest) = (ticks.div_euclid(self.per_second), ticks.rem_euclid(self.per_second));
+        let nanoseconds = u32::try_from(rest * (1_000_000_000 / self.per_second)).ok();
+        let moment = units.checked_mul(self.seconds).zip(nanoseconds);
+        let moment = moment.and_then(|(seconds, nanoseconds)| chrono::DateTime::from_timestamp(seconds, nanoseconds));
+        let Some(moment) = moment.map(|own| own.naive_utc()) else { return ticks.to_string() };
+        match moment.time() {
+            _ if self.is_utc => format!("{moment}Z"),
+            chrono::NaiveTime::MIN => moment.date().to_string(),
+            _ => moment.to_string(),
+        }
+    }
+
+    fn column(self, ticks: impl Iterator<Item = Option<i64>>) -> Vec<String> {
+        ticks.map(|own| own.map_or_else(String::new, |own| self.words(own))).collect()
+    }
 }
 
 /// The cells of a column.
@@ -190,14 +204,16 @@ fn words(name: &str, column: &ArrayRef) -> Result<Vec<String>, TableError> {
         Some(keys.iter().enumerate().map(cell).collect())
     };
     let dates = || {
-        let days = any
-            .downcast_ref()
-            .map(|own: &Date32Array| of_ticks(own.iter().map(|own| own.map(i64::from)), 1, DAY, false));
-        let thousandths = || any.downcast_ref().map(|own: &Date64Array| of_ticks(own.iter(), 1_000, 1, false));
+        let days =
+            any.downcast_ref().map(|own: &Date32Array| Ticks::DAYS.column(own.iter().map(|own| own.map(i64::from))));
+        let thousandths = || {
+            let dates: &Date64Array = any.downcast_ref()?;
+            Some(Ticks::of_moments(1_000, false).column(dates.iter()))
+        };
         let moments = || {
             let DataType::Timestamp(unit, zone) = column.data_type() else { return None };
-            let ticks = arrow_file::ticks(column)?.into_iter();
-            Some(of_ticks(ticks, arrow_file::ticks_per_second(*unit), 1, zone.is_some()))
+            let ticks = Ticks::of_moments(arrow_file::ticks_per_second(*unit), zone.is_some());
+            Some(ticks.column(arrow_file::ticks(column)?.into_iter()))
         };
         days.or_else(thousandths).or_else(moments)
     };
@@ -232,7 +248,7 @@ mod tests {
     #[test]
     fn categories_and_dates_are_words() {
         let robots: DictionaryArray<Int32Type> = [Some("a"), None, Some("b")].into_iter().collect();
-        let midnight = 20_513 * DAY * 1_000_000_000;
+        let midnight = 20_513 * 86_400 * 1_000_000_000;
         let nights = TimestampNanosecondArray::from(vec![Some(midnight), Some(midnight + 1_500_000_000), None]);
         let zoned = nights.clone().with_timezone("Europe/Berlin");
         let days = Date32Array::from(vec![Some(20_513), Some(-1), None]);

@@ -4,7 +4,6 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use axum::Json;
 use axum::extract::{Query, Request, State};
@@ -12,7 +11,7 @@ use axum::http::header::InvalidHeaderValue;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
 use base64::{Engine, prelude::BASE64_STANDARD};
-use dynid_files::{FileError, Overwrite, make_folder, write_new};
+use dynid_files::{FileError, Overwrite, PartialFile, make_folder, write_new};
 use dynid_model::sha256_hex;
 use dynid_report::plot::SCRIPT;
 use futures_util::StreamExt;
@@ -164,14 +163,9 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
         let endings = [&dynid_tables::ENDINGS[..], &HANDED_IN].concat().join(", ");
         return Err(Refusal::bad(format!("give a plain name that ends in one of: {endings}")));
     }
-    static NUMBER: AtomicU64 = AtomicU64::new(0);
-    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-    let partial = Partial(format!(".{}.{}.{number}.partial", path.display(), std::process::id()));
     let unwritable = |source| FileError::Unwritable { path: path.clone(), source };
-    let file = fs::File::create_new(&partial.0).map_err(unwritable)?;
-    // The lock says that it is no leftover; not every disk has locks.
-    let _ = file.try_lock();
-    let mut file = tokio::fs::File::from_std(file);
+    let partial = PartialFile::of(&path)?;
+    let mut file = tokio::fs::File::from_std(partial.file().try_clone().map_err(unwritable)?);
     let mut body = request.into_body().into_data_stream();
     let mut bytes = 0;
     while let Some(chunk) = body.next().await {
@@ -188,33 +182,19 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
     // Only flushing tells what became of the last chunk.
     file.flush().await.map_err(unwritable)?;
     file.sync_all().await.map_err(unwritable)?;
-    let locked = file.into_std().await;
-    blocking(move || {
-        let _locked = locked;
-        // Unlike a renaming, a second name for the file never takes the place of another.
-        let taken = fs::hard_link(&partial.0, &path).is_err();
-        if taken && !path.exists() {
-            fs::rename(&partial.0, &path).map_err(|source| FileError::Unwritable { path: path.clone(), source })?;
-        } else if taken && !are_equal(Path::new(&partial.0), &path)? {
+    blocking(move || match partial.take_name(Overwrite::Refuse) {
+        // The same log once more is no conflict.
+        Err(FileError::Exists { .. }) if !are_equal(partial.path(), &path)? => {
             let sentence = format!(
                 "{} is there already with other content and is kept; give the log another name",
                 path.display()
             );
-            return Err(Refusal::conflict(sentence));
+            Err(Refusal::conflict(sentence))
         }
-        Ok(Json(json!({ "path": with_slashes(&path) })))
+        Ok(()) | Err(FileError::Exists { .. }) => Ok(Json(json!({ "path": with_slashes(&path) }))),
+        Err(error) => Err(error.into()),
     })
     .await
-}
-
-/// A file that is gone when nobody needs it any more.
-struct Partial(String);
-
-impl Drop for Partial {
-    fn drop(&mut self) {
-        // It may have taken its name.
-        let _ = fs::remove_file(&self.0);
-    }
 }
 
 fn are_equal(one: &Path, other: &Path) -> std::io::Result<bool> {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import faulthandler
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,18 +13,6 @@ import pytest
 
 
 ROLES: dict[str, str] = {"wrist-1.csv": "fit", "wrist-2.csv": "fit", "wrist-3.csv": "validate"}
-
-
-# Seconds that no test takes, however slow the machine.
-TOO_LONG = 900
-
-
-@pytest.fixture(autouse=True)
-def limited() -> Iterator[None]:
-    """A test that hangs ends, and all that follow: where it hung is told."""
-    faulthandler.dump_traceback_later(TOO_LONG, exit=True)
-    yield
-    faulthandler.cancel_dump_traceback_later()
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,4 @@
-//! Reading text files ([`read`]) and writing results ([`write_new`], [`write_together`]): a file is written whole or not at all, and an existing one
+//! Reading text files ([`read`]) and writing results ([`write_new`], [`write_together`], [`PartialFile`]): a file is written whole or not at all, and an existing one
 //! is replaced only with [`Overwrite`] saying so.
 //!
 //! Errors name the file: [`FileError`]; [`DocumentError`] also says where in the text.
@@ -134,8 +134,8 @@ pub fn write_new(path: &Path, content: &(impl AsRef<[u8]> + ?Sized), overwrite: 
 pub fn write_together(files: &[(PathBuf, String)], overwrite: Overwrite) -> Result<(), FileError> {
     files.iter().try_for_each(|(path, _)| check_place(path, overwrite))?;
     let partials = files.iter().map(|(path, text)| PartialFile::with(path, text.as_bytes()));
-    let partials = partials.collect::<Result<Vec<_>, _>>()?;
-    for (named, partial) in partials.iter().enumerate() {
+    let mut partials = partials.collect::<Result<Vec<_>, _>>()?;
+    for (named, partial) in partials.iter_mut().enumerate() {
         partial.take_name(overwrite).inspect_err(|_| {
             if overwrite == Overwrite::Refuse {
                 // The first error is the one to tell.
@@ -154,7 +154,7 @@ pub fn make_folder(path: &Path) -> Result<(), FileError> {
     if path == Path::new("") {
         return Ok(());
     }
-    fs::create_dir_all(path).map_err(|source| FileError::Unwritable { path: path.to_owned(), source })
+    fs::create_dir_all(path).map_err(unwritable(path))
 }
 
 fn unwritable(path: &Path) -> impl Fn(io::Error) -> FileError + Copy + '_ {
@@ -202,6 +202,15 @@ mod tests {
         assert!(matches!(write_together(&others, Overwrite::Force), Err(FileError::Unwritable { .. })));
         assert_eq!(texts(), ["one.toml", "two.toml"], "none is replaced");
         assert_eq!(count(), 2, "no partial file is left");
+        // A link that leads nowhere has the name of the second, which shows only when that is to take it.
+        #[cfg(unix)]
+        {
+            let new = ["three.toml", "four.toml"].map(|name| (folder.path().join(name), name.to_owned()));
+            std::os::unix::fs::symlink(folder.path().join("nowhere"), &new[1].0).unwrap();
+            assert!(matches!(write_together(&new, Overwrite::Refuse), Err(FileError::Exists { .. })));
+            assert!(!new[0].0.exists(), "the first gives its name back");
+            assert_eq!(count(), 3, "no partial file is left");
+        }
     }
 
     #[test]

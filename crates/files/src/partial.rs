@@ -3,7 +3,7 @@
 //! Who fills one holds its lock, so that what a killed program has left is told from what another is filling, and removed.
 
 use std::{
-    fs::{self, File},
+    fs::{self, File, TryLockError},
     io::{self, Write},
     path::{Path, PathBuf},
     sync::atomic::{AtomicU64, Ordering},
@@ -50,8 +50,13 @@ impl PartialFile {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
                 made => made?,
             };
-            // Not every disk knows locks; on one that does not, leftovers are never removed.
-            let is_locked = file.lock().is_ok();
+            let is_locked = match file.try_lock() {
+                // Another takes it for a leftover.
+                Err(TryLockError::WouldBlock) => continue,
+                // Not every disk knows locks; on one that does not, leftovers are never removed.
+                Err(TryLockError::Error(_)) => false,
+                Ok(()) => true,
+            };
             let own = Self { path: partial, place: path.to_owned(), file };
             // Another may have taken it for a leftover before it was locked.
             if !is_locked || own.path.try_exists()? {
@@ -60,12 +65,7 @@ impl PartialFile {
         }
     }
 
-    /// Where it is until it has its name.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// What to write to.
+    /// What to write to, and to read what was written: elsewhere than on Unix its lock keeps all others from it.
     pub fn file(&self) -> &File {
         &self.file
     }
@@ -74,7 +74,7 @@ impl PartialFile {
     ///
     /// # Errors
     /// [`FileError::Exists`] unless forced; [`FileError::Unwritable`].
-    pub fn take_name(&self, overwrite: Overwrite) -> Result<(), FileError> {
+    pub fn take_name(&mut self, overwrite: Overwrite) -> Result<(), FileError> {
         let exists = || FileError::Exists { path: self.place.clone() };
         if overwrite == Overwrite::Refuse {
             // Unlike a renaming, a second name for the file never takes the place of another that came meanwhile.
@@ -86,13 +86,16 @@ impl PartialFile {
                 Err(_) => {}
             }
         }
-        fs::rename(&self.path, &self.place).map_err(unwritable(&self.place))
+        fs::rename(&self.path, &self.place).map_err(unwritable(&self.place))?;
+        // From now on another's may be there.
+        self.path = PathBuf::new();
+        Ok(())
     }
 }
 
 impl Drop for PartialFile {
     fn drop(&mut self) {
-        // It is not there any more where it was renamed, and one that cannot be removed changes nothing.
+        // One that cannot be removed changes nothing; one that was renamed has no path any more.
         let _ = fs::remove_file(&self.path);
     }
 }
@@ -112,11 +115,14 @@ impl PartialFolder {
     /// # Errors
     /// [`FileError::Unwritable`].
     pub fn of(path: &Path) -> Result<Self, FileError> {
-        let partial = partial_of(path);
         make_folder(folder_of(path))?;
         remove_leftovers_of(folder_of(path), Left::Folders, |own| Some(own) == name_of(path).as_deref());
         loop {
-            make_folder(&partial)?;
+            let partial = partial_of(path);
+            match fs::create_dir(&partial) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+                made => made.map_err(unwritable(path))?,
+            }
             let lock = File::open(&partial).ok().filter(|folder| folder.lock().is_ok());
             // Another may have taken it for a leftover before it was locked.
             if partial.is_dir() {
@@ -145,7 +151,7 @@ pub fn remove_leftovers(path: &Path) {
     remove_leftovers_of(folder_of(path), Left::Files, |own| Some(own) == name_of(path).as_deref());
 }
 
-/// As [`remove_leftovers`], of all files of a folder.
+/// As [`remove_leftovers`], of all files of a folder: `.NAME.PROCESS-NUMBER.partial` that nobody has locked.
 pub fn remove_all_leftovers(folder: &Path) {
     remove_leftovers_of(folder, Left::Files, |_| true);
 }
@@ -173,7 +179,7 @@ fn remove_leftovers_of(folder: &Path, kind: Left, is_wanted: impl Fn(&str) -> bo
     }
 }
 
-/// A name beside a place that no other writer of this program has.
+/// A name beside a place that no other writer of this process has.
 fn partial_of(path: &Path) -> PathBuf {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let [name, process] = [name_of(path).unwrap_or_default(), std::process::id().to_string()];
@@ -184,8 +190,8 @@ fn partial_of(path: &Path) -> PathBuf {
 /// The name of the file that is written under a name of [`partial_of`].
 fn final_name(partial: &str) -> Option<&str> {
     let (name, writer) = partial.strip_prefix('.')?.strip_suffix(".partial")?.rsplit_once('.')?;
-    let is_writer = !writer.is_empty() && writer.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
-    is_writer.then_some(name)
+    let is_number = |own: &str| !own.is_empty() && own.bytes().all(|byte| byte.is_ascii_digit());
+    writer.split_once('-').is_some_and(|(process, number)| is_number(process) && is_number(number)).then_some(name)
 }
 
 fn name_of(path: &Path) -> Option<String> {
@@ -200,17 +206,19 @@ mod tests {
     #[test]
     fn what_a_killed_program_left_is_removed_and_what_another_writes_is_not() {
         let folder = tempfile::tempdir().unwrap();
-        let [path, left, others] =
-            ["a.toml", ".a.toml.1-0.partial", ".a.toml.b.toml.1-0.partial"].map(|name| folder.path().join(name));
+        let [path, left, others, users] =
+            ["a.toml", ".a.toml.1-0.partial", ".a.toml.b.toml.1-0.partial", ".a.toml.2026-03-01.partial"]
+                .map(|name| folder.path().join(name));
         let written = PartialFile::with(&path, b"by another").unwrap();
         fs::write(&left, "ha").unwrap();
         fs::write(&others, "of another file").unwrap();
+        fs::write(&users, "of another program").unwrap();
         check_output(&path, Overwrite::Refuse).unwrap();
-        assert!(!left.exists() && others.exists() && written.path().exists());
+        assert!(!left.exists() && others.exists() && written.path.exists());
         write_new(&path, "one", Overwrite::Refuse).unwrap();
-        assert!(written.path().exists());
+        assert!(written.path.exists());
         remove_all_leftovers(folder.path());
-        assert!(!others.exists() && path.exists() && written.path().exists());
+        assert!(!others.exists() && path.exists() && written.path.exists() && users.exists());
     }
 
     #[test]
@@ -218,8 +226,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.csv");
         let two = [PartialFile::of(&path).unwrap(), PartialFile::of(&path).unwrap()];
-        assert_ne!(two[0].path(), two[1].path(), "two threads write one file");
-        assert!(two.iter().all(|own| own.path().exists()) && !path.exists());
+        assert_ne!(two[0].path, two[1].path, "two threads write one file");
+        assert!(two.iter().all(|own| own.path.exists()) && !path.exists());
         drop(two);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
@@ -228,11 +236,12 @@ mod tests {
     fn a_file_that_came_while_another_was_written_is_kept() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.toml");
-        let partial = PartialFile::with(&path, b"mine").unwrap();
+        let mut partial = PartialFile::with(&path, b"mine").unwrap();
         fs::write(&path, "another's").unwrap();
         assert!(matches!(partial.take_name(Overwrite::Refuse), Err(FileError::Exists { .. })));
         assert_eq!(fs::read_to_string(&path).unwrap(), "another's");
         partial.take_name(Overwrite::Force).unwrap();
+        assert_eq!(partial.path, Path::new(""), "another's may be where it was");
         drop(partial);
         assert_eq!(fs::read_to_string(&path).unwrap(), "mine");
     }

@@ -8,7 +8,7 @@ use arrow_array::{
 use arrow_ipc::reader::StreamReader;
 use arrow_schema::DataType;
 use parquet::{
-    basic::{ConvertedType, LogicalType, TimeUnit},
+    basic::{LogicalType, TimeUnit},
     file::reader::FileReader,
     record::Field,
     schema::types::Type,
@@ -97,20 +97,13 @@ fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
     let names = schema.get_fields().iter().map(|field| field.name().to_owned()).collect();
     // The reader of rows knows no billionths of seconds and no zones.
     let ticks_of = |field: &Arc<Type>| {
-        let info = field.get_basic_info();
-        match (info.logical_type_ref(), info.converted_type()) {
-            (Some(LogicalType::Timestamp(own)), _) => {
-                let per_second = match own.unit {
-                    TimeUnit::MILLIS => 1_000,
-                    TimeUnit::MICROS => 1_000_000,
-                    TimeUnit::NANOS => 1_000_000_000,
-                };
-                Some(Ticks::of_moments(per_second, own.is_adjusted_to_u_t_c))
-            }
-            (_, ConvertedType::TIMESTAMP_MILLIS) => Some(Ticks::of_moments(1_000, false)),
-            (_, ConvertedType::TIMESTAMP_MICROS) => Some(Ticks::of_moments(1_000_000, false)),
-            _ => None,
-        }
+        let Some(LogicalType::Timestamp(own)) = field.get_basic_info().logical_type_ref() else { return None };
+        let per_second = match own.unit {
+            TimeUnit::MILLIS => 1_000,
+            TimeUnit::MICROS => 1_000_000,
+            TimeUnit::NANOS => 1_000_000_000,
+        };
+        Some(Ticks::of_moments(per_second, own.is_adjusted_to_u_t_c))
     };
     let ticks: Vec<Option<Ticks>> = schema.get_fields().iter().map(ticks_of).collect();
     let mut rows = Vec::new();
@@ -120,6 +113,9 @@ fn of_parquet(bytes: Vec<u8>) -> Result<Cells, TableError> {
             (Field::Long(own) | Field::TimestampMillis(own) | Field::TimestampMicros(own), Some(ticks)) => {
                 ticks.words(*own)
             }
+            // Of older writers, which state no logical type.
+            (Field::TimestampMillis(own), None) => Ticks::of_moments(1_000, false).words(*own),
+            (Field::TimestampMicros(own), None) => Ticks::of_moments(1_000_000, false).words(*own),
             (Field::Date(days), _) => Ticks::DAYS.words(i64::from(*days)),
             (Field::Null, _) => String::new(),
             (Field::Str(text), _) => text.trim().to_owned(),
@@ -154,25 +150,25 @@ fn of_arrow(bytes: &[u8]) -> Result<Cells, TableError> {
 /// What is counted from the beginning of 1970.
 #[derive(Clone, Copy)]
 struct Ticks {
-    seconds: i64,
-    per_second: i64,
+    /// Of one tick.
+    nanoseconds: i64,
     is_utc: bool,
 }
 
 impl Ticks {
-    const DAYS: Self = Self { seconds: 86_400, per_second: 1, is_utc: false };
+    const A_SECOND: i64 = 1_000_000_000;
+    const DAYS: Self = Self { nanoseconds: 86_400 * Self::A_SECOND, is_utc: false };
 
     fn of_moments(per_second: i64, is_utc: bool) -> Self {
-        Self { seconds: 1, per_second, is_utc }
+        Self { nanoseconds: Self::A_SECOND / per_second, is_utc }
     }
 
     /// A moment as people write it: at midnight the date alone, as other programs write columns of dates.
     /// One of a stated zone is that of UTC, and says so: its date may be another.
     fn words(self, ticks: i64) -> String {
-        let (units, rest) = (ticks.div_euclid(self.per_second), ticks.rem_euclid(self.per_second));
-        let nanoseconds = u32::try_from(rest * (1_000_000_000 / self.per_second)).ok();
-        let moment = units.checked_mul(self.seconds).zip(nanoseconds);
-        let moment = moment.and_then(|(seconds, nanoseconds)| chrono::DateTime::from_timestamp(seconds, nanoseconds));
+        let (all, second) = (i128::from(ticks) * i128::from(self.nanoseconds), i128::from(Self::A_SECOND));
+        let seconds = i64::try_from(all.div_euclid(second)).ok().zip(u32::try_from(all.rem_euclid(second)).ok());
+        let moment = seconds.and_then(|(seconds, rest)| chrono::DateTime::from_timestamp(seconds, rest));
         let Some(moment) = moment.map(|own| own.naive_utc()) else { return ticks.to_string() };
         match moment.time() {
             _ if self.is_utc => format!("{moment}Z"),

@@ -6,7 +6,7 @@ use std::{
 };
 
 use dynid_random::Random;
-use dynid_tables::{ENDINGS, Remark, Table};
+use dynid_tables::{Cells, ENDINGS, Remark, Table};
 
 fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/files").join(name)
@@ -234,4 +234,11 @@ fn a_pipe_is_not_waited_for() {
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let error = Table::open(&pipe).unwrap_err().to_string();
     assert!(error.contains("a pipe or a device"), "{error}");
+}
+
+#[test]
+fn nights_of_older_writers_are_dates() {
+    let read = Cells::open(&file("nights-int96.parquet")).unwrap();
+    let nights: Vec<&str> = read.rows.iter().map(|row| row.cells[1].as_str()).collect();
+    assert_eq!(nights, ["2026-03-01", "2026-03-02 00:00:01.500", ""]);
 }

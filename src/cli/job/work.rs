@@ -62,12 +62,12 @@ pub fn work(job: &Job, out: &Path, again: bool, interrupt: &Interrupt) -> anyhow
     Ok(ended)
 }
 
-/// A job that nobody else does meanwhile.
+/// A job that nobody else does meanwhile, where the disk has locks.
 struct Work<'a> {
     job: &'a Job,
     /// The folder of the results.
     out: &'a Path,
-    /// Held.
+    /// Held, and what a child writes to that is wrong.
     lock: File,
     /// Whether somebody has left something: folders of thousands of results are looked through only then.
     was_begun: bool,
@@ -94,6 +94,7 @@ impl<'a> Work<'a> {
         Ok(Some(Self { job, out, lock, was_begun }))
     }
 
+    /// Does it, unless its result is there.
     fn done(&self, again: bool, interrupt: &Interrupt) -> anyhow::Result<Ended> {
         let job = self.job;
         // Somebody else may have done it since it was looked for.
@@ -125,8 +126,9 @@ impl<'a> Work<'a> {
     fn files(&self) -> anyhow::Result<Vec<PathBuf>> {
         let own = [self.job.path(self.out, LOCK), self.job.result_path(self.out)];
         let entries = fs::read_dir(self.out).with_context(|| format!("{} cannot be read", self.out.display()))?;
-        let name = |path: &PathBuf| path.file_name().and_then(OsStr::to_str).map(str::to_owned);
-        let begins = |path: &PathBuf| name(path).is_some_and(|name| name.starts_with(&self.job.digest));
+        let begins = |path: &PathBuf| {
+            path.file_name().and_then(OsStr::to_str).is_some_and(|name| name.starts_with(&self.job.digest))
+        };
         Ok(entries.flatten().map(|entry| entry.path()).filter(|path| begins(path) && !own.contains(path)).collect())
     }
 

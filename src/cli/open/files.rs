@@ -164,7 +164,7 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
         return Err(Refusal::bad(format!("give a plain name that ends in one of: {endings}")));
     }
     let unwritable = |source| FileError::Unwritable { path: path.clone(), source };
-    let partial = PartialFile::of(&path)?;
+    let mut partial = PartialFile::of(&path)?;
     let mut file = tokio::fs::File::from_std(partial.file().try_clone().map_err(unwritable)?);
     let mut body = request.into_body().into_data_stream();
     let mut bytes = 0;
@@ -182,9 +182,10 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
     // Only flushing tells what became of the last chunk.
     file.flush().await.map_err(unwritable)?;
     file.sync_all().await.map_err(unwritable)?;
+    drop(file);
     blocking(move || match partial.take_name(Overwrite::Refuse) {
         // The same log once more is no conflict.
-        Err(FileError::Exists { .. }) if !are_equal(partial.path(), &path)? => {
+        Err(FileError::Exists { .. }) if !are_equal(partial.file(), &path)? => {
             let sentence = format!(
                 "{} is there already with other content and is kept; give the log another name",
                 path.display()
@@ -197,9 +198,10 @@ pub async fn upload(State(app): State<Arc<App>>, query: Named, request: Request)
     .await
 }
 
-fn are_equal(one: &Path, other: &Path) -> std::io::Result<bool> {
-    use std::io::{BufReader, Read};
-    let (one, other) = (fs::File::open(one)?, fs::File::open(other)?);
+fn are_equal(mut one: &fs::File, other: &Path) -> std::io::Result<bool> {
+    use std::io::{BufReader, Read, Seek};
+    let other = fs::File::open(other)?;
+    one.rewind()?;
     if one.metadata()?.len() != other.metadata()?.len() {
         return Ok(false);
     }

@@ -77,6 +77,12 @@ pyarrow.parquet.write_table(kinds, HERE / "kinds.parquet", compression="snappy",
 pyarrow.parquet.write_table(kinds, HERE / "kinds-lz4.parquet", compression="lz4", data_page_version="2.0", use_dictionary=False)
 pyarrow.parquet.write_table(kinds, HERE / "kinds-gzip.parquet", compression="gzip")
 pyarrow.feather.write_feather(kinds, HERE / "kinds.arrow", compression="lz4", chunksize=2)
+nights = pyarrow.table({
+    "robot": ["a", "b", "c"],
+    "night": pyarrow.array(["2026-03-01T00:00:00", "2026-03-02T00:00:01.5", None], pyarrow.string()).cast(pyarrow.timestamp("ms")),
+})
+# As older writers have them: days and nanoseconds, and no logical type.
+pyarrow.parquet.write_table(nights, HERE / "nights-int96.parquet", use_deprecated_int96_timestamps=True)
 with pyarrow.ipc.new_stream(HERE / "kinds-stream.arrow", kinds.schema) as stream:
     stream.write_table(kinds, max_chunksize=2)
 ragged = pyarrow.table({"t": [0.0, 1.0], "q": [[1.0, 2.0], [3.0]]})

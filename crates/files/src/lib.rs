@@ -1,5 +1,5 @@
-//! Reading text files ([`read`]) and writing results ([`write_new`], [`write_together`], [`PartialFile`]): a file is written whole or not at all, and an existing one
-//! is replaced only with [`Overwrite`] saying so.
+//! Reading text files ([`read`]) and writing results ([`write_new`], [`write_together`], [`PartialFile`]): a file is written whole or not
+//! at all, and an existing one is replaced only with [`Overwrite`] saying so.
 //!
 //! Errors name the file: [`FileError`]; [`DocumentError`] also says where in the text.
 

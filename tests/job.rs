@@ -1,7 +1,5 @@
 //! The same work on many experiments: in any order, by any number of workers, however often it is stopped.
 
-mod wrist;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -9,6 +7,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
+
+use crate::wrist;
 
 /// What a command prints with `--json`, and its exit status.
 fn dynid(folder: &Path, arguments: &[&str]) -> (Value, i32) {

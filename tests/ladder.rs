@@ -1,10 +1,8 @@
 //! `dynid ladder`: the error falls rung by rung, each rung is the child of the one before, and what was added pays.
 
-mod lineage;
-
 use std::fs;
 
-use lineage::{lineage, message, refused};
+use crate::lineage::{lineage, message, refused};
 use serde_json::Value;
 
 #[test]

@@ -10,7 +10,6 @@ use dynid_model::{Effect, Scope};
 use dynid_plant::random::Noise;
 use dynid_user_model::Model;
 
-#[path = "library_effects/values.rs"]
 mod values;
 use values::VALUES;
 

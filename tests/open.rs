@@ -1,12 +1,8 @@
 //! `dynid open` as a process, asked over HTTP as a browser would, and as one would not.
 
-#[path = "open/robust.rs"]
 mod robust;
-#[path = "open/secret.rs"]
 mod secret;
-#[path = "open/walls.rs"]
 mod walls;
-mod wrist;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -17,6 +13,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
+
+use crate::wrist;
 
 /// A server of its own; gone at the end of the test.
 struct Server {

@@ -1,14 +1,11 @@
 //! `dynid report`: one page that needs no network and holds everything; the same bytes whatever the number of threads.
 
-mod lineage;
-mod page;
-
 use std::fs;
 use std::path::Path;
 
+use crate::lineage::{lineage, message, refused};
+use crate::page::{is_well_formed, opens_with_no_network};
 use assert_cmd::Command;
-use lineage::{lineage, message, refused};
-use page::{is_well_formed, opens_with_no_network};
 use serde_json::{Value, json};
 
 fn diagnosis() -> Value {

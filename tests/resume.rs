@@ -1,11 +1,10 @@
 //! A fit that was stopped goes on where it was and ends at the same bytes as one that was not.
 
-mod wrist;
-
 use dynid_dynamics::simulate::Steps;
 use std::fs;
 use std::path::Path;
 
+use crate::wrist::folder;
 use dynid_identify::SearchControl;
 use dynid_identify::position::Options;
 use dynid_identify::starts::Starts;
@@ -13,7 +12,6 @@ use dynid_identify::{checkpoint, checkpoint::Identity};
 use dynid_identify::{identify::ErrorSignal, identify::FitTask, identify::State, identify::identify_as};
 use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
-use wrist::folder;
 
 fn experiment(folder: &Path) -> Experiment {
     Experiment::read_with(&folder.join("experiment.toml"), dynid_model::devices()).unwrap()

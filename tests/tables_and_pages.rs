@@ -1,7 +1,5 @@
 //! What a fit along a method tells, beside the model: its steps, its error budget, the table of parameters and the page.
 
-mod wrist;
-
 use std::fs;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -9,6 +7,8 @@ use std::sync::OnceLock;
 use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
+
+use crate::wrist;
 
 /// The wrist's files, and a model fitted along the isolated method; also what the fit said. One fit serves all tests.
 fn fitted() -> &'static (TempDir, Value) {

@@ -1,13 +1,11 @@
 //! `dynid wall report`: one page that needs no network, the same bytes whatever the number of threads, true to `wall compare`.
 
-mod page;
-
 use std::fs;
 use std::path::Path;
 use std::process::Output;
 
+use crate::page::{is_well_formed, opens_with_no_network};
 use assert_cmd::Command;
-use page::{is_well_formed, opens_with_no_network};
 use serde_json::Value;
 
 fn run(folder: &Path, arguments: &[&str], threads: &str) -> Output {

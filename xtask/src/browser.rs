@@ -28,9 +28,8 @@ pub fn tests() -> anyhow::Result<()> {
     }
     // The tests start the program that lies beside them.
     shell::built_for_tests("dynid")?;
-    let tests =
-        ["test", "--release", "--package", "dynid-browser", "--locked", "--no-fail-fast", "--", "--show-output"];
-    shell::succeed(&mut shell::cargo(&tests))
+    let tests = ["--test", "page", "--test", "live", "--no-fail-fast", "--", "--ignored", "--show-output"];
+    shell::succeed(&mut shell::cargo_test(&tests))
 }
 
 fn missing() -> Vec<&'static str> {

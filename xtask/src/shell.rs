@@ -32,11 +32,9 @@ pub fn cargo_on_all(verb: &str, arguments: &[&str]) -> Command {
     command
 }
 
-/// `cargo test` on all but what needs a browser, which brings much that nothing else is compiled with.
+/// `cargo test` on all; what needs a browser is ignored unless it is asked for.
 pub fn cargo_test(arguments: &[&str]) -> Command {
-    let mut command = cargo_on_all("test", &["--exclude", "dynid-browser"]);
-    command.args(arguments);
-    command
+    cargo_on_all("test", arguments)
 }
 
 /// A program or an example (`examples/..`) that the tests are built with; it is built first where it is not there or not of these sources.

@@ -1,4 +1,4 @@
-//! README's pictures of the live page: `cargo test --release -p dynid-browser --test pictures -- --ignored` writes them anew.
+//! README's pictures of the live page: `cargo test --release --workspace --exclude dynid-derive --test pictures -- --ignored` writes them anew.
 
 use std::fs;
 use std::path::Path;

@@ -16,6 +16,7 @@ fn messages(browser: &Browser) -> Vec<String> {
 }
 
 #[test]
+#[ignore = "drives Chromium"]
 fn the_server_is_killed_during_a_fit_and_started_again() {
     let folder = tour(&FILES);
     let mut server = Server::open(folder.path(), &["experiment.toml", "--model", "believed.toml"]);
@@ -96,6 +97,7 @@ fn the_server_is_killed_during_a_fit_and_started_again() {
 
 /// What is typed stays, whatever is written in the folder meanwhile and however often the view is drawn anew for it.
 #[test]
+#[ignore = "drives Chromium"]
 fn what_is_typed_stays() {
     let folder = tour(&FILES);
     let server = Server::open(folder.path(), &["experiment.toml", "--model", "believed.toml"]);
@@ -123,6 +125,7 @@ fn what_is_typed_stays() {
 
 /// An old address is refused and says so; the page of a server that is gone does not turn into an empty one.
 #[test]
+#[ignore = "drives Chromium"]
 fn an_old_address_is_no_way_in() {
     let folder = tour(&FILES);
     let mut server = Server::open(folder.path(), &["experiment.toml"]);
@@ -141,6 +144,7 @@ fn an_old_address_is_no_way_in() {
 }
 
 #[test]
+#[ignore = "drives Chromium"]
 fn twenty_tabs() {
     let folder = tour(&FILES);
     let server = Server::open(folder.path(), &["experiment.toml", "--model", "believed.toml"]);
@@ -187,6 +191,7 @@ fn is_harmless(browser: &Browser, expected: &str) {
 }
 
 #[test]
+#[ignore = "drives Chromium"]
 fn names_are_shown_as_text() {
     let folder = tour(&FILES);
     let path = folder.path();
@@ -254,6 +259,7 @@ fn percent(text: &str) -> String {
 
 /// What the tests call clean is not so because nobody looks.
 #[test]
+#[ignore = "drives Chromium"]
 fn complaints_and_strangers_would_be_seen() {
     let folder = tour(&FILES);
     let server = Server::open(folder.path(), &["experiment.toml"]);
@@ -276,6 +282,7 @@ fn complaints_and_strangers_would_be_seen() {
 
 /// A log that grows while it is looked at is read again.
 #[test]
+#[ignore = "drives Chromium"]
 fn a_log_that_grows() {
     let folder = tour(&FILES);
     let log = folder.path().join("wrist-1.csv");
@@ -295,6 +302,7 @@ fn a_log_that_grows() {
 
 /// A model that is edited outside during a fit is fitted as it was, and shown as it is.
 #[test]
+#[ignore = "drives Chromium"]
 fn a_file_is_edited_outside_during_a_fit() {
     let folder = tour(&FILES);
     let server = Server::open(folder.path(), &["experiment.toml", "--model", "believed.toml"]);

@@ -1,12 +1,14 @@
-//! The bits that every kernel computes, as digests: the same on every machine, whatever its processor has.
+//! The bits that the kernels compute for numbers alone, as digests: the same on every machine, whatever its processor has.
+//! (`eight_states_have_the_bits_of_each_alone` ties those of several states at once to them.)
 //!
-//! A snapshot that changes without a change of the kernels' text means that a compiler or a processor rounds in another way.
+//! A digest changes with the equations, the emitted text and the random states (`support`). Where it changes without these, a compiler or
+//! a processor rounds in another way.
 
 mod support;
 
 use std::fmt::Write as _;
 
-use dynid_generated::{N_SIGNALS, effects, kernels};
+use dynid_generated::{N_SIGNALS, effects, end_point, kernels};
 use dynid_plant::random::Noise;
 use sha2::{Digest as _, Sha256};
 use support::{Case, cases};
@@ -19,10 +21,10 @@ const COUNT: usize = 20;
 struct Bits(Sha256);
 
 impl Bits {
+    /// All are numbers: what is none was not written.
     fn take(&mut self, values: &[f64]) {
         for value in values {
-            // A processor chooses the sign of what is no number.
-            let value = if value.is_nan() { f64::NAN } else { *value };
+            assert!(!value.is_nan());
             self.0.update(value.to_bits().to_le_bytes());
         }
     }
@@ -37,6 +39,8 @@ impl Bits {
 
 fn all_of(case: &Case, bits: &mut Bits) {
     bits.take(&case.prepared);
+    bits.take(&case.inertia());
+    bits.take(&case.bias());
     bits.take(&case.gravity());
     bits.take(&case.coriolis());
     bits.take(&case.inverse_dynamics(&case.ddq));
@@ -45,6 +49,15 @@ fn all_of(case: &Case, bits: &mut Bits) {
     let (d, h) = case.inertia_and_bias();
     let (tau, by_q, by_dq) = case.inverse_dynamics_gradient();
     [d, h, tau, by_q, by_dq].iter().for_each(|values| bits.take(values));
+}
+
+/// Between 0 and 1 above `low`.
+fn some(noise: &mut Noise, count: usize, low: f64) -> Vec<f64> {
+    (0..count).map(|_| low + noise.uniform()).collect()
+}
+
+fn unwritten(count: usize) -> Vec<f64> {
+    vec![f64::NAN; count]
 }
 
 #[test]
@@ -57,15 +70,29 @@ fn of_every_kernel_and_effect() {
         writeln!(table, "{name:<20} {}", bits.digest()).unwrap();
     }
     let mut noise = Noise::new(42);
+    for point in dynid_model::devices().iter().filter_map(|device| end_point(&device.id)) {
+        let mut bits = Bits::default();
+        for _ in 0..COUNT {
+            let lengths = some(&mut noise, point.parameters.len(), 0.2);
+            let q = some(&mut noise, point.n_joints, -0.5);
+            let (mut position, mut rotation, mut jacobian) = (unwritten(3), unwritten(9), unwritten(6 * q.len()));
+            point.functions.motion(&lengths, &q, &mut position, &mut rotation, &mut jacobian);
+            [position, rotation, jacobian].iter().for_each(|values| bits.take(values));
+        }
+        let name = format!("{} end", point.device);
+        writeln!(table, "{name:<20} {}", bits.digest()).unwrap();
+    }
     for effect in effects() {
         let mut bits = Bits::default();
         for _ in 0..COUNT {
-            let mut some = |count: usize, low: f64| (0..count).map(|_| low + noise.uniform()).collect::<Vec<f64>>();
-            let (parameters, signals, states) =
-                (some(effect.n_parameters, 0.2), some(N_SIGNALS, -0.5), some(effect.n_states, -0.5));
-            let (mut outputs, mut rates) = (vec![0.0; effect.n_outputs], vec![0.0; effect.n_states]);
+            let parameters = some(&mut noise, effect.n_parameters, 0.2);
+            let (signals, states) = (some(&mut noise, N_SIGNALS, -0.5), some(&mut noise, effect.n_states, -0.5));
+            let (mut outputs, mut rates) = (unwritten(effect.n_outputs), unwritten(effect.n_states));
+            effect.functions.eval(&parameters, &signals, &states, &mut outputs, &mut rates);
+            bits.take(&outputs);
+            bits.take(&rates);
             let width = parameters.len() + signals.len() + states.len();
-            let mut jacobian = vec![0.0; (outputs.len() + rates.len()) * width];
+            let mut jacobian = unwritten((outputs.len() + rates.len()) * width);
             let functions = effect.functions;
             functions.eval_gradient(&parameters, &signals, &states, &mut outputs, &mut rates, &mut jacobian);
             [outputs, rates, jacobian].iter().for_each(|values| bits.take(values));

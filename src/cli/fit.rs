@@ -51,7 +51,7 @@ pub struct Arguments {
     /// Where to write the fitted model.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Overwrite the output if it is there.
+    /// Overwrite the output if it is there, and what an unfinished fit kept for it.
     #[arg(long)]
     force: bool,
     /// Which error to make small.

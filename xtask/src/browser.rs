@@ -26,7 +26,7 @@ pub fn tests() -> anyhow::Result<()> {
         eprintln!("\n{0}\n{message}\n{0}\n", "!".repeat(message.len()));
         return Ok(());
     }
-    // The tests start the program that lies beside them.
+    // The tests start the program that lies beside them. Left out are `pictures`, which write the README's.
     shell::built_for_tests("dynid")?;
     let tests = ["--test", "page", "--test", "live", "--no-fail-fast", "--", "--ignored", "--show-output"];
     shell::succeed(&mut shell::cargo_test(&tests))

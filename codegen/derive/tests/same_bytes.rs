@@ -17,7 +17,7 @@ fn main() -> anyhow::Result<()> {
     }
     let mut n_random = 0;
     for device in (0..30).map(robots::random_robot) {
-        n_random += usize::from(compared(&device, LARGEST * largest)?.is_some());
+        n_random += usize::from(compared(&device, TIMES_LARGEST * largest)?.is_some());
     }
     anyhow::ensure!(n_random >= 25, "only {n_random} random robots are small enough");
     println!("{} devices and {n_random} random robots, the same bytes by both arithmetics", shipped.len());
@@ -25,7 +25,7 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// Algebra takes minutes over the few random robots whose equations are longer than so many times those of any shipped device.
-const LARGEST: usize = 2;
+const TIMES_LARGEST: usize = 2;
 
 /// Bytes of a robot's equations, which both arithmetics lead to; `None` where they are more than `most`.
 fn compared(device: &Device, most: usize) -> anyhow::Result<Option<usize>> {

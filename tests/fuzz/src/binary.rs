@@ -448,13 +448,17 @@ fn judged(
     if err.len() > 100_000 {
         return Ok(Some(format!("says {} bytes", err.len())));
     }
+    // What stands behind `--` is for others.
+    let own_arguments = arguments.split(|own| own == "--").next().unwrap_or_default();
     let after = contents(folder)?;
     if status == 2 && !ended.was_stopped {
         // A fit that was told to begin anew may replace what an older one had kept, and fail later.
-        let may_change = |path: &Path| {
-            path.extension().is_some_and(|own| own == "checkpoint") && arguments.iter().any(|own| own == "--force")
+        let begins_anew =
+            own_arguments.first().is_some_and(|verb| verb == "fit") && own_arguments.iter().any(|own| own == "--force");
+        let may_be_replaced = |path: &Path| {
+            begins_anew && path.extension().is_some_and(|own| own == "checkpoint") && after.contains_key(path)
         };
-        let changed = before.iter().find(|(path, bytes)| after.get(*path) != Some(bytes) && !may_change(path));
+        let changed = before.iter().find(|(path, bytes)| after.get(*path) != Some(bytes) && !may_be_replaced(path));
         if let Some((path, _)) = changed {
             return Ok(Some(format!("was refused and changed {}", path.display())));
         }
@@ -462,8 +466,6 @@ fn judged(
     if status > 1 {
         return Ok(None);
     }
-    // What stands behind `--` is for others.
-    let own_arguments = arguments.split(|own| own == "--").next().unwrap_or_default();
     let wants_json = own_arguments.iter().any(|own| own == "--json")
         && !own_arguments.iter().any(|own| own == "--help" || own == "-h");
     if wants_json {

@@ -69,6 +69,7 @@ fn it_finds_what_is_hidden_and_writes_a_page_that_stands_alone() {
         assert!(!page.contains(outside), "the page contains `{outside}`");
     }
     assert!(page.contains("input_coupling at joint 4 from 5") && page.contains("<h2>The ladder</h2>"));
+    assert!(page.contains("<dd>experiment.toml, sha256"), "the logs by the name that they have beside the page");
     let commands = answer["commands"].as_array().unwrap();
     assert_eq!(commands.len(), 7);
     for command in commands.iter().filter(|command| command.as_str().unwrap().contains(" add ")) {

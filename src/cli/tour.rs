@@ -130,6 +130,8 @@ fn walk(
     put(LADDER, &steps::standalone(&report::ladder_pictures(&ladder)))?;
     let commands = commands(best).map(|(_, command)| command).into();
     let settings = ReportSettings { diagnosis: Some(diagnosis_json), commands };
+    // As the command that stands on the page names it, in the folder that this one becomes.
+    let experiment = Experiment { path: "experiment.toml".into(), ..experiment };
     let report = progress::counted("models compared", stop, |progress| {
         dynid::report(&models, &experiment, &settings, progress)
     })?;

@@ -55,7 +55,7 @@ pub(crate) fn unlike(
     let spread = OF_MEDIAN * median(explained.iter().map(|own| (own.last - middle).abs()).collect()).unwrap_or(0.0);
     let level = Level { looks: n * n_quantities, false_alarms: settings.false_alarms };
     let of = |(series, own): (&Series, &Explained)| {
-        let size = spread.hypot(own.std_error);
+        let size = (spread * spread + own.std_error * own.std_error).sqrt();
         let chance = level.chance((own.last - middle) / size, EFFICIENCY * n as f64);
         // Where most are alike to the last digit nobody knows how far robots may be from each other.
         (n >= LEAST_ROBOTS && spread > 0.0 && level.is_sure(chance)).then(|| Unlike {

@@ -288,7 +288,7 @@ fn changed(before: &Model, model: &Model) -> Vec<Changed> {
         .filter_map(|(name, own)| {
             let (old, new) = (before.parameter(&name)?.value, own.value);
             let together = match (std_error(before, &name), std_error(model, &name)) {
-                (Some(one), Some(other)) => Some(one.hypot(other)).filter(|size| *size > 0.0),
+                (Some(one), Some(other)) => Some((one * one + other * other).sqrt()).filter(|size| *size > 0.0),
                 _ => None,
             };
             (old != new).then(|| Changed {

@@ -434,6 +434,6 @@ fn repetition(trace: &Trace, fit: &Regression) -> Option<Candidate> {
         regressor: Regressor::Repetition,
         columns: columns(periods),
         looked,
-        found: Box::new(move |c| FindingKind::Repeats { period, amplitude: c[0].hypot(c[1]) }),
+        found: Box::new(move |c| FindingKind::Repeats { period, amplitude: (c[0] * c[0] + c[1] * c[1]).sqrt() }),
     })
 }

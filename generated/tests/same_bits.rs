@@ -10,7 +10,6 @@ use std::fmt::Write as _;
 
 use dynid_generated::{N_SIGNALS, effects, end_point, kernels};
 use dynid_plant::random::Noise;
-use sha2::{Digest as _, Sha256};
 use support::{Case, cases};
 
 /// States per kernel and points per effect.
@@ -18,22 +17,19 @@ const COUNT: usize = 20;
 
 /// Digest of numbers in the order in which they are taken.
 #[derive(Default)]
-struct Bits(Sha256);
+struct Bits(Vec<u8>);
 
 impl Bits {
     /// All are numbers: what is none was not written.
     fn take(&mut self, values: &[f64]) {
         for value in values {
             assert!(!value.is_nan());
-            self.0.update(value.to_bits().to_le_bytes());
+            self.0.extend(value.to_bits().to_le_bytes());
         }
     }
 
-    fn digest(self) -> String {
-        self.0.finalize().iter().take(8).fold(String::new(), |mut text, byte| {
-            write!(text, "{byte:02x}").expect("a string takes all");
-            text
-        })
+    fn digest(&self) -> String {
+        dynid_model::sha256_hex(&self.0)[..16].to_owned()
     }
 }
 
@@ -93,8 +89,7 @@ fn of_every_kernel_and_effect() {
             bits.take(&rates);
             let width = parameters.len() + signals.len() + states.len();
             let mut jacobian = unwritten((outputs.len() + rates.len()) * width);
-            let functions = effect.functions;
-            functions.eval_gradient(&parameters, &signals, &states, &mut outputs, &mut rates, &mut jacobian);
+            effect.functions.eval_gradient(&parameters, &signals, &states, &mut outputs, &mut rates, &mut jacobian);
             [outputs, rates, jacobian].iter().for_each(|values| bits.take(values));
         }
         writeln!(table, "{:<20} {}", effect.id, bits.digest()).unwrap();

@@ -47,6 +47,7 @@ use std::process::Command;
 use std::sync::OnceLock;
 
 use clap::{Parser, Subcommand};
+use dynid_model::error::shortened;
 
 /// Identify the dynamics of a robot from logged torques and positions.
 #[derive(Parser)]
@@ -272,7 +273,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>, again: Option<Vec<OsS
         Ok(Answer::No) => 1,
         Ok(Answer::Interrupted) => interrupt::STATUS,
         Err(error) => {
-            say!("error: {}", shortened(with_causes(&error)));
+            say!("error: {}", told(&error));
             2
         }
     }
@@ -281,13 +282,9 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>, again: Option<Vec<OsS
 /// Bytes of an error: it quotes what stands in a file, which may be the names of any number of columns.
 const LONGEST_ERROR: usize = 8000;
 
-fn shortened(mut error: String) -> String {
-    if error.len() > LONGEST_ERROR {
-        let end = (0..=LONGEST_ERROR).rev().find(|end| error.is_char_boundary(*end)).unwrap_or(0);
-        error.truncate(end);
-        error.push_str(" ..");
-    }
-    error
+/// What the program says of an error.
+fn told(error: &anyhow::Error) -> String {
+    shortened(with_causes(error), LONGEST_ERROR)
 }
 
 /// An error with its causes, but for those that it names itself.
@@ -340,13 +337,6 @@ mod tests {
     use anyhow::Context;
 
     use super::*;
-
-    #[test]
-    fn a_long_error_is_cut_between_two_characters() {
-        assert_eq!(shortened("short".to_owned()), "short");
-        let long = shortened("\u{e9}".repeat(LONGEST_ERROR));
-        assert!(long.ends_with("\u{e9} ..") && long.len() <= LONGEST_ERROR + 3);
-    }
 
     #[test]
     fn an_error_is_told_with_its_causes_and_each_once() {

@@ -40,7 +40,7 @@ impl Source {
             excerpt: excerpt.replace('\t', " "),
             caret: column - left_out,
             width: width.max(1),
-            message: clipped(message.into()),
+            message: shortened(message.into(), LONGEST_MESSAGE),
             help: None,
         }))
     }
@@ -50,11 +50,13 @@ impl Source {
 const LONGEST_EXCERPT: usize = 400;
 
 /// Bytes of a message or a remedy, which quote what stands in a file.
-const LONGEST_MESSAGE: usize = 2000;
+pub const LONGEST_MESSAGE: usize = 2000;
 
-fn clipped(mut text: String) -> String {
-    if text.len() > LONGEST_MESSAGE {
-        text.truncate(floor_char_boundary(&text, LONGEST_MESSAGE));
+/// No more bytes than these of a text, and a sign that there are more.
+#[must_use]
+pub fn shortened(mut text: String, longest: usize) -> String {
+    if text.len() > longest {
+        text.truncate(floor_char_boundary(&text, longest));
         text.push_str(" ..");
     }
     text
@@ -84,7 +86,7 @@ impl ModelError {
     /// Adds the remedy.
     #[must_use]
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.0.help = Some(clipped(help.into()));
+        self.0.help = Some(shortened(help.into(), LONGEST_MESSAGE));
         self
     }
 
@@ -204,6 +206,12 @@ mod tests {
           |           ^^
           = help: did you mean `L2`?
         "#);
+    }
+
+    #[test]
+    fn a_long_text_is_cut_between_two_characters() {
+        assert_eq!(shortened("short".to_owned(), 5), "short");
+        assert_eq!(shortened("\u{e9}".repeat(3), 5), "\u{e9}\u{e9} ..");
     }
 
     #[test]

@@ -8,7 +8,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use dynid_model::{Effect, document::read_text, sha256_hex};
+use dynid_model::{
+    Effect,
+    document::read_text,
+    error::{LONGEST_MESSAGE, shortened},
+    sha256_hex,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::{identify::FitTask, identify::State, position::Options, sequence::Weighting};
@@ -18,7 +23,7 @@ use dynid_logs::{experiment::Experiment, experiment::Run};
 use dynid_user_model::Model;
 
 /// Raised whenever the state or the search that goes on from it changes its meaning.
-const FORMAT: u32 = 11;
+const FORMAT: u32 = 12;
 
 /// Why a checkpoint is of no use.
 #[derive(Debug, thiserror::Error)]
@@ -179,8 +184,10 @@ pub fn read(path: &Path, identity: &Identity) -> Result<State, CheckpointError> 
         io::ErrorKind::NotFound => CheckpointError::Missing { path: path.to_owned() },
         _ => CheckpointError::Damaged { path: path.to_owned(), reason: error.to_string() },
     })?;
-    let Read { identity: expected, state } = toml::from_str(&text)
-        .map_err(|error| CheckpointError::Damaged { path: path.to_owned(), reason: error.message().to_owned() })?;
+    let Read { identity: expected, state } = toml::from_str(&text).map_err(|error: toml::de::Error| {
+        let reason = shortened(error.message().to_owned(), LONGEST_MESSAGE);
+        CheckpointError::Damaged { path: path.to_owned(), reason }
+    })?;
     let program = |identity: &Identity| format!("{} (format {})", identity.version, identity.format);
     let pairs = [
         ("the program", program(&expected), program(identity)),

@@ -209,7 +209,7 @@ const AHEAD: f64 = 0.3;
 const BETWEEN_LINES: usize = 4;
 
 impl<'a> Search<'a> {
-    /// Begins, or goes on from `state`.
+    /// Begins, or goes on from `state`, which may be of the beginnings of these runs.
     ///
     /// # Errors
     /// No run, or one that cannot be simulated at the start at any rate.
@@ -218,20 +218,14 @@ impl<'a> Search<'a> {
             return Err(PositionFitError::NoRun);
         }
         let evaluator = Evaluator::new(problem);
-        let state = match state.filter(|state| state.search.x.len() == evaluator.n()) {
-            Some(state) if evaluator.is_planned(&state.plan) => state,
-            // Of a part of these runs.
-            Some(mut state) => {
-                state.search.x = evaluator.followed(state.search.x);
-                let plan = evaluator.plan(&state.search.x, &evaluator.continued(&state.plan), evaluate::ROUGHLY);
-                let cost = evaluator.at(&plan).cost(&state.search.x);
-                State { plan, cost, is_done: false, planned: None, known: None, ..state }
-            }
+        match state.filter(|state| state.search.x.len() == evaluator.n()) {
+            Some(state) if evaluator.is_planned(&state.plan) => Ok(Self { problem, evaluator, state }),
+            Some(state) => Ok(Self::opened(problem, evaluator, state, (1.0, evaluate::ROUGHLY))),
             None => {
                 let x = evaluator.start()?;
                 let plan = evaluator.plan(&x, &problem.plan, evaluate::ROUGHLY);
                 let region = problem.region(&evaluator);
-                State {
+                let state = State {
                     plan,
                     iterations: 0,
                     search: sqp::State::start(&x, &region),
@@ -239,10 +233,44 @@ impl<'a> Search<'a> {
                     is_done: false,
                     planned: None,
                     known: None,
-                }
+                };
+                Ok(Self { problem, evaluator, state })
             }
-        };
-        Ok(Self { problem, evaluator, state })
+        }
+    }
+
+    /// Takes up a search that came to its end with rougher steps, or in the beginnings of these runs.
+    ///
+    /// # Errors
+    /// As [`Search::new`].
+    pub fn reopened(
+        problem: &'a PredictionProblem,
+        state: &State,
+        settings: &Settings,
+    ) -> Result<Self, PositionFitError> {
+        let evaluator = Evaluator::new(problem);
+        if state.search.x.len() != evaluator.n() {
+            return Self::new(problem, None);
+        }
+        Ok(Self::opened(problem, evaluator, state.clone(), (AHEAD, settings.integration)))
+    }
+
+    /// A search from where another is, with integration steps for these runs ([`Search::plan_anew`]).
+    fn opened(
+        problem: &'a PredictionProblem,
+        evaluator: Evaluator<'a>,
+        mut state: State,
+        (share, loss): (f64, f64),
+    ) -> Self {
+        if !evaluator.is_planned(&state.plan) {
+            state = State { plan: evaluator.continued(&state.plan), cost: None, ..state };
+        }
+        state.planned = None;
+        let mut own = Self { problem, evaluator, state };
+        if !own.plan_anew(share, loss) {
+            own.refine(own.state.plan.clone(), loss);
+        }
+        own
     }
 
     /// The rates of the joints, and where each run starts.
@@ -318,13 +346,16 @@ impl<'a> Search<'a> {
 
     /// Plans integration steps that cost no more than `loss`, the model being trusted more by `share`; whether they are others.
     fn plan_anew(&mut self, share: f64, loss: f64) -> bool {
-        let ahead = self.evaluator.with_poles_nearer(&self.state.search.x, share);
-        let finer = self.evaluator.plan(&ahead, &self.state.plan, loss);
-        let is_other = finer != self.state.plan;
-        let x = self.state.search.x.clone();
-        if is_other {
-            self.refine(finer);
-        }
+        let Self { evaluator, state, .. } = self;
+        let x = state.search.x.clone();
+        let ahead = evaluator.with_poles_nearer(&x, share);
+        // What was planned so finely before mostly does.
+        let is_planned = state.planned.as_ref().is_some_and(|planned| planned.loss <= loss);
+        let is_enough = is_planned && evaluator.is_fine_enough(&ahead, &state.plan, loss);
+        let finer = (!is_enough).then(|| evaluator.plan(&ahead, &state.plan, loss));
+        let finer = finer.filter(|finer| *finer != state.plan);
+        let is_other = finer.is_some();
+        finer.into_iter().for_each(|finer| self.refine(finer, loss));
         let State { search, cost, .. } = &self.state;
         let planned = PlannedFor { loss, x, cost: cost.unwrap_or(f64::INFINITY) };
         self.state.planned = Some(planned).filter(|planned| planned.x == search.x);
@@ -345,32 +376,22 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Takes up a search that came to its end with rougher steps, or in a part of the logs.
-    pub fn reopen(&mut self, settings: &Settings) {
-        if !self.plan_anew(AHEAD, settings.integration) {
-            self.refine(self.state.plan.clone());
-        }
-    }
-
-    fn refine(&mut self, plan: Plan) {
+    /// With these integration steps; where the last ones cost more than `loss`, the search begins anew.
+    fn refine(&mut self, plan: Plan, loss: f64) {
         let Self { problem, evaluator, state } = self;
         let mut x = state.search.x.clone();
         let mut cost = evaluator.at(&plan).cost(&x);
+        let lost = cost.unwrap_or(f64::INFINITY) - state.cost.unwrap_or(f64::NEG_INFINITY);
         // With rough steps a model may stay with its logs that runs away from them with fine ones: it is followed closer then.
-        let lost = cost.unwrap_or(f64::INFINITY) - state.cost.unwrap_or(f64::INFINITY);
         if lost > evaluate::ROUGHLY {
-            x = evaluator.followed(x);
+            x = evaluator.followed(x, &plan);
             cost = evaluator.at(&plan).cost(&x);
         }
-        *state = State {
-            iterations: state.iterations + state.search.iterations,
-            search: sqp::State::start(&x, &problem.region(evaluator)),
-            plan,
-            cost,
-            is_done: false,
-            planned: None,
-            known: None,
-        };
+        (state.plan, state.cost, state.is_done, state.planned, state.known) = (plan, cost, false, None, None);
+        if lost.abs() > loss {
+            state.iterations += state.search.iterations;
+            state.search = sqp::State::start(&x, &problem.region(evaluator));
+        }
     }
 
     /// Linearisations so far.

@@ -111,6 +111,8 @@ pub struct State {
     pub growth: f64,
     /// Accepted steps in a row that were hardly worth taking.
     pub idle: usize,
+    /// Whether longer steps than the last one were tried and kept no promise.
+    pub is_shortened: bool,
     /// Linearisations used.
     pub iterations: usize,
     /// Linear inequalities, and the cuts met so far.
@@ -125,6 +127,7 @@ impl State {
             damping: FIRST_DAMPING,
             growth: FIRST_GROWTH,
             idle: 0,
+            is_shortened: false,
             iterations: 1,
             half_spaces: region.half_spaces.clone(),
         }
@@ -188,7 +191,7 @@ pub fn resume(
     limits: &Limits,
     watch: &mut dyn FnMut(&Iteration, &State) -> SearchControl,
 ) -> Outcome {
-    let State { mut x, mut damping, mut growth, mut idle, mut iterations, half_spaces } = state;
+    let State { mut x, mut damping, mut growth, mut idle, mut is_shortened, mut iterations, half_spaces } = state;
     region.half_spaces = half_spaces;
     let Some(mut quadratic) = known.or_else(|| objective.quadratic(&x)) else {
         return Outcome { x, quadratic: None, ended: Ended::Stuck, iterations: 0 };
@@ -218,8 +221,9 @@ pub fn resume(
         let trial = moved(region, &x, &step);
         // A subproblem solved to its tolerance only may promise nothing; two negative numbers have a positive share.
         let is_kept = |cost: f64| foreseen > 0.0 && (quadratic.cost - cost) / foreseen >= ACCEPTED_SHARE;
-        // After a step that kept its promise the next mostly does, and its derivatives are wanted; else its cost tells first.
-        let is_promising = growth <= FIRST_GROWTH || objective.cost(&trial).is_some_and(is_kept);
+        // After a step that kept its promise at once the next mostly does, and its derivatives are wanted; else its cost tells first.
+        let is_shorter = growth > FIRST_GROWTH;
+        let is_promising = !(is_shorter || is_shortened) || objective.cost(&trial).is_some_and(is_kept);
         let next = if is_promising { objective.quadratic(&trial).filter(|next| is_kept(next.cost)) } else { None };
         let Some(next) = next else {
             damping *= growth;
@@ -235,10 +239,11 @@ pub fn resume(
         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).clamp(0.1, 1.0);
         damping = damping.max(1e-12);
         growth = FIRST_GROWTH;
+        is_shortened = is_shorter;
         idle = if decrease <= IDLE * limits.negligible(quadratic.cost) { idle + 1 } else { 0 };
         let reported = Iteration { number: iterations - 1, cost: quadratic.cost, step: length };
         let half_spaces = region.half_spaces.clone();
-        match watch(&reported, &State { x: x.clone(), damping, growth, idle, iterations, half_spaces }) {
+        match watch(&reported, &State { x: x.clone(), damping, growth, idle, is_shortened, iterations, half_spaces }) {
             SearchControl::Continue => {}
             SearchControl::Stop => break Ended::Interrupted,
             SearchControl::GoodEnough => break Ended::Converged,

@@ -199,8 +199,9 @@ impl<'a> Evaluator<'a> {
         self.likeliest(POLES.into_iter().map(with)).ok_or_else(|| self.why_not(&start))
     }
 
-    /// With rates at which a model is followed that runs away from what it was not fitted to.
-    pub(super) fn followed(&self, x: Vec<f64>) -> Vec<f64> {
+    /// With rates at which a model is followed that runs away from what it was not fitted to: its own, unless lower poles are likelier with
+    /// these integration steps.
+    pub(super) fn followed(&self, x: Vec<f64>, plan: &Plan) -> Vec<f64> {
         if self.problem.keeps_rates {
             return x;
         }
@@ -209,7 +210,17 @@ impl<'a> Evaluator<'a> {
             x[self.first_rate..].iter_mut().for_each(|own| *own = own.min(pole));
             x
         };
-        self.likeliest(std::iter::once(1.0).chain(POLES).map(at_most)).unwrap_or(x)
+        let mut trials: Vec<Vec<f64>> = std::iter::once(1.0).chain(POLES).map(at_most).collect();
+        trials.dedup();
+        let mut best: Option<(f64, Vec<f64>)> = None;
+        for trial in trials {
+            match (self.at(plan).cost(&trial), &best) {
+                (Some(cost), Some((least, _))) if cost >= *least => break,
+                (Some(cost), _) => best = Some((cost, trial)),
+                (None, _) => {}
+            }
+        }
+        best.map(|(_, x)| x).or_else(|| self.likeliest(POLES.into_iter().map(at_most))).unwrap_or(x)
     }
 
     /// The likeliest; steps that do for one tell which is.
@@ -261,7 +272,7 @@ impl<'a> Evaluator<'a> {
         let (mut plan, mut best) = (begun.clone(), (f64::INFINITY, begun));
         while let Some((next, rough)) = planned(&plan, &tolerances) {
             plan = next;
-            let lost = self.predicted(x, &plan.halved()).map_or(f64::MAX, |fine| self.lost(&rough, &fine));
+            let lost = self.loss_of(x, &plan, &rough);
             let is_of_use = lost <= loss || lost < WORTH_STEPS * best.0;
             if is_of_use {
                 best = (lost, plan.clone());
@@ -274,6 +285,17 @@ impl<'a> Evaluator<'a> {
             tolerances.iter_mut().for_each(|tolerance| *tolerance *= share);
         }
         best.1
+    }
+
+    /// Whether these integration steps cost no more than `loss` of the log likelihood.
+    pub(super) fn is_fine_enough(&self, x: &[f64], plan: &Plan, loss: f64) -> bool {
+        let rough = self.predicted(x, plan).filter(|_| self.is_planned(plan));
+        rough.is_some_and(|rough| self.loss_of(x, plan, &rough) <= loss)
+    }
+
+    /// What predictions with these integration steps may cost of the log likelihood.
+    fn loss_of(&self, x: &[f64], plan: &Plan, rough: &[Vec<f64>]) -> f64 {
+        self.predicted(x, &plan.halved()).map_or(f64::MAX, |fine| self.lost(rough, &fine))
     }
 
     /// Number of errors of all joints and runs that count.

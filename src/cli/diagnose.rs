@@ -481,7 +481,9 @@ mod tests {
         let places = places(None, &logs.join("experiment.toml"), &here, IDENTITY);
         let state = serde_json::from_value(json!({
             "plan": [], "iterations": 1, "cost": null, "is_done": false,
-            "search": {"x": [], "damping": 1.0, "growth": 2.0, "idle": 0, "iterations": 1, "half_spaces": []}
+            "search": {
+                "x": [], "damping": 1.0, "growth": 2.0, "idle": 0, "is_shortened": false, "iterations": 1, "half_spaces": [],
+            }
         }));
         let fits = Finished::from([("the model itself".to_owned(), state.unwrap())]);
         (Kept { places, identity: IDENTITY.to_owned() }, fits)

@@ -204,7 +204,7 @@ impl Logs<'_> {
     /// The model itself, fitted.
     pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        self.fitted(None, model, &self.followed(&problem, key, None)?, None, true)
+        self.fitted(None, model, &self.followed(&problem, key, None)?, true)
     }
 
     /// Whether a search in these logs, from the values of a fit to others of the same samples, may gain so much log likelihood of the runs
@@ -241,7 +241,6 @@ impl Logs<'_> {
         candidate: Option<&Candidate>,
         model: &Model,
         state: Option<&State>,
-        base: &Fitted,
         key: &str,
     ) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
@@ -250,7 +249,7 @@ impl Logs<'_> {
             None => format!("{key} final"),
         };
         let search = self.followed(&problem, &key, state)?;
-        self.fitted(candidate, model, &search, base.held_out.as_ref(), true)
+        self.fitted(candidate, model, &search, true)
     }
 
     /// A search that has come to its end: the one that is kept under this key, or one from `state` or from the beginning. One that was
@@ -282,14 +281,13 @@ impl Logs<'_> {
         candidate: Option<&Candidate>,
         start: &Model,
         search: &Search<'_>,
-        known: Option<&HeldOut>,
         is_final: bool,
     ) -> Result<Fitted, PositionFitError> {
         let fit = search.result()?;
         let model = with_values(start, &fit);
         let held_out: Result<Vec<FitRun>, _> = self.held_out.iter().map(|run| FitRun::of_run(&model, run)).collect();
         let integration = if is_final { self.settings.search.integration } else { prediction::ROUGHLY };
-        let held_out = prediction::held_out(held_out?, &fit, known, self.rates.is_some(), integration).ok();
+        let held_out = prediction::held_out(held_out?, &fit, self.rates.is_some(), integration).ok();
         Ok(Fitted {
             candidate: candidate.cloned(),
             unknowns: self.added_unknowns(&model),
@@ -482,7 +480,7 @@ impl Logs<'_> {
                 .par_iter()
                 .map(|k| {
                     let Fitted { candidate, model, state, .. } = &found[*k];
-                    let finished = self.finish(candidate.as_ref(), model, Some(state), base, key);
+                    let finished = self.finish(candidate.as_ref(), model, Some(state), key);
                     finished.unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() })
                 })
                 .collect();
@@ -574,7 +572,7 @@ impl Logs<'_> {
         problem.initial.clone_from(&whole.fit.initial);
         problem.rates.clone_from(&whole.fit.rates);
         let search = self.followed(&problem, key, None).ok()?;
-        self.fitted(whole.candidate.as_ref(), &model, &search, whole.held_out.as_ref(), true).ok()
+        self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 
     /// Fits the beginnings of the runs, the best of `found` among the starts: what falls far behind it is left.
@@ -618,17 +616,16 @@ impl Logs<'_> {
         let known = arms.iter().position(|arm| arm.key == known).map(|place| arms.remove(place).cost());
         let best = known.unwrap_or(f64::INFINITY);
         arms.retain(|arm| arm.cost().is_finite() && arm.cost() <= best + self.settings.rough * samples as f64);
-        let held_out = base.held_out.as_ref();
         let fitted = arms.par_iter().enumerate().map(|(place, arm)| {
             // The best is followed to its end in any case.
             let is_best = place == 0 && arm.cost() < best;
-            let finish = || self.finish(arm.candidate.as_ref(), &arm.model, arm.state.as_ref(), base, &arm.key).ok();
+            let finish = || self.finish(arm.candidate.as_ref(), &arm.model, arm.state.as_ref(), &arm.key).ok();
             if let Some(finished) = is_best.then(finish).flatten() {
                 return Ok(Some(finished));
             }
             let problem = self.problem(&arm.model)?;
             let search = Search::new(&problem, arm.state.clone());
-            Ok(search.and_then(|search| self.fitted(arm.candidate.as_ref(), &arm.model, &search, held_out, false)).ok())
+            Ok(search.and_then(|search| self.fitted(arm.candidate.as_ref(), &arm.model, &search, false)).ok())
         });
         for fitted in fitted.collect::<Result<Vec<_>, PositionFitError>>()?.into_iter().flatten() {
             match found.iter_mut().find(|other| other.candidate == fitted.candidate) {

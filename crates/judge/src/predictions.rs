@@ -96,7 +96,7 @@ pub fn predictions(model: &Model, runs: &[&Run]) -> Result<Predictions, CompareE
     let held_out = if others.is_empty() {
         None
     } else {
-        let found = prediction::held_out(of_runs(others)?, &fitted, None, false, settings.integration).ok();
+        let found = prediction::held_out(of_runs(others)?, &fitted, false, settings.integration).ok();
         found.map(|found| Predicted::of(found.log_likelihood, &found.joints, others))
     };
     let (fit, validate) = if fit.is_empty() { (None, Some(own)) } else { (Some(own), held_out) };

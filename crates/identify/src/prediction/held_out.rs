@@ -1,6 +1,6 @@
 //! The likelihood of runs that were not fitted.
 
-use super::{Plan, PredictionFit, PredictionProblem, Search, Settings, result::JointInnovations};
+use super::{PredictionFit, PredictionProblem, Search, Settings, result::JointInnovations};
 use crate::position::{FitRun, PositionFitError};
 use dynid_optimise::sqp::SearchControl;
 
@@ -11,31 +11,27 @@ pub struct HeldOut {
     pub log_likelihood: f64,
     /// What is left of them, by joint.
     pub joints: Vec<JointInnovations>,
-    /// Where they start.
-    pub initial: Vec<Vec<f64>>,
-    /// Integration steps.
-    pub plan: Plan,
 }
 
 /// Of `runs`, whose equations have the values of `fit`. Where they start is estimated anew, and so are the rates unless they are kept:
 /// how far a model is to be trusted depends on the motion (a joint that sticks forgets what disturbed it), not on the machine
-/// alone. Joints that the fit does not know have no part. The search begins with the starts and integration steps of `known`, of a model
-/// that is much like this one. `integration` is what that may cost of the log likelihood.
+/// alone. Joints that the fit does not know have no part. `integration` is what that may cost of the log likelihood, and how near to the
+/// best start the search comes.
 ///
 /// # Errors
 /// A run that cannot be simulated.
 pub fn held_out(
     runs: Vec<FitRun>,
     fit: &PredictionFit,
-    known: Option<&HeldOut>,
     keeps_rates: bool,
     integration: f64,
 ) -> Result<HeldOut, PositionFitError> {
     let rates = fit.rates.clone();
-    let (initial, plan) = known.map(|known| (known.initial.clone(), known.plan.clone())).unwrap_or_default();
-    let problem = PredictionProblem { rates, keeps_rates, initial, plan, ..PredictionProblem::of_values(runs) };
+    let problem = PredictionProblem { rates, keeps_rates, ..PredictionProblem::of_values(runs) };
     let mut search = Search::new(&problem, None)?;
-    let settings = Settings { iterations: 10, integration, ..Settings::default() };
+    let half_unknowns = 0.5 * search.state().search.x.len() as f64;
+    let tolerance = integration / half_unknowns;
+    let settings = Settings { iterations: 10, tolerance, integration, ..Settings::default() };
     search.advance(&settings, settings.iterations, &mut |_| SearchControl::Continue);
     let found = search.result()?;
     let mut log_likelihood = 0.0;
@@ -44,5 +40,5 @@ pub fn held_out(
         let share = own.deviation / fitted.deviation;
         log_likelihood -= 0.5 * own.samples * (2.0 * fitted.deviation.ln() + share * share);
     }
-    Ok(HeldOut { log_likelihood, joints: found.joints, initial: found.initial, plan: found.plan })
+    Ok(HeldOut { log_likelihood, joints: found.joints })
 }

@@ -15,8 +15,7 @@ pub struct HeldOut {
 
 /// Of `runs`, whose equations have the values of `fit`. Where they start is estimated anew, and so are the rates unless they are kept:
 /// how far a model is to be trusted depends on the motion (a joint that sticks forgets what disturbed it), not on the machine
-/// alone. Joints that the fit does not know have no part. `integration` is what that may cost of the log likelihood, and how near to the
-/// best start the search comes.
+/// alone. Joints that the fit does not know have no part. `integration` is what that may cost of the log likelihood.
 ///
 /// # Errors
 /// A run that cannot be simulated.
@@ -29,9 +28,7 @@ pub fn held_out(
     let rates = fit.rates.clone();
     let problem = PredictionProblem { rates, keeps_rates, ..PredictionProblem::of_values(runs) };
     let mut search = Search::new(&problem, None)?;
-    let half_unknowns = 0.5 * search.state().search.x.len() as f64;
-    let tolerance = integration / half_unknowns;
-    let settings = Settings { iterations: 10, tolerance, integration, ..Settings::default() };
+    let settings = Settings { iterations: 10, integration, ..Settings::default() };
     search.advance(&settings, settings.iterations, &mut |_| SearchControl::Continue);
     let found = search.result()?;
     let mut log_likelihood = 0.0;

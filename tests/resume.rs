@@ -98,8 +98,17 @@ fn a_checkpoint_of_another_fit_is_refused() {
     let other = message(&Identity::new(&model, &experiment, &runs, &how));
     assert!(other.contains("the model was"), "{other}");
 
+    // Of an older program, whose state may have been another.
+    let kept = fs::read_to_string(&path).unwrap();
+    let own = kept.lines().find(|line| line.starts_with("format = ")).unwrap();
+    fs::write(&path, kept.replace(own, "format = 1").replace("[state", "[once")).unwrap();
+    let other = message(&identity);
+    assert!(other.contains("the program was") && other.contains("(format 1)"), "{other}");
+
     fs::write(&path, "x = [").unwrap();
     assert!(message(&identity).contains("cannot be read"), "{}", message(&identity));
+    fs::write(&path, kept.replace(own, &format!("format = '{}'", "7".repeat(50_000)))).unwrap();
+    assert!(message(&identity).len() < 3000, "{}", message(&identity));
 }
 
 /// Through the binary: Ctrl-C, then `kill -9`, then to the end.

@@ -149,8 +149,12 @@ struct Written<'a> {
 }
 
 #[derive(Deserialize)]
-struct Read {
+struct WhoseState {
     identity: Identity,
+}
+
+#[derive(Deserialize)]
+struct ReadState {
     state: State,
 }
 
@@ -184,10 +188,12 @@ pub fn read(path: &Path, identity: &Identity) -> Result<State, CheckpointError> 
         io::ErrorKind::NotFound => CheckpointError::Missing { path: path.to_owned() },
         _ => CheckpointError::Damaged { path: path.to_owned(), reason: error.to_string() },
     })?;
-    let Read { identity: expected, state } = toml::from_str(&text).map_err(|error: toml::de::Error| {
-        let reason = shortened(error.message().to_owned(), LONGEST_MESSAGE);
-        CheckpointError::Damaged { path: path.to_owned(), reason }
-    })?;
+    let damaged = |error: toml::de::Error| CheckpointError::Damaged {
+        path: path.to_owned(),
+        reason: shortened(error.message().to_owned(), LONGEST_MESSAGE),
+    };
+    // The state of another program may be none of this one.
+    let WhoseState { identity: expected } = toml::from_str(&text).map_err(damaged)?;
     let program = |identity: &Identity| format!("{} (format {})", identity.version, identity.format);
     let pairs = [
         ("the program", program(&expected), program(identity)),
@@ -197,9 +203,11 @@ pub fn read(path: &Path, identity: &Identity) -> Result<State, CheckpointError> 
     ];
     for (what, expected, found) in pairs {
         if expected != found {
+            let expected = shortened(expected, LONGEST_MESSAGE);
             return Err(CheckpointError::Other { path: path.to_owned(), what, expected, found });
         }
     }
+    let ReadState { state } = toml::from_str(&text).map_err(damaged)?;
     Ok(state)
 }
 

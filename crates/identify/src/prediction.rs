@@ -242,7 +242,7 @@ impl<'a> Search<'a> {
     /// Takes up a search that came to its end with rougher steps, or in the beginnings of these runs.
     ///
     /// # Errors
-    /// As [`Search::new`].
+    /// As [`Search::new`] where the state is of other unknowns; there the search begins.
     pub fn reopened(
         problem: &'a PredictionProblem,
         state: &State,
@@ -255,21 +255,20 @@ impl<'a> Search<'a> {
         Ok(Self::opened(problem, evaluator, state.clone(), (AHEAD, settings.integration)))
     }
 
-    /// A search from where another is, with integration steps for these runs ([`Search::plan_anew`]).
+    /// A search that begins where another is, which was of a problem much like this one, its steps planned as by [`Search::plan_anew`].
     fn opened(
         problem: &'a PredictionProblem,
         evaluator: Evaluator<'a>,
-        mut state: State,
+        state: State,
         (share, loss): (f64, f64),
     ) -> Self {
-        if !evaluator.is_planned(&state.plan) {
-            state = State { plan: evaluator.continued(&state.plan), cost: None, ..state };
-        }
-        state.planned = None;
-        let mut own = Self { problem, evaluator, state };
-        if !own.plan_anew(share, loss) {
-            own.refine(own.state.plan.clone(), loss);
-        }
+        let is_of_these = evaluator.is_planned(&state.plan);
+        let known = if is_of_these { state.plan.clone() } else { evaluator.continued(&state.plan) };
+        let x = state.search.x.clone();
+        let plan = evaluator.plan(&evaluator.with_poles_nearer(&x, share), &known, loss);
+        let mut own = Self { problem, evaluator, state: State { cost: None, ..state } };
+        own.refine(plan, loss);
+        own.planned_at(x, loss);
         own
     }
 
@@ -349,17 +348,23 @@ impl<'a> Search<'a> {
         let Self { evaluator, state, .. } = self;
         let x = state.search.x.clone();
         let ahead = evaluator.with_poles_nearer(&x, share);
-        // What was planned so finely before mostly does.
-        let is_planned = state.planned.as_ref().is_some_and(|planned| planned.loss <= loss);
-        let is_enough = is_planned && evaluator.is_fine_enough(&ahead, &state.plan, loss);
-        let finer = (!is_enough).then(|| evaluator.plan(&ahead, &state.plan, loss));
-        let finer = finer.filter(|finer| *finer != state.plan);
-        let is_other = finer.is_some();
-        finer.into_iter().for_each(|finer| self.refine(finer, loss));
+        // What was made for so little before mostly does.
+        let was_as_fine = state.planned.as_ref().is_some_and(|planned| planned.loss <= loss);
+        let is_enough = was_as_fine && evaluator.is_fine_enough(&ahead, &state.plan, loss);
+        let other = (!is_enough).then(|| evaluator.plan(&ahead, &state.plan, loss)).filter(|plan| *plan != state.plan);
+        let is_other = other.is_some();
+        if let Some(plan) = other {
+            self.refine(plan, loss);
+        }
+        self.planned_at(x, loss);
+        is_other
+    }
+
+    /// Notes what the steps were planned for, unless the search went elsewhere with them.
+    fn planned_at(&mut self, x: Vec<f64>, loss: f64) {
         let State { search, cost, .. } = &self.state;
         let planned = PlannedFor { loss, x, cost: cost.unwrap_or(f64::INFINITY) };
         self.state.planned = Some(planned).filter(|planned| planned.x == search.x);
-        is_other
     }
 
     /// Trusts the model more at once, where that is likelier: a valley in which the rates fall and all else follows is long.
@@ -376,22 +381,29 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// With these integration steps; where the last ones cost more than `loss`, the search begins anew.
-    fn refine(&mut self, plan: Plan, loss: f64) {
+    /// With these integration steps. Where they change the cost by no more than `loss`, the search keeps its damping; else it begins anew.
+    fn refine(&mut self, mut plan: Plan, loss: f64) {
         let Self { problem, evaluator, state } = self;
         let mut x = state.search.x.clone();
         let mut cost = evaluator.at(&plan).cost(&x);
         let lost = cost.unwrap_or(f64::INFINITY) - state.cost.unwrap_or(f64::NEG_INFINITY);
-        // With rough steps a model may stay with its logs that runs away from them with fine ones: it is followed closer then.
+        // With rough steps, or in a part of the logs, a model may stay with them that runs away with fine ones, or in all: it is followed
+        // closer then.
         if lost > evaluate::ROUGHLY {
-            x = evaluator.followed(x, &plan);
-            cost = evaluator.at(&plan).cost(&x);
+            let followed = evaluator.followed(&x, cost, &plan);
+            if followed != x || cost.is_none() {
+                plan = evaluator.plan(&followed, &plan, evaluate::ROUGHLY);
+                cost = evaluator.at(&plan).cost(&followed);
+                x = followed;
+            }
         }
-        (state.plan, state.cost, state.is_done, state.planned, state.known) = (plan, cost, false, None, None);
-        if lost.abs() > loss {
+        if lost.abs() <= loss && x == state.search.x {
+            state.search.idle = 0;
+        } else {
             state.iterations += state.search.iterations;
             state.search = sqp::State::start(&x, &problem.region(evaluator));
         }
+        (state.plan, state.cost, state.is_done, state.planned, state.known) = (plan, cost, false, None, None);
     }
 
     /// Linearisations so far.

@@ -111,7 +111,7 @@ pub struct State {
     pub growth: f64,
     /// Accepted steps in a row that were hardly worth taking.
     pub idle: usize,
-    /// Whether longer steps than the last one were tried and kept no promise.
+    /// Whether the last step was damped more than was tried first.
     pub is_shortened: bool,
     /// Linearisations used.
     pub iterations: usize,
@@ -527,6 +527,36 @@ mod tests {
             assert_eq!(end, whole, "stopped after iteration {stop}");
             assert_eq!(region, whole_region, "stopped after iteration {stop}");
         }
+    }
+
+    /// A valley that counts how often its derivatives are asked for.
+    struct Counted {
+        valley: Valley,
+        linearised: std::cell::Cell<usize>,
+    }
+
+    impl Objective for Counted {
+        fn cost(&self, x: &[f64]) -> Option<f64> {
+            self.valley.cost(x)
+        }
+
+        fn quadratic(&self, x: &[f64]) -> Option<Quadratic> {
+            self.linearised.set(self.linearised.get() + 1);
+            self.valley.quadratic(x)
+        }
+
+        fn cuts(&self, x: &[f64]) -> Vec<HalfSpace> {
+            self.valley.cuts(x)
+        }
+    }
+
+    /// Down a bent valley every other step is too long: after one that was shortened, derivatives are asked for where a step is taken only.
+    #[test]
+    fn few_derivatives_are_of_steps_that_are_not_taken() {
+        let counted = Counted { valley: Valley { disk: false }, linearised: 0.into() };
+        let end = minimise(&counted, &mut region(), &[-1.2, 1.0], &LIMITS, &mut |_| SearchControl::Continue);
+        let wasted = counted.linearised.get() - end.iterations;
+        assert!(4 * wasted < end.iterations, "{wasted} beside {}", end.iterations);
     }
 
     /// A cost of nothing but rounding: its gradient promises what no step keeps.

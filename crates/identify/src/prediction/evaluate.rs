@@ -199,28 +199,26 @@ impl<'a> Evaluator<'a> {
         self.likeliest(POLES.into_iter().map(with)).ok_or_else(|| self.why_not(&start))
     }
 
-    /// With rates at which a model is followed that runs away from what it was not fitted to: its own, unless lower poles are likelier with
-    /// these integration steps.
-    pub(super) fn followed(&self, x: Vec<f64>, plan: &Plan) -> Vec<f64> {
+    /// With rates at which a model is followed that runs away from what it was not fitted to: poles are lowered as long as that is
+    /// likelier with these integration steps than `cost`; where they do for none, the likeliest with steps of its own.
+    pub(super) fn followed(&self, x: &[f64], cost: Option<f64>, plan: &Plan) -> Vec<f64> {
         if self.problem.keeps_rates {
-            return x;
+            return x.to_vec();
         }
         let at_most = |pole: f64| {
-            let mut x = x.clone();
+            let mut x = x.to_vec();
             x[self.first_rate..].iter_mut().for_each(|own| *own = own.min(pole));
             x
         };
-        let mut trials: Vec<Vec<f64>> = std::iter::once(1.0).chain(POLES).map(at_most).collect();
-        trials.dedup();
-        let mut best: Option<(f64, Vec<f64>)> = None;
-        for trial in trials {
+        let mut best = cost.map(|cost| (cost, x.to_vec()));
+        for trial in POLES.into_iter().map(at_most).filter(|trial| trial != x) {
             match (self.at(plan).cost(&trial), &best) {
                 (Some(cost), Some((least, _))) if cost >= *least => break,
                 (Some(cost), _) => best = Some((cost, trial)),
                 (None, _) => {}
             }
         }
-        best.map(|(_, x)| x).or_else(|| self.likeliest(POLES.into_iter().map(at_most))).unwrap_or(x)
+        best.map(|(_, x)| x).or_else(|| self.likeliest(POLES.into_iter().map(at_most))).unwrap_or_else(|| x.to_vec())
     }
 
     /// The likeliest; steps that do for one tell which is.
@@ -289,7 +287,7 @@ impl<'a> Evaluator<'a> {
 
     /// Whether these integration steps cost no more than `loss` of the log likelihood.
     pub(super) fn is_fine_enough(&self, x: &[f64], plan: &Plan, loss: f64) -> bool {
-        let rough = self.predicted(x, plan).filter(|_| self.is_planned(plan));
+        let rough = self.is_planned(plan).then(|| self.predicted(x, plan)).flatten();
         rough.is_some_and(|rough| self.loss_of(x, plan, &rough) <= loss)
     }
 

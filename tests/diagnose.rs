@@ -86,7 +86,7 @@ fn parts_find_nothing_where_nothing_is_missing() {
 }
 
 /// The library's own answer about the files of a folder.
-fn answer(
+pub fn answer(
     folder: &Path,
     options: &Options,
     finished: &Finished,
@@ -122,7 +122,7 @@ fn what_moved_between_runs_is_distinguished_from_what_is_missing() {
 }
 
 /// A machine whose second link lacks an effect, in two runs, both to be fitted to.
-fn arm(effects: &str, runs: &str) -> TempDir {
+pub fn arm(effects: &str, runs: &str) -> TempDir {
     let text = format!(
         "device = \"planar2r\"\nseed = 11\nsample_s = 0.01\nsteps_per_sample = 20\nnoise_rms = 1e-4\nquantum = 1e-5\nstart = \
          [-1.5707963267948966, 0.0]\n{effects}{runs}"
@@ -135,15 +135,15 @@ fn arm(effects: &str, runs: &str) -> TempDir {
     folder
 }
 
-const VISCOUS: &str =
+pub const VISCOUS: &str =
     "[[effect]]\nid = \"viscous\"\njoint = 0\nFv = 0.6\n[[effect]]\nid = \"viscous\"\njoint = 1\nFv = 0.15\n";
-const SWINGS: &str = "[[run]]\nfile = \"one.csv\"\nfree = [1]\nrole = \"fit\"\nduration_s = 6.0\n\
+pub const SWINGS: &str = "[[run]]\nfile = \"one.csv\"\nfree = [1]\nrole = \"fit\"\nduration_s = 6.0\n\
                       torque = [{ joint = 1, amplitude = 0.9, hz = 0.4 }, { joint = 1, amplitude = 0.5, hz = 1.3 }]\n\
                       [[run]]\nfile = \"two.csv\"\nfree = [1]\nrole = \"fit\"\nduration_s = 6.0\n\
                       torque = [{ joint = 1, amplitude = 0.8, hz = 0.7 }, { joint = 1, amplitude = 0.4, hz = 1.9 }]\n";
 
 /// A machine whose second joint has Stribeck's friction, which the model that is beside its runs lacks.
-fn arm_without_its_friction() -> TempDir {
+pub fn arm_without_its_friction() -> TempDir {
     let stribeck = "[[effect]]\nid = \"stribeck\"\njoint = 1\nFc = 0.1\nFs = 0.2\nvs = 0.1\nv_eps = 0.01\n";
     let folder = arm(&format!("[parameters]\n{VISCOUS}{stribeck}"), SWINGS);
     let experiment = fs::read_to_string(folder.path().join("experiment.toml")).unwrap();

@@ -8,6 +8,7 @@ mod bad_input;
 mod check;
 mod command_line;
 mod diagnose;
+mod diagnose_path;
 mod discover;
 mod excite;
 mod export;

@@ -369,7 +369,7 @@ fn interrupted(path: Option<&Path>, count: usize) -> Outcome {
 }
 
 /// Raised whenever a refit, or what it starts from, changes its meaning: fits of another program are not mixed in.
-const FORMAT: u32 = 18;
+const FORMAT: u32 = 19;
 
 /// Fits that are done, for a diagnosis that is stopped.
 struct Kept {

@@ -1,4 +1,5 @@
-//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`, `fuzz`, `torture`.
+//! The project's own commands: `cargo xtask gen`, `ci`, `api`, `wheel`, `bench`, `hidden-effects`, `fleet`, `fuzz`,
+//! `mutants`, `torture`.
 
 mod api;
 mod bench;
@@ -12,6 +13,8 @@ mod fuzz;
 mod generate;
 mod hidden_effects;
 mod licences;
+#[cfg(unix)]
+mod mutants;
 mod shell;
 mod size;
 mod snapshots;
@@ -53,6 +56,9 @@ enum Command {
     Fleet(fleet::Arguments),
     /// Gives damaged input to every reader, then to the whole program.
     Fuzz(fuzz::Arguments),
+    /// Changes the code that judges, one place at a time, and counts what the tests notice.
+    #[cfg(unix)]
+    Mutants(mutants::Arguments),
     /// Kills the program, fills its disk, takes its files away, and looks at what it leaves.
     #[cfg(unix)]
     Torture(torture::Arguments),
@@ -80,6 +86,8 @@ fn main() -> ExitCode {
         Command::HiddenEffects(arguments) => hidden_effects::run(&arguments),
         Command::Fleet(arguments) => fleet::run(&arguments),
         Command::Fuzz(arguments) => fuzz::run(&arguments),
+        #[cfg(unix)]
+        Command::Mutants(arguments) => mutants::run(&arguments),
         #[cfg(unix)]
         Command::Torture(arguments) => torture::run(&arguments),
     };

@@ -305,3 +305,76 @@ pub(super) fn keep_orders(model: &mut Model) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{SQRT_2, TAU};
+    use std::path::Path;
+
+    use dynid_logs::experiment::{Role, Settings};
+    use dynid_logs::log::Log;
+
+    use super::*;
+
+    /// The second joint of two swings by 0.5 about 0.3 at 1 Hz, under 0.8 of a motor that makes 2.5 times as much.
+    #[test]
+    fn what_is_tried_is_as_large_as_what_the_logs_show() {
+        let (n, step) = (2_000, 0.01);
+        let wave = |size: f64| (0..n).map(|k| size * (TAU * step * f64::from(k)).sin()).collect::<Vec<f64>>();
+        let still = vec![0.0; n as usize];
+        let log = Log {
+            t: (0..n).map(|k| step * f64::from(k)).collect(),
+            q: vec![still.clone(), wave(0.5).iter().map(|q| 0.3 + q).collect()],
+            tau: vec![still, wave(0.8)],
+            reference: None,
+            mask: None,
+            left_out: Vec::new(),
+        };
+        let settings = Settings { min_speed: vec![0.0; 2], ..Settings::default() };
+        let run = Run {
+            file: "made.csv".to_owned(),
+            role: Role::Fit,
+            free: vec![1],
+            payload: None,
+            configuration: 1,
+            log,
+            settings,
+        };
+        let text = "device = \"planar2r\"\n[[effect]]\nid = \"gain\"\njoint = 1\nKp = -2.5\n";
+        let model = Model::parse(text, Path::new("made.toml")).expect("a model");
+        let motion = Motion::of(&run).expect("a motion");
+        let sizes = Sizes::of(&model, &[&run], std::slice::from_ref(&motion), 1);
+        let (speed, acceleration) = (0.5 * TAU / SQRT_2, 0.5 * TAU * TAU / SQRT_2);
+        let torque = 2.5 * 0.8 / SQRT_2;
+        // Positions of a sine beyond a hundredth at either end are left out.
+        let half_range = 0.5 * (std::f64::consts::PI * (0.5 - 0.01)).sin();
+        for (of, expected) in [
+            (Measure::Value, 1.0),
+            (Measure::Speed, speed),
+            (Measure::Position, 0.3 + half_range),
+            (Measure::PerRange, 2.0 * half_range),
+            (Measure::Range, 2.0 * half_range),
+            (Measure::Command, 0.8 / SQRT_2),
+            (Measure::Torque, torque),
+            (Measure::Stiffness, torque / (2.0 * half_range)),
+            (Measure::Compliance, 2.0 * half_range / torque),
+            (Measure::Damping, torque / speed),
+            (Measure::Inertia, torque / acceleration),
+            (Measure::Duration, 20.0),
+        ] {
+            let found = sizes.value(of, 1.0);
+            assert!((found / expected - 1.0).abs() < 0.01, "{of:?}: {found}, not {expected}");
+            let twice = match of {
+                Measure::Position => 0.3 + 2.0 * half_range,
+                Measure::PerRange => half_range,
+                _ => 2.0 * expected,
+            };
+            let found = sizes.value(of, 2.0);
+            assert!((found / twice - 1.0).abs() < 0.01, "{of:?}: {found}, not {twice}");
+        }
+        // Of a joint that no run moves there is nothing, and nothing is divided by it.
+        let none = Sizes::of(&model, &[&run], &[motion], 0);
+        assert_eq!(none.value(Measure::Damping, 1.0), 0.0);
+        assert_eq!(none.value(Measure::Range, 1.0), 0.0);
+    }
+}

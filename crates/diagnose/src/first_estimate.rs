@@ -103,3 +103,31 @@ fn vanishes(instance: &EffectInstance) -> bool {
         && !nulls.is_empty()
         && nulls.iter().filter(|(is_kept, _)| !(has_own && *is_kept)).all(|(_, is_null)| *is_null)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    fn vanishes_with(effect: &str) -> bool {
+        let text = format!("device = \"planar2r\"\n[[effect]]\njoint = 1\n{effect}");
+        let model = Model::parse(&text, Path::new("made.toml")).unwrap_or_else(|error| panic!("{error}"));
+        vanishes(&model.effects[0])
+    }
+
+    #[test]
+    fn an_effect_vanishes_where_it_does_nothing_and_its_shape_is_open() {
+        let fixed = |value: f64| format!("{{ value = {value:?}, fixed = true }}");
+        let open = "v_eps = { value = 0.01, fixed = false }\n";
+        assert!(vanishes_with(&format!("id = \"coulomb\"\nFc = 0.0\n{open}")));
+        assert!(!vanishes_with(&format!("id = \"coulomb\"\nFc = 0.1\n{open}")), "it brakes");
+        assert!(!vanishes_with(&format!("id = \"coulomb\"\nFc = {}\n{open}", fixed(0.0))), "it is to stay away");
+        assert!(!vanishes_with("id = \"coulomb\"\nFc = 0.0\n"), "with a shape that is held a step finds Fc");
+        assert!(!vanishes_with("id = \"viscous\"\nFv = 0.0\n"), "it has no shape");
+        let both = |backwards: f64| format!("id = \"coulomb_asymmetric\"\nFc_p = 0.0\nFc_n = {backwards:?}\n{open}");
+        assert!(vanishes_with(&both(0.0)) && !vanishes_with(&both(0.1)));
+        // A scan tells where a spring rests, also where that is held.
+        assert!(vanishes_with(&format!("id = \"spring\"\nKs = 0.0\nqeq = {}\n", fixed(0.3))));
+    }
+}

@@ -204,7 +204,14 @@ impl Logs<'_> {
     /// The model itself, fitted.
     pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        self.fitted(None, model, &self.followed(&problem, key, None)?, true)
+        let beginnings = self.beginnings();
+        if 2 * samples(&beginnings) > samples(&self.fit) {
+            return self.fitted(None, model, &self.followed(&problem, key, None)?, true);
+        }
+        // The way to where it ends needs not all of the samples.
+        let begun = self.problem_of(model, &beginnings)?;
+        let begun = self.followed(&begun, &format!("{key} beginnings"), None)?;
+        self.fitted(None, model, &self.followed(&problem, key, Some(begun.state()))?, true)
     }
 
     /// Whether a search in these logs, from the values of a fit to others of the same samples, may gain so much log likelihood of the runs
@@ -391,14 +398,14 @@ impl Logs<'_> {
         let (whole, least) = self.settings.beginning;
         if n_probes > self.settings.further * self.settings.arms {
             let share = (self.settings.further as f64 / all.len() as f64).min(1.0);
-            let beginnings = self.beginnings(least.max(whole * share), least);
+            let beginnings = self.beginnings_of_seconds(least.max(whole * share));
             let test = ScoreTest::new(model, (rates, 1), (initial, plan), &beginnings, &expected)?;
             let starts = test.ask(&probes, &go_on);
             let promising = promising(&starts, self.settings.further);
             probes.retain(|(candidate, _)| promising.contains(candidate));
             keep_promising(&mut probes, &starts, self.settings.arms);
         }
-        let beginnings = self.beginnings(whole, least);
+        let beginnings = self.beginnings();
         let test = ScoreTest::new(model, (rates, RATES.len()), (initial, plan), &beginnings, &expected)?;
         Ok(test.ask(&probes, &go_on))
     }
@@ -524,8 +531,7 @@ impl Logs<'_> {
 
     /// How many times the samples of the beginnings that promises rest on the runs to fit to have.
     pub fn of_all(&self) -> f64 {
-        let (whole, least) = self.settings.beginning;
-        samples(&self.fit) as f64 / samples(&self.beginnings(whole, least)).max(1) as f64
+        samples(&self.fit) as f64 / samples(&self.beginnings()).max(1) as f64
     }
 
     /// The beginnings of the runs to fit to, of about so many samples over all joints.
@@ -550,9 +556,14 @@ impl Logs<'_> {
         Some((Tangent::new(&problem, &plan)?, names))
     }
 
-    /// The beginnings of the runs, so many seconds of all and at least so many of each.
-    fn beginnings(&self, all: f64, least: f64) -> Vec<Run> {
-        let each = (all / self.fit.len() as f64).max(least);
+    /// The beginnings of the runs that promises and races rest on.
+    fn beginnings(&self) -> Vec<Run> {
+        self.beginnings_of_seconds(self.settings.beginning.0)
+    }
+
+    /// The beginnings of the runs, so many seconds of all but not too little of each.
+    fn beginnings_of_seconds(&self, all: f64) -> Vec<Run> {
+        let each = (all / self.fit.len() as f64).max(self.settings.beginning.1);
         self.fit.iter().map(|run| beginning(run, each)).collect()
     }
 
@@ -583,8 +594,7 @@ impl Logs<'_> {
         key: &str,
         found: &mut Vec<Fitted>,
     ) -> Result<(), PositionFitError> {
-        let (whole, least) = self.settings.beginning;
-        let beginnings = self.beginnings(whole, least);
+        let beginnings = self.beginnings();
         let samples = samples(&beginnings);
         let arm = |key: String, candidate: Option<&Candidate>, model: &Model, from: &PredictionFit| {
             let mut problem = self.problem_of(model, &beginnings)?;

@@ -273,4 +273,15 @@ pub(super) mod tests {
         assert_eq!(refit.worst_ratio(), Some(20.0));
         assert_eq!(empty().worst_ratio(), None, "nothing is judged");
     }
+
+    #[test]
+    fn a_parameter_is_null_where_its_effect_vanishes_within_a_thousandth_of_its_bounds() {
+        let text = "device = \"planar2r\"\n[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = { value = 0.1, lower = 0.0, upper = 2.0 }\n";
+        let model = Model::parse(text, std::path::Path::new("made.toml")).expect("a model");
+        let is_null_at = |name: &str, value: f64| is_null(&model, name, value);
+        assert!(is_null_at("joint.1.coulomb.Fc", 0.0) && is_null_at("joint.1.coulomb.Fc", 0.0019));
+        assert!(!is_null_at("joint.1.coulomb.Fc", 0.0021) && !is_null_at("joint.1.coulomb.Fc", 2.0));
+        assert!(!is_null_at("joint.1.coulomb.v_eps", 0.0), "nowhere in this one does friction vanish");
+        assert!(!is_null_at("joint.0.coulomb.Fc", 0.0), "no such parameter");
+    }
 }

@@ -40,3 +40,47 @@ pub(super) fn with_line(run: &Run) -> Run {
     run.settings.intersample = Intersample::FirstOrder;
     run
 }
+
+#[cfg(test)]
+mod tests {
+    use dynid_logs::experiment::Settings;
+    use dynid_logs::log::Log;
+
+    use super::*;
+
+    fn run(role: Role, n: usize) -> Run {
+        let log = Log {
+            t: (0..n).map(|k| 0.01 * k as f64).collect(),
+            q: vec![(0..n).map(|k| k as f64).collect()],
+            tau: vec![vec![0.0; n]],
+            reference: None,
+            mask: None,
+            left_out: Vec::new(),
+        };
+        let settings = Settings::default();
+        Run { file: "made.csv".to_owned(), role, free: vec![0], payload: None, configuration: 1, log, settings }
+    }
+
+    #[test]
+    fn the_last_third_is_held_out_where_no_run_is() {
+        let (one, two, held_out) = (run(Role::Fit, 90), run(Role::Fit, 31), run(Role::Validate, 30));
+        let lengths = |runs: &[Run]| runs.iter().map(|run| (run.role, run.log.len())).collect::<Vec<_>>();
+        let parts = split(&[&one, &two]);
+        let expected = [(Role::Fit, 60), (Role::Validate, 30), (Role::Fit, 20), (Role::Validate, 11)];
+        assert_eq!(lengths(&parts), expected);
+        assert_eq!(parts[1].log.q[0][0], 60.0, "the parts follow each other");
+        assert!(is_cut(&[&one, &two]) && !is_cut(&[&one, &held_out]));
+        let whole = split(&[&one, &held_out]);
+        assert_eq!(lengths(&whole), [(Role::Fit, 90), (Role::Validate, 30)]);
+        let (fit, judged) = by_role(&parts);
+        assert_eq!((lengths(&fit), lengths(&judged)), (vec![expected[0], expected[2]], vec![expected[1], expected[3]]));
+    }
+
+    #[test]
+    fn a_command_that_stands_between_samples_may_run_straight() {
+        let standing = run(Role::Fit, 90);
+        assert!(stands(&standing));
+        assert!(!stands(&with_line(&standing)), "it runs straight already");
+        assert_eq!(with_line(&standing).settings.intersample, Intersample::FirstOrder);
+    }
+}

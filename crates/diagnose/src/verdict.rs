@@ -312,4 +312,31 @@ mod tests {
             assert_eq!(reaches_the_floor(&refit), expected, "{:?}", refit.left);
         }
     }
+
+    /// Squared errors of 400 and 128 before, where noise alone leaves 100 and 64.
+    #[test]
+    fn shares_are_of_the_error_and_of_what_of_it_is_above_the_noise() {
+        let left = |joint: usize, squares: f64, noise_squares: f64| JointResidual {
+            joint,
+            held_out: true,
+            squares,
+            samples: 100.0,
+            noise_squares: Some(noise_squares),
+            white: false,
+        };
+        let refit = |left: Vec<JointResidual>| Refit { left, ..crate::refit::tests::empty() };
+        let before = refit(vec![left(2, 400.0, 100.0), left(3, 128.0, 64.0)]);
+        assert_eq!(share(&before, &refit(vec![left(2, 175.0, 100.0), left(3, 80.0, 64.0)])), Some((2, 0.5625, 0.75)));
+        assert_eq!(share(&before, &refit(vec![left(2, 400.0, 100.0), left(3, 80.0, 64.0)])), Some((3, 0.375, 0.75)));
+        assert_eq!(share(&before, &refit(vec![left(4, 1.0, 1.0)])), None, "a joint that was not judged before");
+        let at_the_noise = refit(vec![left(2, 100.0, 100.0)]);
+        assert_eq!(
+            share(&at_the_noise, &refit(vec![left(2, 75.0, 100.0)])),
+            Some((2, 0.25, 0.0)),
+            "nothing is above it"
+        );
+        // Where the model cannot be simulated to the end, any that can be is a gain.
+        let share = share(&refit(vec![left(2, f64::INFINITY, 100.0)]), &before).expect("a share");
+        assert!(share.0 == 2 && share.1 > 0.99999 && share.2 > 0.99999, "{share:?}");
+    }
 }

@@ -1,0 +1,129 @@
+//! The ways that diagnoses go, step by step, as snapshots: what each candidate promised, what every search came to, what was
+//! concluded. Whether an answer is right, other tests ask; these show a change of the procedure that changes no answer, to whoever
+//! reviews it.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use std::sync::Mutex;
+
+use dynid_diagnose::{Event, Finished, Options};
+use dynid_identify::identify::ErrorSignal;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::diagnose::{SWINGS, VISCOUS, answer, arm, arm_without_its_friction};
+
+/// Five digits of every number.
+fn rounded(value: &Value) -> Value {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            let number = number.as_f64().unwrap_or_default();
+            format!("{number:.4e}").parse::<f64>().map_or_else(|_| value.clone(), Value::from)
+        }
+        Value::Array(values) => values.iter().map(rounded).collect(),
+        Value::Object(entries) => entries.iter().map(|(key, value)| (key.clone(), rounded(value))).collect(),
+        other => other.clone(),
+    }
+}
+
+/// A line for each search, then one for each part of the answer.
+fn path(folder: &Path, options: &Options) -> String {
+    let searches: Mutex<BTreeMap<String, String>> = Mutex::default();
+    let hear = |event: &Event<'_>| {
+        if let Event::Searched(key, state) = event {
+            let cost = state.cost.map_or_else(|| "cannot be predicted".to_owned(), |cost| format!("{cost:.1}"));
+            let linearisations = state.iterations + state.search.iterations;
+            searches.lock().unwrap().insert((*key).to_owned(), format!("{cost}, {linearisations} linearisations"));
+        }
+    };
+    let found = answer(folder, options, &Finished::new(), &hear, &|| false).unwrap();
+    let mut text = String::new();
+    for (key, search) in searches.into_inner().unwrap() {
+        let _ = writeln!(text, "{key}: {search}");
+    }
+    let Value::Object(parts) = serde_json::to_value(&found).unwrap() else { panic!("an object") };
+    for (name, part) in parts {
+        let lines = match part {
+            Value::Array(lines) => lines,
+            other => vec![other],
+        };
+        let _ = writeln!(text, "\n{name}");
+        for line in &lines {
+            let _ = writeln!(text, "  {}", rounded(line));
+        }
+    }
+    text
+}
+
+/// Of an arm with these effects in these runs, and a model that knows of some.
+fn path_of(effects: &str, runs: &str, believed: &str) -> String {
+    let folder = arm(&format!("[parameters]\n{effects}"), runs);
+    fs::write(folder.path().join("believed.toml"), format!("device = \"planar2r\"\n{believed}")).unwrap();
+    path(folder.path(), &Options::default())
+}
+
+/// Both joints free, so long: two runs to fit to and one held out.
+fn both_joints(duration_s: f64) -> String {
+    let run = |file: &str, role: &str, index: u32| {
+        let waves = [(0.21, 1.2), (0.63, 0.8), (1.7, 0.5)];
+        let wave = |joint: u32, size: f64, order: usize| {
+            let (hz, share) = waves[order];
+            let hz = hz * (1.0 + 0.07 * f64::from(index) + 0.03 * f64::from(joint));
+            let phase = 0.7 * f64::from(index) + 1.3 * order as f64 + 2.0 * f64::from(joint);
+            format!("{{ joint = {joint}, amplitude = {:?}, hz = {hz:?}, phase = {phase:?} }}", size * share)
+        };
+        let waves: Vec<String> = (0..3).flat_map(|order| [wave(0, 2.5, order), wave(1, 0.8, order)]).collect();
+        format!(
+            "[[run]]\nfile = \"{file}\"\nfree = [0, 1]\nrole = \"{role}\"\nduration_s = {duration_s:?}\ntorque = [{}]\n",
+            waves.join(", ")
+        )
+    };
+    [run("one.csv", "fit", 0), run("two.csv", "fit", 1), run("three.csv", "validate", 2)].concat()
+}
+
+#[test]
+fn one_effect_of_one_joint() {
+    let folder: TempDir = arm_without_its_friction();
+    insta::assert_snapshot!(path(folder.path(), &Options::default()));
+}
+
+/// More than twice as long as the beginnings that promises and races rest on.
+#[test]
+fn long_runs() {
+    let run = |file: &str, role: &str, hz: f64| {
+        format!(
+            "[[run]]\nfile = \"{file}\"\nfree = [1]\nrole = \"{role}\"\nduration_s = 35.0\ntorque = [{{ joint = 1, amplitude = \
+             0.9, hz = {hz:?} }}, {{ joint = 1, amplitude = 0.5, hz = 1.3, hz_per_s = 0.02 }}]\n"
+        )
+    };
+    let runs = [run("one.csv", "fit", 0.4), run("two.csv", "fit", 0.53), run("three.csv", "validate", 0.61)].concat();
+    let missing = "[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.1\nv_eps = 0.01\n";
+    insta::assert_snapshot!(path_of(&format!("{VISCOUS}{missing}"), &runs, VISCOUS));
+}
+
+#[test]
+fn by_the_torque_error() {
+    let folder = arm_without_its_friction();
+    let options = Options { error: Some(ErrorSignal::Torque), ..Options::default() };
+    insta::assert_snapshot!(path(folder.path(), &options));
+}
+
+#[test]
+fn two_effects_of_two_joints() {
+    let missing = "[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.1\nv_eps = 0.01\n[[effect]]\nid = \"torque_offset\"\njoint = 0\noffset = 0.4\n";
+    insta::assert_snapshot!(path_of(&format!("{VISCOUS}{missing}"), &both_joints(5.0), VISCOUS));
+}
+
+#[test]
+fn nothing_of_two_joints() {
+    let believed = VISCOUS.replace("0.6\n", "0.5\n");
+    insta::assert_snapshot!(path_of(VISCOUS, &both_joints(4.0), &believed));
+}
+
+#[test]
+fn a_law_of_no_library() {
+    let missing = "[[effect]]\nid = \"viscous_position\"\njoint = 1\nF = 0.2\nk = 3.0\n";
+    insta::assert_snapshot!(path_of(&format!("{VISCOUS}{missing}"), SWINGS, VISCOUS));
+}

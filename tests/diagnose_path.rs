@@ -10,23 +10,10 @@ use std::sync::Mutex;
 
 use dynid_diagnose::{Event, Finished, Options};
 use dynid_identify::identify::ErrorSignal;
-use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::diagnose::{SWINGS, VISCOUS, answer, arm, arm_without_its_friction};
-
-/// Five digits of every number.
-fn rounded(value: &Value) -> Value {
-    match value {
-        Value::Number(number) if number.is_f64() => {
-            let number = number.as_f64().unwrap_or_default();
-            format!("{number:.4e}").parse::<f64>().map_or_else(|_| value.clone(), Value::from)
-        }
-        Value::Array(values) => values.iter().map(rounded).collect(),
-        Value::Object(entries) => entries.iter().map(|(key, value)| (key.clone(), rounded(value))).collect(),
-        other => other.clone(),
-    }
-}
+use crate::figures::lines;
 
 /// A line for each search, then one for each part of the answer.
 fn path(folder: &Path, options: &Options) -> String {
@@ -43,17 +30,7 @@ fn path(folder: &Path, options: &Options) -> String {
     for (key, search) in searches.into_inner().unwrap() {
         let _ = writeln!(text, "{key}: {search}");
     }
-    let Value::Object(parts) = serde_json::to_value(&found).unwrap() else { panic!("an object") };
-    for (name, part) in parts {
-        let lines = match part {
-            Value::Array(lines) => lines,
-            other => vec![other],
-        };
-        let _ = writeln!(text, "\n{name}");
-        for line in &lines {
-            let _ = writeln!(text, "  {}", rounded(line));
-        }
-    }
+    let _ = write!(text, "\n{}", lines(&serde_json::to_value(&found).unwrap()));
     text
 }
 

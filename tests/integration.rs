@@ -12,6 +12,7 @@ mod diagnose_path;
 mod discover;
 mod excite;
 mod export;
+mod figures;
 mod formats;
 mod hidden_effect;
 mod jacobian;

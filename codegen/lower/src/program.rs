@@ -223,11 +223,6 @@ impl Program {
         self.names.get(&node).map(String::as_str)
     }
 
-    /// The node that carries this name.
-    pub fn find_name(&self, name: &str) -> Option<Node> {
-        self.named.get(name).copied()
-    }
-
     /// Declares an output; a second one of the same name replaces the first.
     pub fn output(&mut self, name: &str, node: Node) {
         match self.outputs.iter_mut().find(|(known, _)| known == name) {

@@ -103,6 +103,149 @@ fn torque_is_linear_in_the_lumps() {
     }
 }
 
+/// What needs no operation has none, and what was computed under another sign is taken from there.
+#[test]
+fn programs_are_built_simplified() {
+    let mut program = Program::new();
+    let program = &mut program;
+    let (x, y) = (program.position(0, "rad"), program.position(1, "rad"));
+    let numbers = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0];
+    let [zero, one, two, three, four, five, six, eight] = numbers.map(|value| program.number(value));
+    let (minus_x, minus_y) = (program.negate(x), program.negate(y));
+    assert_eq!((program.negate(zero), program.negate(minus_x), program.number(-0.0)), (zero, x, zero));
+    let minus_two = program.number(-2.0);
+    assert_eq!((program.number_of(minus_two), program.negate(minus_two)), (Some(-2.0), two));
+
+    let (sum, twice) = (program.add(x, y), program.multiply(two, x));
+    let minus_sum = program.negate(sum);
+    assert_eq!([program.add(two, three), program.add(zero, x), program.add(x, zero)], [five, x, x]);
+    assert_eq!([program.add(x, x), program.add(minus_x, minus_y)], [twice, minus_sum]);
+
+    let difference = program.subtract(x, y);
+    let opposite = program.negate(difference);
+    assert_eq!([program.add(x, minus_y), program.add(minus_y, x)], [difference, difference]);
+    assert_eq!([program.subtract(y, x), program.subtract(minus_x, minus_y)], [opposite, opposite]);
+    assert_eq!([program.subtract(x, minus_y), program.subtract(minus_x, y)], [sum, minus_sum]);
+    assert_eq!([program.subtract(five, three), program.subtract(x, x)], [two, zero]);
+    assert_eq!([program.subtract(zero, x), program.subtract(x, zero)], [minus_x, x]);
+
+    let (product, four_x, eight_x) = (program.multiply(x, y), program.multiply(four, x), program.multiply(eight, x));
+    let minus_product = program.negate(product);
+    assert_eq!([program.multiply(two, three), program.multiply(zero, x), program.multiply(x, zero)], [six, zero, zero]);
+    assert_eq!([program.multiply(one, x), program.multiply(x, one)], [x, x]);
+    assert_eq!([program.multiply(minus_x, y), program.multiply(minus_x, minus_y)], [minus_product, product]);
+    // Powers of two lose nothing where they are taken together; other factors round.
+    assert_eq!([program.multiply(two, four_x), program.multiply(four_x, two)], [eight_x, eight_x]);
+    let three_x = program.multiply(three, x);
+    let six_x = program.multiply(six, x);
+    assert!(program.multiply(two, three_x) != six_x && program.multiply(three, twice) != six_x);
+
+    let quotient = program.divide(x, y);
+    let minus_quotient = program.negate(quotient);
+    assert_eq!([program.divide(six, three), program.divide(zero, x), program.divide(x, one)], [two, zero, x]);
+    assert_eq!([program.divide(minus_x, y), program.divide(minus_x, minus_y)], [minus_quotient, quotient]);
+    let by_zero = program.divide(one, zero);
+    assert_eq!(program.number_of(by_zero), None, "no infinity is written as a number");
+
+    use Function::{Abs, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
+    for function in [Sin, Tan, Tanh, Sign] {
+        let value = program.call(function, x);
+        let minus_value = program.negate(value);
+        assert_eq!(
+            [program.call(function, zero), program.call(function, minus_x)],
+            [zero, minus_value],
+            "{function:?}"
+        );
+    }
+    for function in [Cos, Abs] {
+        assert_eq!(program.call(function, minus_x), program.call(function, x), "{function:?}");
+    }
+    for function in [Exp, Sqrt, Ln] {
+        assert_ne!(program.call(function, minus_x), program.call(function, x), "{function:?}");
+    }
+    assert_eq!([Cos, Exp].map(|function| program.call(function, zero)), [one, one]);
+    assert_eq!([Sqrt, Abs].map(|function| program.call(function, zero)), [zero, zero]);
+    assert_eq!([program.call(Sqrt, one), program.call(Ln, one)], [one, zero]);
+    assert_eq!([program.call(Abs, minus_two), program.call(Sign, three)], [two, one]);
+    let minus_one = program.number(-1.0);
+    assert_eq!(program.call(Sign, minus_two), minus_one);
+    let logarithm = program.call(Ln, two);
+    assert_eq!(program.number_of(logarithm), None, "what rounds is left to the kernel");
+
+    assert_eq!([program.minimum(x, x), program.maximum(x, x)], [x, x]);
+    assert_ne!(program.minimum(x, y), program.maximum(x, y));
+    assert_eq!(program.select(Comparison::Less, [x, y, two, two]), two);
+    for (comparison, expected) in [(Comparison::Less, [x, y, y]), (Comparison::Greater, [y, x, y])] {
+        let found = [[two, three], [three, two], [two, two]].map(|[a, b]| program.select(comparison, [a, b, x, y]));
+        assert_eq!(found, expected, "{comparison:?}");
+    }
+    assert_eq!((program.sum(&[]), program.product(&[])), (zero, one));
+    assert_eq!((program.sum(&[x, y]), program.product(&[x, y])), (sum, product));
+}
+
+/// The interpreter against the functions of the standard library, one operation at a time.
+#[test]
+fn every_operation_is_evaluated() {
+    use Function::{Abs, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
+    let functions: [(Function, fn(f64) -> f64); 8] = [
+        (Sin, f64::sin),
+        (Cos, f64::cos),
+        (Tan, f64::tan),
+        (Tanh, f64::tanh),
+        (Exp, f64::exp),
+        (Ln, f64::ln),
+        (Sqrt, f64::sqrt),
+        (Abs, f64::abs),
+    ];
+    for (a, b) in [(0.7_f64, 0.3_f64), (0.3, 0.7), (0.5, 0.5), (1.9, -0.4)] {
+        let mut program = Program::new();
+        let (x, y) = (program.position(0, "rad"), program.position(1, "rad"));
+        let mut outputs = vec![program.negate(x), program.add(x, y), program.subtract(x, y), program.multiply(x, y)];
+        outputs.extend([program.divide(x, y), program.minimum(x, y), program.maximum(x, y), program.number(2.5)]);
+        outputs.push(program.select(Comparison::Less, [x, y, x, y]));
+        outputs.push(program.select(Comparison::Greater, [x, y, x, y]));
+        outputs.extend([program.call(Sign, x), program.call(Sign, y)]);
+        let difference = program.subtract(x, y);
+        outputs.push(program.call(Sign, difference));
+        let mut expected = vec![-a, a + b, a - b, a * b, a / b, a.min(b), a.max(b), 2.5];
+        expected.extend([if a < b { a } else { b }, if a > b { a } else { b }, 1.0, if b < 0.0 { -1.0 } else { 1.0 }]);
+        expected.push(if a == b { 0.0 } else { (a - b).signum() });
+        for (function, value) in functions {
+            outputs.push(program.call(function, x));
+            expected.push(value(a));
+        }
+        for (place, node) in outputs.into_iter().enumerate() {
+            program.output(&format!("y{place}"), node);
+        }
+        assert_eq!(program.evaluate(at([a, b, f64::NAN])), expected);
+    }
+}
+
+/// Also of what no equations of motion have: what was prepared, an effect's signals and states.
+#[test]
+fn every_kind_of_input_survives_a_round_trip() {
+    let mut program = Program::new();
+    let inputs = [
+        Input::Parameter("link.1.m".to_owned()),
+        Input::Locked(2),
+        Input::Position(0),
+        Input::Velocity(0),
+        Input::Acceleration(1),
+        Input::Torque(1),
+        Input::Prepared("inertia2".to_owned()),
+        Input::Signal("dq".to_owned()),
+        Input::State("z".to_owned()),
+    ];
+    let nodes: Vec<Node> = inputs.iter().map(|input| program.input(input.clone(), "")).collect();
+    let sum = program.sum(&nodes);
+    program.output("sum", sum);
+    let text = Kir { program, ..planar2r() }.to_string();
+    let read = Kir::parse(&text, Path::new("made.kir")).unwrap();
+    let found: Vec<&Input> = read.program.inputs().iter().map(|(input, _)| input).collect();
+    assert_eq!(found, inputs.iter().collect::<Vec<_>>());
+    assert_eq!(read.to_string(), text);
+}
+
 /// Builds a random smooth program of three inputs from a list of choices.
 fn random_program(choices: &[(u8, u8, u8)]) -> (Program, Node) {
     let mut program = Program::new();

@@ -126,6 +126,19 @@ mod tests {
         assert_ne!(draw(&model, &all, 8, 1).digest(), draw(&model, &all, 7, 1).digest(), "another seed, other starts");
     }
 
+    /// Evenly, or evenly in the logarithm where the bounds are positive and far apart.
+    #[test]
+    fn a_draw_lies_at_its_share_of_the_bounds() {
+        let bounds = |lower: f64, upper: f64| Parameter { value: lower, lower, upper, fixed: false };
+        for (share, even, logarithmic) in [(0.0, -2.0, 0.01), (0.25, -1.0, 0.1), (0.5, 0.0, 1.0), (1.0, 2.0, 100.0)] {
+            assert_eq!(between(&bounds(-2.0, 2.0), share), even);
+            let found = between(&bounds(0.01, 100.0), share);
+            assert!((found / logarithmic - 1.0).abs() < 1e-12, "{share}: {found}");
+        }
+        assert_eq!(between(&bounds(1.0, 10.0), 0.5), 5.5, "these are not far apart");
+        assert_eq!(between(&bounds(0.0, 100.0), 0.5), 50.0, "zero has no logarithm");
+    }
+
     /// What the runs do not depend on would stay at its draw: the fitted link might be no body with the rest of its values.
     #[test]
     fn what_the_runs_do_not_depend_on_stays() {

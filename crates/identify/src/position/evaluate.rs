@@ -473,3 +473,18 @@ fn prior(problem: &PositionProblem) -> (DVector<f64>, DMatrix<f64>) {
     let mean = information.clone().cholesky().map_or(start, |factor| factor.solve(&pull));
     (mean, information)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::noise_of;
+
+    #[test]
+    fn a_log_without_noise_has_a_millionth_of_its_range() {
+        let line: Vec<f64> = (0..100).map(|k| 3.0 + 0.5 * f64::from(k)).collect();
+        let found = noise_of(&line);
+        assert!((found / (1e-6 * 49.5) - 1.0).abs() < 1e-6, "{found}");
+        assert_eq!(noise_of(&[0.3; 100]), 1e-12, "and one that stands still as good as none");
+        let rough: Vec<f64> = (0..100).map(|k| if k % 2 == 0 { 0.1 } else { -0.1 }).collect();
+        assert!(noise_of(&rough) > 0.05, "what changes with every sample is noise");
+    }
+}

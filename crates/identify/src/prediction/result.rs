@@ -159,3 +159,44 @@ fn covariance(hessian: &DMatrix<f64>) -> DMatrix<f64> {
     let inverse = factor.inverse();
     DMatrix::from_fn(all, all, |row, column| inverse[(row, column)] * scale[row] * scale[column])
 }
+
+#[cfg(test)]
+mod tests {
+    use dynid_random::Random;
+
+    use super::*;
+
+    /// Of a series whose sign changes with every sample, `rho(k) = (-1)^k (n - k) / n`.
+    #[test]
+    fn whiteness_is_box_and_pierces_sum_over_its_expectation() {
+        let alternating = |n: u32| (0..n).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect::<Vec<f64>>();
+        let sum = |n: u32| (1..=20).map(|lag| f64::from(n - lag).powi(2) / f64::from(n)).sum::<f64>();
+        let (short, long) = (alternating(40), alternating(100));
+        let close =
+            |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-9, "{found}, not {expected}");
+        close(whiteness(&[&short]), sum(40) / 20.0);
+        close(whiteness(&[&short, &long]), (sum(40) + sum(100)) / 40.0);
+        // A mean is none of a pattern.
+        let shifted: Vec<f64> = short.iter().map(|error| error + 3.0).collect();
+        close(whiteness(&[&shifted]), sum(40) / 20.0);
+        let of_noise = whiteness(&[&(0..4_000)
+            .map({
+                let mut random = Random::new(5);
+                move |_| random.normal()
+            })
+            .collect::<Vec<f64>>()]);
+        // Its standard error is the root of a tenth.
+        assert!((of_noise - 1.0).abs() < 1.0, "{of_noise}");
+        assert_eq!(whiteness(&[]), 0.0);
+    }
+
+    /// Of `[[4, 2], [2, 3]]` the inverse is `[[3, -2], [-2, 4]] / 8`; where nothing is known, all is open.
+    #[test]
+    fn covariance_is_the_inverse_of_the_hessian() {
+        let found = covariance(&DMatrix::from_row_slice(2, 2, &[4.0, 2.0, 2.0, 3.0]));
+        let expected = [3.0, -2.0, -2.0, 4.0].map(|value: f64| value / 8.0);
+        assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9), "{found}");
+        let unknown = covariance(&DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0]));
+        assert!(unknown.iter().all(|value| value.is_infinite()), "{unknown}");
+    }
+}

@@ -9,7 +9,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// Five digits of every number; how long it took and where it was written are left out.
-pub fn rounded(value: &Value) -> Value {
+fn rounded(value: &Value) -> Value {
     match value {
         Value::Number(number) if number.is_f64() => {
             let number = number.as_f64().unwrap_or_default();
@@ -47,7 +47,7 @@ fn said(folder: &Path, arguments: &[&str]) -> String {
     let output = command.args(arguments).arg("--json").current_dir(folder).output().unwrap();
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     let value = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{arguments:?}: {error}: {told}"));
-    lines(&value)
+    format!("ended with {}\n{}", output.status.code().expect("no signal"), lines(&value))
 }
 
 /// The comparison of what is believed with the logs of a folder, a few iterations of a fit to each error, and what these fits gained.

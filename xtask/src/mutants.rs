@@ -5,8 +5,8 @@
 //! behind a switch of its own (`mutants/switches.rs`); then one run of all tests notes which switches each test comes by, and each
 //! mutant is given to those tests that come by it, the quickest first, until one fails (`mutants/trial.rs`).
 //!
-//! A field that is left out of a struct's expression cannot be switched, nor can what a constant is computed by: those are
-//! drawn again.
+//! A field that is left out of a struct's expression has no switch, nor has what a constant is computed by, nor what lies within another
+//! mutant that was drawn: others are drawn for those.
 
 mod switches;
 mod tree;
@@ -49,11 +49,12 @@ pub struct Arguments {
 /// A change of one place, as `cargo mutants` lists it.
 #[derive(Debug, Clone)]
 pub struct Mutant {
-    /// Of its switch.
+    /// The number of its switch.
     pub number: usize,
     pub package: String,
     /// As the workspace's root sees it.
     pub file: PathBuf,
+    /// `BinaryOperator`, `FnValue`, ..: what kind of change it is.
     pub genre: String,
     /// In words, with its place.
     pub name: String,
@@ -118,30 +119,34 @@ fn shuffle<T>(items: &mut [T], seed: u64) {
 
 /// What became of the mutants of each package, then those that were missed.
 fn table(packages: &[String], mutants: &[Mutant], verdicts: &[Verdict]) -> String {
-    let mut counts: BTreeMap<&str, [usize; 4]> = BTreeMap::new();
+    let mut counts: BTreeMap<&str, [usize; 5]> = BTreeMap::new();
     let mut missed = String::new();
     for (mutant, verdict) in mutants.iter().zip(verdicts) {
         let column = match verdict {
-            Verdict::Caught { .. } => 0,
-            Verdict::Missed { .. } => 1,
-            Verdict::OutOfPatience { .. } => 2,
-            Verdict::Unreached => 3,
+            Verdict::Caught { hangs: false, .. } => 0,
+            Verdict::Caught { hangs: true, .. } => 1,
+            Verdict::Missed { .. } => 2,
+            Verdict::OutOfPatience { .. } => 3,
+            Verdict::Unreached => 4,
         };
         counts.entry(&mutant.package).or_default()[column] += 1;
-        if column > 0 {
+        if column > 1 {
             let _ = writeln!(missed, "- {}: {}", mutant.name, verdict.in_words());
         }
     }
     let mut text =
-        "\n| crate | tried | caught | all tests pass | out of patience | no test comes by | caught of all |\n\
-                    | --- | --- | --- | --- | --- | --- | --- |\n"
+        "\n| crate | tried | a test fails | a test hangs | all tests pass | out of patience | no test comes by | caught |\n\
+                    | --- | --- | --- | --- | --- | --- | --- | --- |\n"
             .to_owned();
-    let mut row = |name: &str, [caught, passed, patience, unreached]: [usize; 4]| {
-        let all = caught + passed + patience + unreached;
-        let share = 100.0 * caught as f64 / all.max(1) as f64;
-        let _ = writeln!(text, "| {name} | {all} | {caught} | {passed} | {patience} | {unreached} | {share:.0} % |");
+    let mut row = |name: &str, own: [usize; 5]| {
+        let (all, [failed, hung, passed, patience, unreached]) = (own.iter().sum::<usize>(), own);
+        let share = 100.0 * (failed + hung) as f64 / all.max(1) as f64;
+        let _ = writeln!(
+            text,
+            "| {name} | {all} | {failed} | {hung} | {passed} | {patience} | {unreached} | {share:.0} % |"
+        );
     };
-    let mut sum = [0; 4];
+    let mut sum = [0; 5];
     for package in packages {
         let own = counts.get(package.as_str()).copied().unwrap_or_default();
         row(package, own);

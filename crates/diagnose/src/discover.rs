@@ -112,7 +112,7 @@ pub fn discover(model: &Model, runs: &[&Run]) -> Result<Option<Discovered>, FitE
         keep: &|_, _| (),
         stop: &|| false,
     };
-    let base = work.base(model, "base")?;
+    let base = work.first_base("base")?;
     Ok(best(&work, &base))
 }
 

@@ -204,14 +204,20 @@ impl Logs<'_> {
     /// The model itself, fitted.
     pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        let beginnings = self.beginnings();
-        if 2 * samples(&beginnings) > samples(&self.fit) {
-            return self.fitted(None, model, &self.followed(&problem, key, None)?, true);
+        self.fitted(None, model, &self.followed(&problem, key, None)?, true)
+    }
+
+    /// The model as it was given, fitted: of long runs to their beginnings first, for the way to where it ends needs not all samples.
+    pub fn first_base(&self, key: &str) -> Result<Fitted, PositionFitError> {
+        if self.of_all() < 2.0 {
+            return self.base(self.given, key);
         }
-        // The way to where it ends needs not all of the samples.
-        let begun = self.problem_of(model, &beginnings)?;
-        let begun = self.followed(&begun, &format!("{key} beginnings"), None)?;
-        self.fitted(None, model, &self.followed(&problem, key, Some(begun.state()))?, true)
+        let beginnings = self.problem_of(self.given, &self.beginnings())?;
+        // What cannot be simulated there begins in all of the runs.
+        let begun = self.followed(&beginnings, &format!("{key} beginnings"), None).ok();
+        let problem = self.problem(self.given)?;
+        let search = self.followed(&problem, key, begun.as_ref().map(Search::state));
+        self.fitted(None, self.given, &search.or_else(|_| self.followed(&problem, key, None))?, true)
     }
 
     /// Whether a search in these logs, from the values of a fit to others of the same samples, may gain so much log likelihood of the runs
@@ -395,10 +401,9 @@ impl Logs<'_> {
         let mut probes = self.probes(model, all);
         let go_on = || !(self.stop)();
         let n_probes: usize = probes.iter().map(|(_, own)| own.len()).sum();
-        let (whole, least) = self.settings.beginning;
         if n_probes > self.settings.further * self.settings.arms {
             let share = (self.settings.further as f64 / all.len() as f64).min(1.0);
-            let beginnings = self.beginnings_of_seconds(least.max(whole * share));
+            let beginnings = self.beginnings_of_seconds(self.settings.beginning.0 * share);
             let test = ScoreTest::new(model, (rates, 1), (initial, plan), &beginnings, &expected)?;
             let starts = test.ask(&probes, &go_on);
             let promising = promising(&starts, self.settings.further);
@@ -561,7 +566,7 @@ impl Logs<'_> {
         self.beginnings_of_seconds(self.settings.beginning.0)
     }
 
-    /// The beginnings of the runs, so many seconds of all but not too little of each.
+    /// The beginnings of the runs, so many seconds of all and at least `Settings::beginning.1` of each.
     fn beginnings_of_seconds(&self, all: f64) -> Vec<Run> {
         let each = (all / self.fit.len() as f64).max(self.settings.beginning.1);
         self.fit.iter().map(|run| beginning(run, each)).collect()

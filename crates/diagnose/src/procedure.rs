@@ -68,7 +68,7 @@ pub fn diagnose(
     tell(&Event::FittingModel);
     let (fit, held_out) = runs::by_role(&seen);
     let mut work = Logs { given: model, fit, held_out, settings, rates, recall: &recall, keep: &keep, stop };
-    let mut base = work.base(model, "base").map_err(FitError::from)?;
+    let mut base = work.first_base("base").map_err(FitError::from)?;
     outside.asked_to_stop()?;
     if !base.is_whole(&settings) && judged.iter().all(runs::stands) {
         let lines: Vec<Run> = judged.iter().map(runs::with_line).collect();

@@ -1,4 +1,7 @@
 //! Mutants behind switches: `a + b` becomes `(if is_active(7) { a - b } else { a + b })`.
+//!
+//! What an operator has on its two sides stays: of `a - b * c` the mutant is `a - (b + c)`, where `cargo mutants` writes
+//! `a - b + c`.
 
 use std::ops::Range;
 
@@ -87,11 +90,7 @@ pub fn edit(source: &str, file: &syn::File, mutant: &Mutant) -> Option<Edit> {
             let text = format!("(if {active} {{ {replacement} }} else {{ {} }})", at(&guard)?);
             (guard, text)
         }
-        Found::Arm { pattern, guard: Some(guard) } => {
-            let text = format!("{}!{active} && ({})", at(&(pattern.start..guard.start))?, at(&guard)?);
-            (pattern.start..guard.end, text)
-        }
-        Found::Arm { pattern, guard: None } => {
+        Found::Arm(pattern) => {
             let text = format!("{} if !{active}", at(&pattern)?);
             (pattern, text)
         }
@@ -121,10 +120,17 @@ fn offset(source: &str, (line, column): (usize, usize)) -> Option<usize> {
 }
 
 enum Found {
-    Binary { whole: Range<usize>, operator: Range<usize> },
-    Unary { whole: Range<usize>, operand: Range<usize> },
+    Binary {
+        whole: Range<usize>,
+        operator: Range<usize>,
+    },
+    Unary {
+        whole: Range<usize>,
+        operand: Range<usize>,
+    },
     Guard(Range<usize>),
-    Arm { pattern: Range<usize>, guard: Option<Range<usize>> },
+    /// The pattern of an arm without a guard: others are not deleted.
+    Arm(Range<usize>),
 }
 
 /// Looks for what begins at a place.
@@ -159,17 +165,12 @@ impl<'ast> Visit<'ast> for Finder<'_> {
     }
 
     fn visit_arm(&mut self, arm: &'ast syn::Arm) {
-        let (pattern, guard) = match &arm.pat {
-            syn::Pat::Guard(guarded) => (guarded.pat.span(), Some(guarded.guard.span())),
-            pattern => (pattern.span(), None),
-        };
-        match guard {
-            Some(guard) if self.genre == "MatchArmGuard" && self.is_at(guard) => {
-                self.found = Some(Found::Guard(guard.byte_range()));
+        match &arm.pat {
+            syn::Pat::Guard(guarded) if self.genre == "MatchArmGuard" && self.is_at(guarded.guard.span()) => {
+                self.found = Some(Found::Guard(guarded.guard.span().byte_range()));
             }
-            _ if self.genre == "MatchArm" && self.is_at(pattern) => {
-                let guard = guard.map(|guard| guard.byte_range());
-                self.found = Some(Found::Arm { pattern: pattern.byte_range(), guard });
+            pattern if self.genre == "MatchArm" && self.is_at(pattern.span()) => {
+                self.found = Some(Found::Arm(pattern.span().byte_range()));
             }
             _ => {}
         }
@@ -179,7 +180,7 @@ impl<'ast> Visit<'ast> for Finder<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Mutant, edit, planted};
+    use super::{Edit, Mutant, edit, planted};
 
     /// The text with one mutant of what begins at a line and a column.
     fn text(source: &str, genre: &str, start: (usize, usize), replacement: &str) -> String {
@@ -226,12 +227,27 @@ mod tests {
             "fn f(a: u8) -> u8 { match a { 1 if !ON => 2, 3 if a > 2 => 4, _ => a } }"
         );
         assert_eq!(
-            text(arms, "MatchArm", (1, 39), ""),
-            "fn f(a: u8) -> u8 { match a { 1 => 2, 3 if !ON && (a > 2) => 4, _ => a } }"
-        );
-        assert_eq!(
             text(arms, "MatchArmGuard", (1, 44), "true"),
             "fn f(a: u8) -> u8 { match a { 1 => 2, 3 if (if ON { true } else { a > 2 }) => 4, _ => a } }"
         );
+    }
+
+    /// Several in one file: an insertion where an expression begins is apart from that expression, its parts are not.
+    #[test]
+    fn edits_that_do_not_overlap_are_planted_together() {
+        let source = "fn f(a: f64) -> f64 {\n    2.0 * a + 1.0\n}\n";
+        let edit =
+            |number: usize, range: std::ops::Range<usize>, text: &str| Edit { number, range, text: text.to_owned() };
+        let (whole, product) = (source.find("2.0").unwrap(), source.find(" + ").unwrap());
+        let insertion = edit(3, whole..whole, "return 0.0; ");
+        let sum = edit(1, whole..source.find("\n}").unwrap(), "(sum)");
+        let part = edit(2, whole..product, "(product)");
+        assert!(!insertion.overlaps(&sum) && !sum.overlaps(&insertion));
+        assert!(sum.overlaps(&part) && part.overlaps(&sum));
+        assert!(edit(4, whole + 1..whole + 1, "").overlaps(&sum), "within");
+        let (text, places) = planted(source, &[insertion, sum]);
+        assert_eq!(text, "fn f(a: f64) -> f64 {\n    return 0.0; (sum)\n}\n");
+        let found: Vec<(usize, &str)> = places.iter().map(|(number, range)| (*number, &text[range.clone()])).collect();
+        assert_eq!(found, [(3, "return 0.0; "), (1, "(sum)")]);
     }
 }

@@ -32,8 +32,8 @@ pub struct Tree {
 }
 
 impl Tree {
-    /// Copies what git knows of, with its changes. A file that is there already and equal is left as it is, so that little is
-    /// compiled anew.
+    /// Copies what git knows of, with its changes, and nothing else. A file that is there already and equal is left as it is, so
+    /// that little is compiled anew.
     pub fn new(folder: &Path, packages: &[String]) -> anyhow::Result<Self> {
         let members = workspace::members()?;
         let library = |package: &String| {
@@ -44,12 +44,25 @@ impl Tree {
         };
         let libraries = packages.iter().map(library).collect::<anyhow::Result<_>>()?;
         let tree = Self { folder: folder.to_owned(), libraries };
-        for name in tree.names()? {
-            if !tree.is_judged(&name) {
-                tree.write(&name, &original(&name)?)?;
+        let names: BTreeSet<PathBuf> = tree.names()?.into_iter().collect();
+        for name in names.iter().filter(|name| !tree.is_judged(name)) {
+            tree.write(name, &original(name)?)?;
+        }
+        tree.forget_others(&tree.root(), &names)?;
+        Ok(tree)
+    }
+
+    /// Removes files of the copy that are not, or no longer, of the workspace: a test among them would go on catching mutants.
+    fn forget_others(&self, folder: &Path, names: &BTreeSet<PathBuf>) -> anyhow::Result<()> {
+        for entry in fs::read_dir(folder).with_context(|| format!("reading {}", folder.display()))? {
+            let path = entry?.path();
+            if path.is_dir() {
+                self.forget_others(&path, names)?;
+            } else if !names.contains(path.strip_prefix(self.root())?) {
+                fs::remove_file(&path).with_context(|| format!("removing {}", path.display()))?;
             }
         }
-        Ok(tree)
+        Ok(())
     }
 
     fn root(&self) -> PathBuf {
@@ -107,7 +120,7 @@ impl Tree {
             .collect::<anyhow::Result<_>>()?;
         let mut refused = BTreeSet::new();
         loop {
-            let mut chosen = Vec::new();
+            let (mut chosen, mut n_passed_over) = (Vec::new(), 0);
             let mut edits: BTreeMap<&Path, Vec<Edit>> = BTreeMap::new();
             for list in lists {
                 let mut left = each;
@@ -118,20 +131,25 @@ impl Tree {
                     let (text, parsed) = sources
                         .get(&mutant.file)
                         .with_context(|| format!("{}: no such file", mutant.file.display()))?;
-                    let Some(edit) = switches::edit(text, parsed, mutant) else { continue };
                     let others = edits.entry(&mutant.file).or_default();
-                    if others.iter().all(|other| !other.overlaps(&edit)) {
-                        others.push(edit);
-                        chosen.push(mutant.clone());
-                        left -= 1;
-                    }
+                    let edit = switches::edit(text, parsed, mutant);
+                    let Some(edit) = edit.filter(|edit| others.iter().all(|other| !other.overlaps(edit))) else {
+                        n_passed_over += 1;
+                        continue;
+                    };
+                    others.push(edit);
+                    chosen.push(mutant.clone());
+                    left -= 1;
                 }
             }
             let broken = self.broken(self.write_planted(&sources, edits)?)?;
             if broken.is_empty() {
+                let n_broken = refused.len();
+                println!(
+                    "for {n_broken} that do not compile and {n_passed_over} that have no switch others were drawn"
+                );
                 return Ok(chosen);
             }
-            eprintln!("{} mutants do not compile: others are drawn", broken.len());
             refused.extend(broken);
         }
     }

@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
 use super::Mutant;
@@ -20,7 +20,7 @@ use super::tree::Program;
 pub struct Test {
     program: PathBuf,
     folder: PathBuf,
-    pub name: String,
+    name: String,
 }
 
 /// How a test ended.
@@ -28,32 +28,28 @@ pub struct Test {
 enum End {
     Passed,
     Failed,
-    /// Or was stopped: it took many times its time.
+    /// It took many times its time and was stopped.
     Hung,
 }
 
 /// What became of a mutant.
 #[derive(Debug, Clone)]
 pub enum Verdict {
-    Caught {
-        by: String,
-    },
-    /// So many tests come by it, and all pass.
-    Missed {
-        tests: usize,
-    },
-    /// So many of those that come by it passed in the time that it was given.
-    OutOfPatience {
-        tests: usize,
-        of: usize,
-    },
+    /// A test fails, or hangs, that passes without it.
+    Caught { by: String, hangs: bool },
+    /// All tests that come by it pass.
+    Missed { tests: usize },
+    /// The first of those that come by it pass; the time that it was given is over.
+    OutOfPatience { tests: usize, of: usize },
+    /// No test comes by it.
     Unreached,
 }
 
 impl Verdict {
     pub fn in_words(&self) -> String {
         match self {
-            Self::Caught { by } => format!("caught by {by}"),
+            Self::Caught { by, hangs: false } => format!("caught by {by}"),
+            Self::Caught { by, hangs: true } => format!("caught by {by}, which hangs"),
             Self::Missed { tests } => format!("{tests} tests come by it and pass"),
             Self::OutOfPatience { tests, of } => format!("{tests} tests of {of} that come by it were tried, and pass"),
             Self::Unreached => "no test comes by it".to_owned(),
@@ -79,6 +75,9 @@ pub fn tests(programs: &[Program]) -> anyhow::Result<Vec<Test>> {
     for Program { file, folder } in programs {
         let output = Command::new(file).args(["--list", "--format", "terse"]).current_dir(folder).output();
         let output = output.with_context(|| format!("starting {}", file.display()))?;
+        if !output.status.success() {
+            bail!("{} does not list its tests", file.display());
+        }
         let names = String::from_utf8_lossy(&output.stdout).into_owned();
         tests.extend(names.lines().filter_map(|line| line.strip_suffix(": test")).map(|name| Test {
             program: file.clone(),
@@ -90,6 +89,12 @@ pub fn tests(programs: &[Program]) -> anyhow::Result<Vec<Test>> {
 }
 
 impl Test {
+    /// With its program: `effects` is the name of a test of several.
+    fn shown(&self) -> String {
+        let program = self.program.file_stem().unwrap_or_default().to_string_lossy();
+        format!("{}: {}", program.rsplit_once('-').map_or(&*program, |(name, _)| name), self.name)
+    }
+
     /// Runs it, at most so long, with one more variable of its environment.
     fn run(&self, variable: (&str, &str), most_seconds: f64) -> anyhow::Result<End> {
         // `timeout` stops what the test has started, too
@@ -97,12 +102,16 @@ impl Test {
         command.args(["--kill-after=2", &format!("{most_seconds:.1}")]).arg(&self.program);
         command.args(["--exact", &self.name]).current_dir(&self.folder).env("CARGO_MANIFEST_DIR", &self.folder);
         command.env("INSTA_UPDATE", "no").env(variable.0, variable.1);
+        // Every mutant gets the same cases, and none that another one failed.
+        command.env("PROPTEST_RNG_SEED", "1").env("PROPTEST_DISABLE_FAILURE_PERSISTENCE", "1");
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         let status = command.status().context("starting `timeout`")?;
         Ok(match status.code() {
             Some(0) => End::Passed,
-            Some(124 | 137) => End::Hung,
-            _ => End::Failed,
+            // 137, or its own end by that signal, where the test had to be killed
+            Some(124 | 137) | None => End::Hung,
+            Some(125..=127) => bail!("`timeout` could not run {}", self.program.display()),
+            Some(_) => End::Failed,
         })
     }
 }
@@ -118,7 +127,7 @@ impl Scene {
             let seconds = started.elapsed().as_secs_f64();
             let said = fs::read_to_string(&file).unwrap_or_default();
             if end != End::Passed {
-                eprintln!("{} does not pass in the copy and is left out", test.name);
+                eprintln!("{} does not pass in the copy and is left out", test.shown());
                 return Ok(None);
             }
             let reached = said.lines().filter_map(|line| line.parse().ok()).collect();
@@ -130,7 +139,7 @@ impl Scene {
         Ok(Self { tests })
     }
 
-    /// The verdict of each mutant. What was caught in an earlier run, and is the same, is not tried again.
+    /// The verdict of each mutant. The test that caught it in an earlier run, as `file` has it, is tried first.
     pub fn verdicts(
         &self,
         mutants: &[Mutant],
@@ -142,12 +151,12 @@ impl Scene {
         let book = fs::OpenOptions::new().create(true).append(true).open(file);
         let book = Mutex::new(book.with_context(|| format!("opening {}", file.display()))?);
         in_parallel(jobs, mutants, |number, mutant| {
-            if let Some(by) = earlier.get(&mutant.diff) {
-                return Ok(Verdict::Caught { by: by.clone() });
-            }
-            let verdict = self.verdict(mutant, patience)?;
+            let known = earlier.get(&mutant.diff);
+            let verdict = self.verdict(mutant, known, patience)?;
             eprintln!("{} of {}: {}: {}", number + 1, mutants.len(), mutant.name, verdict.in_words());
-            if let Verdict::Caught { by } = &verdict {
+            if let Verdict::Caught { by, .. } = &verdict
+                && known != Some(by)
+            {
                 let line = json!({ "diff": mutant.diff, "by": by });
                 let mut book = book.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
                 writeln!(book, "{line}").with_context(|| format!("writing {}", file.display()))?;
@@ -156,23 +165,27 @@ impl Scene {
         })
     }
 
-    fn verdict(&self, mutant: &Mutant, patience: f64) -> anyhow::Result<Verdict> {
-        let own: Vec<&Listened> = self.tests.iter().filter(|test| test.reached.contains(&mutant.number)).collect();
+    fn verdict(&self, mutant: &Mutant, known: Option<&String>, patience: f64) -> anyhow::Result<Verdict> {
+        let own = self.tests.iter().filter(|test| test.reached.contains(&mutant.number));
+        let mut own: Vec<&Listened> = own.collect();
+        own.sort_by_key(|listened| known != Some(&listened.test.shown()));
         let started = Instant::now();
-        for (tried, listened) in own.iter().enumerate() {
-            if started.elapsed().as_secs_f64() + listened.seconds > patience {
+        for (tried, Listened { test, seconds, .. }) in own.iter().enumerate() {
+            if tried > 0 && started.elapsed().as_secs_f64() + seconds > patience {
                 return Ok(Verdict::OutOfPatience { tests: tried, of: own.len() });
             }
-            let most = 10.0 + 5.0 * listened.seconds;
-            if listened.test.run(("MUTANT", &mutant.number.to_string()), most)? != End::Passed {
-                return Ok(Verdict::Caught { by: listened.test.name.clone() });
+            let most = 10.0 + 5.0 * seconds;
+            let end = test.run(("MUTANT", &mutant.number.to_string()), most)?;
+            // A test that fails without the mutant, too, tells nothing about it.
+            if end != End::Passed && test.run(("MUTANT", "none"), most)? == End::Passed {
+                return Ok(Verdict::Caught { by: test.shown(), hangs: end == End::Hung });
             }
         }
         Ok(if own.is_empty() { Verdict::Unreached } else { Verdict::Missed { tests: own.len() } })
     }
 }
 
-/// Mutants that earlier runs caught, and the tests that did, from the lines of a file.
+/// The tests that caught mutants in earlier runs, from the lines of a file.
 fn caught(lines: &str) -> BTreeMap<String, String> {
     let entry = |line: &str| {
         let value: Value = serde_json::from_str(line).ok()?;

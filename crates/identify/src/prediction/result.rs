@@ -190,13 +190,13 @@ mod tests {
         assert_eq!(whiteness(&[]), 0.0);
     }
 
-    /// Of `[[4, 2], [2, 3]]` the inverse is `[[3, -2], [-2, 4]] / 8`; where nothing is known, all is open.
+    /// Of `[[4, 2], [2, 3]]` the inverse is `[[3, -2], [-2, 4]] / 8`; of a matrix that is not positive definite there is none.
     #[test]
     fn covariance_is_the_inverse_of_the_hessian() {
         let found = covariance(&DMatrix::from_row_slice(2, 2, &[4.0, 2.0, 2.0, 3.0]));
         let expected = [3.0, -2.0, -2.0, 4.0].map(|value: f64| value / 8.0);
         assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9), "{found}");
-        let unknown = covariance(&DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0]));
-        assert!(unknown.iter().all(|value| value.is_infinite()), "{unknown}");
+        let indefinite = covariance(&DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0]));
+        assert!(indefinite.iter().all(|value| value.is_infinite()), "{indefinite}");
     }
 }

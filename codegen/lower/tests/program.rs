@@ -187,7 +187,8 @@ fn programs_are_built_simplified() {
 #[test]
 fn every_operation_is_evaluated() {
     use Function::{Abs, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
-    let functions: [(Function, fn(f64) -> f64); 8] = [
+    type Value = fn(f64) -> f64;
+    let functions: [(Function, Value); 8] = [
         (Sin, f64::sin),
         (Cos, f64::cos),
         (Tan, f64::tan),

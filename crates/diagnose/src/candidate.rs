@@ -377,4 +377,13 @@ mod tests {
         assert_eq!(none.value(Measure::Damping, 1.0), 0.0);
         assert_eq!(none.value(Measure::Range, 1.0), 0.0);
     }
+
+    /// A pair's effect is, where one law acts on both joints alike; what one joint does to another is not.
+    #[test]
+    fn which_effects_are_the_same_with_their_joints_exchanged() {
+        let is_same = |id: &str| is_symmetric(dynid_model::effect(id).expect("an effect of the library"));
+        assert!(is_same("friction_coupled") && is_same("rotor_coupling"));
+        assert!(!is_same("input_coupling"), "a motor that moves another joint is not moved by it");
+        assert!(!is_same("payload") && !is_same("viscous"), "no effects of a pair");
+    }
 }

@@ -247,7 +247,7 @@ impl Reduced {
 mod tests {
     use nalgebra::{DMatrix, DVector};
 
-    use super::{Normal, Rules};
+    use super::{Normal, Reduced, Rules};
     use dynid_random::Random;
 
     /// Rows of two own columns, 30 candidates and a signal of two of these, an own one and noise.
@@ -301,5 +301,92 @@ mod tests {
         let rules = Rules { independent: 400.0, complexity: &complexity, may_join: &|_| true, most: 3 };
         let reduced = normal(1e4).reduced(&[0.0; 2]).expect("own columns are independent");
         assert_eq!(reduced.select(&rules).chosen, [0; 0]);
+    }
+
+    /// Three columns of very different units, the third nearly the sum of the first two.
+    fn small() -> Reduced {
+        let columns = DMatrix::from_row_slice(
+            4,
+            3,
+            &[
+                1.0, 0.0, 1.0, //
+                1.0, 100.0, 101.0, //
+                0.0, 100.0, 100.0, //
+                0.0, 0.0, 0.001,
+            ],
+        );
+        let signal = DVector::from_row_slice(&[2.0, 3.0, 0.5, 1.0]);
+        Reduced {
+            gram: columns.tr_mul(&columns),
+            signal: columns.tr_mul(&signal),
+            squares: signal.norm_squared(),
+            whole: DVector::from_element(3, 1.0),
+        }
+    }
+
+    /// Of the first two, `gram = [[2, 100], [100, 20000]]` and `signal = [5, 350]`: the determinant is 30000.
+    #[test]
+    fn coefficients_solve_the_normal_equations() {
+        let reduced = small();
+        let (coefficients, inverse, left) = reduced.solve(&[0, 1]).expect("independent");
+        let close = |found: f64, expected: f64| (found / expected - 1.0).abs() < 1e-9;
+        let expected = [(20_000.0 * 5.0 - 100.0 * 350.0) / 30_000.0, (2.0 * 350.0 - 100.0 * 5.0) / 30_000.0];
+        assert!(coefficients.iter().zip(expected).all(|(found, expected)| close(*found, expected)), "{coefficients:?}");
+        let entries = [(0, 0, 20_000.0), (0, 1, -100.0), (1, 0, -100.0), (1, 1, 2.0)];
+        assert!(
+            entries.iter().all(|&(row, column, value)| close(inverse[(row, column)], value / 30_000.0)),
+            "{inverse}"
+        );
+        let explained = 5.0 * expected[0] + 350.0 * expected[1];
+        assert!(close(left, reduced.squares - explained), "{left}");
+        assert_eq!(reduced.left(&[]), Some(reduced.squares));
+        assert_eq!(reduced.solve(&[0, 1, 2]).map(|_| ()), None, "coefficients of what is nearly a sum mean nothing");
+        let (one, two) = (reduced.likeness(0, 1), reduced.likeness(1, 1));
+        assert!(close(one, 100.0_f64.powi(2) / (2.0 * 20_000.0)) && close(two, 1.0), "{one} {two}");
+    }
+
+    /// `n ln(after / before)`, `ln n` for each coefficient and 4 for each factor beyond the first.
+    #[test]
+    fn a_score_is_what_is_gained_less_what_is_asked_to_be_believed() {
+        let (reduced, complexity) = (small(), [1.0, 2.5, 1.0]);
+        let rules = Rules { independent: 50.0, complexity: &complexity, may_join: &|_| true, most: 3 };
+        let left = reduced.left(&[0, 1]).expect("independent");
+        let expected = 50.0 * (left / reduced.squares).ln() + 2.0 * 50.0_f64.ln() + 4.0 * 1.5;
+        let found = reduced.score(&[0, 1], &rules).expect("independent");
+        assert!((found - expected).abs() < 1e-9, "{found}, not {expected}");
+        assert_eq!(reduced.score(&[], &rules), Some(0.0));
+        let few = Rules { independent: 1.0, ..rules };
+        let found = reduced.score(&[0], &few).expect("independent");
+        let expected = (reduced.left(&[0]).expect("independent") / reduced.squares).ln() + 2.0_f64.ln();
+        assert!((found - expected).abs() < 1e-9, "of one sample a coefficient costs what it does of two: {found}");
+    }
+
+    /// The one that explains most alone stands in the way of two that explain all together; an exchange finds them.
+    #[test]
+    fn what_was_chosen_first_may_be_exchanged() {
+        let mut random = Random::new(3);
+        let rows = 300;
+        let mut columns = DMatrix::from_fn(rows, 4, |_, _| random.normal());
+        let both = columns.column(0) + columns.column(1);
+        let near = &both + DVector::from_fn(rows, |_, _| 0.8 * random.normal());
+        columns.set_column(2, &near);
+        let signal = &both + DVector::from_fn(rows, |_, _| 0.05 * random.normal());
+        let reduced = Reduced {
+            gram: columns.tr_mul(&columns),
+            signal: columns.tr_mul(&signal),
+            squares: signal.norm_squared(),
+            whole: DVector::from_element(4, 1.0),
+        };
+        let complexity = [1.0; 4];
+        let rules = Rules { independent: 300.0, complexity: &complexity, may_join: &|_| true, most: 3 };
+        let judged = |chosen: &[usize]| reduced.judged(chosen.to_vec(), &rules).expect("independent");
+        assert!(judged(&[2]).score < judged(&[0]).score && judged(&[2]).score < judged(&[1]).score);
+        let found = reduced.exchanged(judged(&[2, 3]), &[0, 1, 2, 3], &rules);
+        let mut chosen = found.chosen.clone();
+        chosen.sort_unstable();
+        assert_eq!(chosen, [0, 1]);
+        assert_eq!(found.score, judged(&found.chosen).score);
+        // What is best stays.
+        assert_eq!(reduced.exchanged(found.clone(), &[0, 1, 2, 3], &rules), found);
     }
 }

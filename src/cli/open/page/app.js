@@ -18,11 +18,15 @@ const tabs = document.getElementById("tabs");
 let present = lifetime();
 let turn = 0;
 let shown = "";
+let answered = "";
+
+/** What is asked for. */
+const question = () => JSON.stringify([state.view, state.experiment, state.model, state.run, state.joint]);
 
 /** What a view stands on: it is drawn anew when this changes. */
 function grounds() {
-    const { view, experiment, model, run, joint } = state;
-    return JSON.stringify([view, experiment, model, run, joint, basis(experiment, model), VIEWS[view].grounds?.() ?? ""]);
+    const { view, experiment, model } = state;
+    return JSON.stringify([question(), basis(experiment, model), VIEWS[view].grounds?.() ?? ""]);
 }
 
 async function show(isForced = false) {
@@ -32,14 +36,18 @@ async function show(isForced = false) {
     head();
     const own = (turn += 1);
     const view = VIEWS[state.view];
+    const asked = question();
     place.setAttribute("aria-labelledby", `tab-${state.view}`);
     document.title = `${view.title} · ${state.experiment ?? "dynid"}`;
     const sign = setTimeout(() => { place.setAttribute("aria-busy", "true"); if (!place.children.length) put(place, waiting("Reading …")); }, 100);
     const life = lifetime();
     let content;
+    let isKept = false;
     try {
         content = await view.render({ cleanup: life.add, again: () => (VIEWS[state.view] === view ? show(true) : null) });
     } catch (error) {
+        // Without a server what stands there is still the answer; it is drawn anew when there is one again.
+        isKept = error.isLost && asked === answered;
         content = h("div", { class: "card bad", role: "alert" }, h("h2", {}, view.title), h("p", {}, error.message),
             h("button", { type: "button", onclick: () => show(true) }, "Try again"));
     }
@@ -49,8 +57,14 @@ async function show(isForced = false) {
         return;
     }
     place.removeAttribute("aria-busy");
+    if (isKept) {
+        life.end();
+        shown = "to be drawn anew";
+        return;
+    }
     present.end();
     present = life;
+    answered = asked;
     put(place, content);
 }
 

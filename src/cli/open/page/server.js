@@ -27,7 +27,9 @@ async function call(path, options) {
     try {
         return await answer(await fetch(path, options));
     } catch (error) {
-        if (error instanceof TypeError) throw new Error("`dynid open` does not answer: start it again in this folder.");
+        if (error instanceof TypeError) {
+            throw Object.assign(new Error("`dynid open` does not answer: start it again in this folder."), { isLost: true });
+        }
         throw error;
     }
 }

@@ -13,6 +13,7 @@ use dynid_identify::identify::ErrorSignal;
 use tempfile::TempDir;
 
 use crate::diagnose::{SWINGS, VISCOUS, answer, arm, arm_without_its_friction};
+use crate::discover::both_joints;
 use crate::figures::lines;
 
 /// A line for each search, then one for each part of the answer.
@@ -41,24 +42,7 @@ fn path_of(effects: &str, runs: &str, believed: &str) -> String {
     path(folder.path(), &Options::default())
 }
 
-/// Both joints free, so long: two runs to fit to and one held out.
-fn both_joints(duration_s: f64) -> String {
-    let run = |file: &str, role: &str, index: u32| {
-        let waves = [(0.21, 1.2), (0.63, 0.8), (1.7, 0.5)];
-        let wave = |joint: u32, size: f64, order: usize| {
-            let (hz, share) = waves[order];
-            let hz = hz * (1.0 + 0.07 * f64::from(index) + 0.03 * f64::from(joint));
-            let phase = 0.7 * f64::from(index) + 1.3 * order as f64 + 2.0 * f64::from(joint);
-            format!("{{ joint = {joint}, amplitude = {:?}, hz = {hz:?}, phase = {phase:?} }}", size * share)
-        };
-        let waves: Vec<String> = (0..3).flat_map(|order| [wave(0, 2.5, order), wave(1, 0.8, order)]).collect();
-        format!(
-            "[[run]]\nfile = \"{file}\"\nfree = [0, 1]\nrole = \"{role}\"\nduration_s = {duration_s:?}\ntorque = [{}]\n",
-            waves.join(", ")
-        )
-    };
-    [run("one.csv", "fit", 0), run("two.csv", "fit", 1), run("three.csv", "validate", 2)].concat()
-}
+const WAVES: [(f64, f64); 3] = [(0.21, 1.2), (0.63, 0.8), (1.7, 0.5)];
 
 #[test]
 fn one_effect_of_one_joint() {
@@ -90,13 +74,13 @@ fn by_the_torque_error() {
 #[test]
 fn two_effects_of_two_joints() {
     let missing = "[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.1\nv_eps = 0.01\n[[effect]]\nid = \"torque_offset\"\njoint = 0\noffset = 0.4\n";
-    insta::assert_snapshot!(path_of(&format!("{VISCOUS}{missing}"), &both_joints(5.0), VISCOUS));
+    insta::assert_snapshot!(path_of(&format!("{VISCOUS}{missing}"), &both_joints(&WAVES, 5.0), VISCOUS));
 }
 
 #[test]
 fn nothing_of_two_joints() {
     let believed = VISCOUS.replace("0.6\n", "0.5\n");
-    insta::assert_snapshot!(path_of(VISCOUS, &both_joints(4.0), &believed));
+    insta::assert_snapshot!(path_of(VISCOUS, &both_joints(&WAVES, 4.0), &believed));
 }
 
 #[test]

@@ -7,13 +7,13 @@ mod drawn;
 mod scores;
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 
 use anyhow::{Context, anyhow};
 use clap::ValueEnum;
 use dynid_plant::hidden::trial::{self, Outcome};
 use dynid_plant::hidden::{Case, Kind, Spot, draw, table};
 
+use crate::at_once::each;
 use crate::{BadInput, shell};
 
 /// Hides one effect after another from the program and prints what it finds.
@@ -256,34 +256,4 @@ fn chosen(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
             && (arguments.words.is_empty() || arguments.words.iter().any(|word| is_meant(case, word)))
     };
     Ok(all.into_iter().filter(is_chosen).collect())
-}
-
-/// Does `work` for all items, some at a time; the answers stand in the order of the items.
-fn each<I: Sync, T: Send>(
-    items: &[I],
-    jobs: usize,
-    work: &(dyn Fn(&I) -> anyhow::Result<T> + Sync),
-) -> anyhow::Result<Vec<T>> {
-    let next = Mutex::new(items.iter().enumerate());
-    let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs.max(1))
-            .map(|_| {
-                scope.spawn(|| -> anyhow::Result<Vec<(usize, T)>> {
-                    let mut done = Vec::new();
-                    loop {
-                        let item = next.lock().map_err(|_| anyhow!("another case failed"))?.next();
-                        let Some((index, item)) = item else { return Ok(done) };
-                        done.push((index, work(item)?));
-                    }
-                })
-            })
-            .collect();
-        let mut done = Vec::new();
-        for worker in workers {
-            done.extend(worker.join().map_err(|_| anyhow!("a case failed"))??);
-        }
-        anyhow::Ok(done)
-    })?;
-    done.sort_by_key(|(index, _)| *index);
-    Ok(done.into_iter().map(|(_, answer)| answer).collect())
 }

@@ -2,6 +2,7 @@
 //! `mutants`, `torture`.
 
 mod api;
+mod at_once;
 mod bench;
 mod book;
 mod browser;

@@ -6,7 +6,6 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, bail};
@@ -14,6 +13,7 @@ use serde_json::{Value, json};
 
 use super::Mutant;
 use super::tree::Program;
+use crate::at_once::each;
 
 /// One test, which a process of its own runs.
 #[derive(Debug, Clone)]
@@ -120,7 +120,8 @@ impl Scene {
     /// Runs all tests once and notes what they come by.
     pub fn listen(tests: Vec<Test>, jobs: usize, folder: &Path) -> anyhow::Result<Self> {
         let n_tests = tests.len();
-        let heard = in_parallel(jobs, &tests, |number, test| {
+        let numbered: Vec<(usize, Test)> = tests.into_iter().enumerate().collect();
+        let heard = each(&numbered, jobs, &|(number, test)| {
             let file = folder.join(number.to_string());
             let started = Instant::now();
             let end = test.run(("MUTANTS_LISTENER", &file.to_string_lossy()), 1800.0)?;
@@ -150,7 +151,8 @@ impl Scene {
         let earlier = caught(&fs::read_to_string(file).unwrap_or_default());
         let book = fs::OpenOptions::new().create(true).append(true).open(file);
         let book = Mutex::new(book.with_context(|| format!("opening {}", file.display()))?);
-        in_parallel(jobs, mutants, |number, mutant| {
+        let numbered: Vec<(usize, &Mutant)> = mutants.iter().enumerate().collect();
+        each(&numbered, jobs, &|(number, mutant)| {
             let known = earlier.get(&mutant.diff);
             let verdict = self.verdict(mutant, known, patience)?;
             eprintln!("{} of {}: {}: {}", number + 1, mutants.len(), mutant.name, verdict.in_words());
@@ -192,32 +194,4 @@ fn caught(lines: &str) -> BTreeMap<String, String> {
         Some((value["diff"].as_str()?.to_owned(), value["by"].as_str()?.to_owned()))
     };
     lines.lines().filter_map(entry).collect()
-}
-
-/// What a function makes of each item, so many at a time; ends with the first error.
-fn in_parallel<T: Sync, R: Send>(
-    jobs: usize,
-    items: &[T],
-    work: impl Fn(usize, &T) -> anyhow::Result<R> + Sync,
-) -> anyhow::Result<Vec<R>> {
-    let next = AtomicUsize::new(0);
-    let done = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..jobs.max(1) {
-            scope.spawn(|| {
-                loop {
-                    let number = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(item) = items.get(number) else { break };
-                    let result = work(number, item);
-                    if result.is_err() {
-                        next.store(items.len(), Ordering::Relaxed);
-                    }
-                    done.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push((number, result));
-                }
-            });
-        }
-    });
-    let mut done = done.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-    done.sort_by_key(|(number, _)| *number);
-    done.into_iter().map(|(_, result)| result).collect()
 }

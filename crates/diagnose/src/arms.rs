@@ -83,3 +83,80 @@ pub fn race(
     }
     arms
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Mutex;
+
+    use dynid_logs::experiment::Role;
+
+    use super::*;
+    use crate::oscillator::{self, Oscillator};
+
+    /// One law that is there and three that are not, each at its guess: the one comes first, the others stand in the order of what they
+    /// reached, and as many go on as should.
+    #[test]
+    fn the_better_half_goes_on_and_the_best_comes_first() {
+        let run = Oscillator { stiffness: 1.1, cubic: 400.0 }.run(&[(0.02, 1.0), (0.01, 3.7)], 6.0, Role::Fit);
+        let base = oscillator::model(1.0, "");
+        let arms = |effects: &[&str]| -> Vec<Arm> {
+            let arm = |effect: &&str| {
+                let mut model = base.clone();
+                model.add_effect(effect, Some(0), None).expect("it may be there");
+                let problem =
+                    PredictionProblem::of_model(&model, &|_| None, std::slice::from_ref(&run)).expect("a problem");
+                Arm {
+                    candidate: Some(Candidate { effect: (*effect).to_owned(), joint: Some(0), from: None }),
+                    model,
+                    key: (*effect).to_owned(),
+                    problem,
+                    price: 7.0,
+                    state: None,
+                    before: f64::INFINITY,
+                }
+            };
+            effects.iter().map(arm).collect()
+        };
+        let laws = ["coulomb", "friction_load", "spring_cubic", "torque_offset"];
+        let settings = Settings { linearisations: (2, 8), last: 2, ..Settings::default() };
+        let kept: Mutex<BTreeMap<String, State>> = Mutex::default();
+        let keep = |key: &str, state: &State| {
+            kept.lock().unwrap().insert(key.to_owned(), state.clone());
+        };
+        let raced = race(arms(&laws), &settings, &|_| None, &keep, &|| false);
+        assert_eq!(raced[0].key, "spring_cubic");
+        assert!(raced.len() <= 2 && raced.windows(2).all(|pair| pair[0].cost() <= pair[1].cost()));
+        let reached = |arm: &Arm| arm.state.as_ref().and_then(|state| state.cost).expect("it was predicted");
+        assert!((raced[0].cost() - reached(&raced[0]) - 7.0).abs() < 1e-9);
+        let kept = kept.into_inner().unwrap();
+        let in_round = |round: usize| -> Vec<&str> {
+            let end = format!(", round {round}");
+            kept.keys().filter_map(|key| key.strip_suffix(end.as_str())).collect()
+        };
+        assert_eq!(in_round(0), laws);
+        let second = in_round(1);
+        assert!(second.len() <= 2 && second.contains(&"spring_cubic"), "{second:?}");
+        let cost = |law: &str, round: usize| kept[&format!("{law}, round {round}")].cost.unwrap_or(f64::INFINITY);
+        for other in laws.iter().filter(|law| !second.contains(law)) {
+            assert!(second.iter().all(|law| cost(law, 0) <= cost(other, 0)), "{other}");
+        }
+        assert!(cost("spring_cubic", 1) < cost("spring_cubic", 0));
+        let iterations = |round: usize| {
+            let state = &kept[&format!("spring_cubic, round {round}")];
+            state.iterations + state.search.iterations
+        };
+        // The start and two more, then twice as many.
+        assert_eq!((iterations(0), iterations(1)), (3, 7));
+
+        // What is kept is not made again, and gives the same.
+        let recall = |key: &str| kept.get(key).cloned();
+        let nothing = |key: &str, _: &State| panic!("{key} is made again");
+        let again = race(arms(&laws), &settings, &recall, &nothing, &|| false);
+        let costs = |arms: &[Arm]| arms.iter().map(|arm| (arm.key.clone(), arm.cost().to_bits())).collect::<Vec<_>>();
+        assert_eq!(costs(&again), costs(&raced));
+        // Who stops gets the arms as they are.
+        let stopped = race(arms(&laws), &settings, &|_| None, &nothing, &|| true);
+        assert!(stopped.len() == laws.len() && stopped.iter().all(|arm| arm.cost().is_infinite()));
+    }
+}

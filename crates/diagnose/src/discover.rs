@@ -407,3 +407,77 @@ fn digits(value: f64) -> String {
     let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
     if (1e-4..1e5).contains(&rounded) || rounded == 0.0 { format!("{rounded}") } else { format!("{rounded:e}") }
 }
+
+#[cfg(test)]
+mod tests {
+    use dynid_logs::experiment::Role;
+
+    use super::*;
+    use crate::missing::tests::work;
+    use crate::oscillator::{self, Oscillator};
+
+    /// A spring that stiffens, of which the model knows nothing: a formula of one term says it, with its coefficient and how sure that is,
+    /// and explains the runs held out.
+    #[test]
+    fn a_spring_that_stiffens_is_a_formula() {
+        const K3: f64 = 400.0;
+        let plant = Oscillator { stiffness: 1.1, cubic: K3 };
+        let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, Role::Fit);
+        let held_out = plant.run(&[(0.025, 1.3)], 8.0, Role::Validate);
+        let model = oscillator::model(1.0, "");
+        let found = discover(&model, &[&fit, &held_out]).expect("a search").expect("a formula");
+        assert_eq!((found.joint, found.from, found.acts_on), (0, None, ActsOn::Motion));
+        let [term] = found.terms.as_slice() else { panic!("{:?}", found.terms) };
+        assert_eq!((&*term.term, &*term.unit), ("q0 * q0 * q0", "N/m^3"));
+        // To first order, along what the model without it predicts.
+        assert!((term.coefficient / K3 - 1.0).abs() < 0.1 && term.std_error < 0.02 * K3, "{term:?}");
+        assert_eq!(term.chosen_in, 1.0);
+        assert!(found.explained_fit > 0.95 && found.explained_validate > 0.95, "{found:?}");
+        assert!(found.elsewhere.is_empty(), "there is no other joint");
+
+        // What one term promises to first order, at rates that stay, is most of what a fit with the law comes to.
+        let work = work(&model, vec![fit], vec![held_out]);
+        let base = work.base(&model, "base").expect("a fit");
+        let promised = promise(&work, &base, 0).expect("a formula");
+        let mut with = base.model.clone();
+        with.add_effect("spring_cubic", Some(0), None).expect("it may be there");
+        let fitted = work.base(&with, "with").expect("a fit");
+        let gain = fitted.score() - base.score();
+        assert!(promised > 0.5 * gain && promised < 1.1 * gain, "{promised} of {gain}");
+    }
+
+    /// Where the model has all that is there, no formula is worth writing.
+    #[test]
+    fn noise_is_no_formula() {
+        let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
+        let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, Role::Fit);
+        let held_out = plant.run(&[(0.025, 1.3)], 8.0, Role::Validate);
+        let found = discover(&oscillator::model(1.0, ""), &[&fit, &held_out]).expect("a search");
+        assert!(found.is_none(), "{found:?}");
+    }
+
+    #[test]
+    fn what_is_explained_is_a_share_of_what_is_above_the_noise() {
+        let left = |before: f64, after: f64, said: f64| Left { before, after, said, noise: 10.0 };
+        assert_eq!(explained(&[left(110.0, 60.0, 0.0), left(30.0, 20.0, 0.0)]), 0.5);
+        assert_eq!(explained(&[left(8.0, 4.0, 0.0)]), 1.0, "there was nothing above it");
+        assert_eq!(explained(&[]), 0.0);
+        // A run in which the formula says little may become a little worse.
+        assert!(left(110.0, 111.0, 29.0).is_good() && !left(110.0, 111.0, 31.0).is_good());
+        assert!(left(110.0, 109.0, 500.0).is_good());
+    }
+
+    #[test]
+    fn a_formula_is_written_with_four_digits_and_the_signs_of_its_terms() {
+        let term = |coefficient: f64, term: &str| DiscoveredTerm {
+            term: term.to_owned(),
+            coefficient,
+            std_error: 0.0,
+            unit: String::new(),
+            chosen_in: 1.0,
+        };
+        assert_eq!(formula(&[term(0.007_812_34, "dq5"), term(-0.2, "t")]), "0.007812 * dq5 - 0.2 * t");
+        assert_eq!(formula(&[term(-123_456.0, "q0"), term(2e-9, "q1")]), "-1.235e5 * q0 + 2e-9 * q1");
+        assert_eq!([0.0, 99_999.0, 1e-4].map(digits), ["0", "1e5", "0.0001"]);
+    }
+}

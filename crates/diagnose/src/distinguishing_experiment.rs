@@ -214,61 +214,36 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run], seen: &[
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use super::*;
-    use dynid_logs::{experiment::Role, experiment::Settings, log::Log};
-    use dynid_random::Random;
+    use crate::oscillator::{self, Oscillator};
+    use dynid_logs::experiment::Role;
 
-    const NOISE: f64 = 1e-4;
-    /// Amplitude of the fitted run's command (N).
+    /// Amplitude of the fitted run's command (N), and stiffness of the cubic spring (N/m^3).
     const FORCE: f64 = 0.02;
+    const K3: f64 = 50.0;
 
     /// A mass on a spring that stiffens, and one on a stiffer straight spring: at the run's amplitude the two are alike but
     /// for the third harmonic, `K + 3/4 K3 A^2` being the stiffness of the first.
     fn models() -> [Model; 2] {
-        const K3: f64 = 50.0;
-        let text = |stiffness: f64, cubic: &str| {
-            format!(
-                "device = \"oscillator\"\n[link.1]\nm = 8e-4\n[[effect]]\nid = \"gain\"\njoint = 0\n[[effect]]\nid = \
-                 \"viscous\"\njoint = 0\nFv = 0.006\n[[effect]]\nid = \"spring\"\njoint = 0\nKs = {stiffness:?}\n{cubic}"
-            )
-        };
-        let cubic = format!("[[effect]]\nid = \"spring_cubic\"\njoint = 0\nK3 = {K3:?}\n");
-        [text(1.0, &cubic), text(1.0 + 0.75 * K3 * FORCE * FORCE, "")]
-            .map(|text| Model::parse(&text, Path::new("made.toml")).expect("a model"))
+        [oscillator::model(1.0, &oscillator::cubic(K3)), oscillator::model(1.0 + 0.75 * K3 * FORCE * FORCE, "")]
     }
 
-    fn played(model: &Model, trial: &Trial, substeps: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    fn played(model: &Model, trial: &Trial, substeps: usize) -> Vec<f64> {
         let time: Vec<f64> = (0..(DURATION_S / SAMPLE_S) as usize).map(|k| k as f64 * SAMPLE_S).collect();
         let command: Vec<f64> =
             time.iter().map(|t| trial.amplitude * (TAU * (trial.hz * t + trial.phase.periods())).sin()).collect();
         let system = model.system(&[0], |_| 0.0).expect("a system");
         let input = Input { time: &time, command: &command, intersample: Intersample::ZeroOrder };
         let options = simulate::Options::per_sample(substeps);
-        let q = simulate::simulate(&system, &input, &[0.0], &options).expect("a motion").q;
-        (time, command, q)
+        simulate::simulate(&system, &input, &[0.0], &options).expect("a motion").q
     }
 
     #[test]
     fn what_is_proposed_tells_more_than_what_was_fitted() {
         let [own, other] = models();
         let fitted = Trial { free: vec![0], joint: 0, amplitude: FORCE, hz: 1.0, phase: SinePhase::Zero };
-        let (t, tau, q) = played(&own, &fitted, 20);
-        let mut random = Random::new(5);
-        let q: Vec<f64> = q.iter().map(|q| q + NOISE * random.normal()).collect();
-        let noise = noise_floor(&q);
-        let log = Log { t, tau: vec![tau], q: vec![q], reference: None, mask: None, left_out: Vec::new() };
-        let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
-        let run = Run {
-            file: "made.csv".to_owned(),
-            role: Role::Fit,
-            free: vec![0],
-            payload: None,
-            configuration: 1,
-            log,
-            settings,
-        };
+        let run = Oscillator { stiffness: 1.0, cubic: K3 }.run(&[(FORCE, 1.0)], DURATION_S, Role::Fit);
+        let noise = noise_floor(&run.log.q[0]);
         let runs = [&run];
 
         let before =
@@ -279,7 +254,7 @@ mod tests {
         assert!(noises > 3.0 && noises > 3.0 * before, "{before} {noises} {trial:?}");
 
         // Played anew, with a finer step.
-        let (one, two) = (played(&own, &trial, 60).2, played(&other, &trial, 60).2);
+        let (one, two) = (played(&own, &trial, 60), played(&other, &trial, 60));
         let squares: f64 = one.iter().zip(&two).map(|(a, b)| (a - b) * (a - b)).sum();
         let again = (squares / one.len() as f64).sqrt() / noise;
         assert!((again / noises - 1.0).abs() < 0.02, "{again} {noises}");
@@ -303,5 +278,43 @@ mod tests {
         // A model is not told from itself.
         let same = experiment(&own, &[(&candidate, &own)], &runs);
         assert_eq!(same, Some(DistinguishingExperiment::NoneFound { from: candidate, times_noise: 0.0 }));
+    }
+
+    /// Sines as large as those of the runs are, of the joint that the effect acts on or comes from.
+    #[test]
+    fn sines_about_those_of_the_runs_are_tried_where_the_effect_is_felt() {
+        let model = Model::parse("device = \"planar2r\"\n", std::path::Path::new("made.toml")).expect("a model");
+        let alone = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(FORCE, 1.0)], 2.0, Role::Fit);
+        let of_joint = |free: &[usize], amplitudes: [f64; 2]| {
+            let mut run = alone.clone();
+            run.free = free.to_vec();
+            run.log.tau = amplitudes.map(|size| alone.log.tau[0].iter().map(|tau| size / FORCE * tau).collect()).into();
+            run
+        };
+        let tried = |effect_at: usize, runs: &[&Run]| {
+            let candidate = Candidate { effect: "coulomb".to_owned(), joint: Some(effect_at), from: None };
+            let trials = trials(&model, &candidate, runs);
+            let mut kinds: Vec<(Vec<usize>, usize, usize, String)> = Vec::new();
+            for trial in &trials {
+                let amplitude = format!("{:.3}", trial.amplitude);
+                let own = kinds
+                    .iter_mut()
+                    .find(|(free, joint, _, shown)| (free, *joint, &*shown) == (&trial.free, trial.joint, &amplitude));
+                match own {
+                    Some((.., count, _)) => *count += 1,
+                    None => kinds.push((trial.free.clone(), trial.joint, 1, amplitude)),
+                }
+            }
+            kinds
+        };
+        let kinds = |free: &[usize], joint: usize, size: f64| {
+            [0.2, 0.5, 1.0, 1.5].map(|share| (free.to_vec(), joint, 14, format!("{:.3}", share * size)))
+        };
+        let second = of_joint(&[1], [0.0, 0.4]);
+        assert_eq!(tried(1, &[&second]), kinds(&[1], 1, 0.4), "only one joint was free");
+        assert_eq!(tried(0, &[&second]), [], "nothing is known of its torque");
+        let both = of_joint(&[0, 1], [1.2, 0.4]);
+        let all: Vec<_> = [kinds(&[0], 0, 1.2), kinds(&[0, 1], 0, 1.2), kinds(&[0, 1], 1, 0.4)].concat();
+        assert_eq!(tried(0, &[&both]), all);
     }
 }

@@ -112,3 +112,26 @@ impl DiagnoseError {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use dynid_identify::position::PositionFitError;
+
+    use super::*;
+
+    #[test]
+    fn a_diagnosis_was_interrupted_where_one_of_its_fits_was() {
+        let of = |error: PositionFitError| DiagnoseError::from(FitError::from(error)).interrupted_after();
+        assert_eq!(of(PositionFitError::Interrupted { iterations: 7 }), Some(7));
+        assert_eq!(of(PositionFitError::NoRun), None);
+        let still = DiagnoseError::NothingMoves { runs: Vec::new(), open: Vec::new() };
+        assert_eq!(still.interrupted_after(), None);
+    }
+
+    #[test]
+    fn what_was_not_moved_names_the_parameters_that_stay_open() {
+        let open = |names: &[&str]| nor_of(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
+        assert_eq!(open(&[]), "");
+        assert_eq!(open(&["link.1.m"]), ", nor of link.1.m");
+    }
+}

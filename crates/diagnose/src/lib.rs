@@ -31,6 +31,8 @@ mod first_estimate;
 mod inconsistent_runs;
 mod missing;
 mod note;
+#[cfg(test)]
+mod oscillator;
 mod procedure;
 mod refit;
 mod runs;

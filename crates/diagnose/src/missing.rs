@@ -705,3 +705,6 @@ fn beginning(run: &Run, seconds: f64) -> Run {
     let end = run.log.t[0] + run.settings.from_s.unwrap_or(0.0) + seconds;
     part(run, 0..run.log.t.partition_point(|t| *t <= end), run.role)
 }
+
+#[cfg(test)]
+pub mod tests;

@@ -314,3 +314,80 @@ fn one_step(fitted: &Fitted, runs: &[&Run]) -> Option<f64> {
     let joints = held_out.unwrap_or(&fitted.fit.joints).iter();
     joints.map(|joint| joint.deviation / noise_at(runs.iter().copied(), joint.joint)).max_by(f64::total_cmp)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use dynid_identify::prediction::HeldOut;
+    use dynid_logs::experiment::Role;
+
+    use super::*;
+    use crate::missing::tests::work;
+    use crate::oscillator::{self, NOISE, Oscillator};
+
+    fn innovations(joint: usize, samples: f64, deviation: f64) -> JointInnovations {
+        JointInnovations { joint, samples, deviation, whiteness: 1.0, correction: 0.0, tenths: Vec::new() }
+    }
+
+    /// What gains most is the sum over its samples, and a joint that the other does not know gains nothing.
+    #[test]
+    fn the_joint_that_is_helped_most_has_the_most_likely_logs() {
+        let run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 6.0, Role::Fit);
+        let model = oscillator::model(1.0, "");
+        let work = work(&model, vec![run.clone()], Vec::new());
+        let fitted = work.base(&model, "base").expect("a fit");
+        let with = |joints: &[JointInnovations]| {
+            let mut own = fitted.clone();
+            own.fit.joints = joints.to_vec();
+            own
+        };
+        let before = with(&[innovations(2, 100.0, 4.0), innovations(3, 1000.0, 4.0), innovations(5, 100.0, 9.0)]);
+        let after = |first: f64, second: f64| with(&[innovations(3, 1000.0, second), innovations(2, 100.0, first)]);
+        assert_eq!(helped(&before, &after(1.0, 2.0)), 3, "100 times ln 4, 1000 times ln 2");
+        assert_eq!(helped(&before, &after(1.0, 3.9)), 2, "1000 times ln 4/3.9");
+        assert_eq!(helped(&before, &after(8.0, 8.0)), 5, "the others became worse");
+        assert_eq!(helped(&with(&[]), &before), 0);
+
+        // The largest error of a prediction over the noise of its log, of the runs held out where there are some.
+        let noise = noise_at([&run].into_iter(), 0);
+        assert!((noise / NOISE - 1.0).abs() < 0.1);
+        let mut judged = with(&[innovations(0, 100.0, 3.0 * noise)]);
+        judged.held_out = Some(HeldOut { log_likelihood: 0.0, joints: vec![innovations(0, 50.0, 2.0 * noise)] });
+        let ratio = |own: &Fitted| one_step(own, &[&run]).expect("a ratio");
+        assert!((ratio(&judged) - 2.0).abs() < 1e-12);
+        judged.held_out = Some(HeldOut { log_likelihood: 0.0, joints: Vec::new() });
+        assert!((ratio(&judged) - 3.0).abs() < 1e-12);
+        judged.held_out = None;
+        assert!((ratio(&judged) - 3.0).abs() < 1e-12);
+        // As a fit states its cost: how many noises the errors have, in log likelihood.
+        let record = record(&judged, &[&run]);
+        assert!((record.cost_after - 100.0 * 3.0_f64.ln()).abs() < 1e-9, "{}", record.cost_after);
+        assert_eq!((&*record.error, record.not_identifiable.len(), record.at_bound.len()), ("prediction", 0, 0));
+        assert!(record.std_error.contains_key("joint.0.spring.Ks"), "{:?}", record.std_error);
+
+        // Schwarz's criterion: each unknown costs the logarithm of the samples.
+        let mut more = judged.clone();
+        (more.unknowns, more.fit.log_likelihood) = (3.0, judged.fit.log_likelihood + 50.0);
+        assert!((delta_bic(&judged, &more) - (3.0 * 100.0_f64.ln() - 100.0)).abs() < 1e-9);
+        assert!((delta_bic(&more, &judged) + delta_bic(&judged, &more)).abs() < 1e-9);
+    }
+
+    /// A free simulation has no rate; the torque error's is the lowest cutoff of its filters.
+    #[test]
+    fn an_error_that_is_asked_for_holds_the_model_at_its_rate() {
+        let text = "device = \"oscillator\"\n";
+        let model = Model::parse(text, Path::new("made.toml")).expect("a model");
+        let plant = Oscillator { stiffness: 1.0, cubic: 0.0 };
+        let at = |cutoff: f64| {
+            let mut run = plant.run(&[(0.02, 1.0)], 6.0, Role::Fit);
+            run.settings.cutoff_hz = Some(cutoff);
+            run
+        };
+        let (slow, fast) = (at(8.0), at(14.0));
+        let rates = held_rates(&model, &[&fast, &slow], ErrorSignal::Torque).expect("rates");
+        assert_eq!(rates, BTreeMap::from([(0, std::f64::consts::TAU * 8.0)]));
+        let rates = held_rates(&model, &[&fast, &slow], ErrorSignal::Position).expect("rates");
+        assert_eq!(rates, BTreeMap::from([(0, 0.0)]));
+    }
+}

@@ -225,3 +225,19 @@ pub fn remove(path: &Path) -> io::Result<()> {
 fn short(digest: &str) -> String {
     digest.chars().take(16).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_there_and_cannot_be_removed_is_an_error() {
+        let folder = tempfile::TempDir::new().expect("a folder");
+        let path = folder.path().join("out.toml.checkpoint");
+        assert!(remove(&path).is_ok(), "it is not there");
+        fs::write(&path, "").expect("a file");
+        assert!(remove(&path).is_ok() && !path.exists());
+        fs::create_dir(&path).expect("a folder");
+        assert!(remove(&path).is_err() && path.exists());
+    }
+}

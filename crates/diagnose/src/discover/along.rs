@@ -324,3 +324,127 @@ impl Along {
 
 /// No formula is believed to leave less than this share of the squares.
 const LEAST: f64 = 1e-3;
+
+#[cfg(test)]
+mod tests {
+    use dynid_logs::experiment::Role;
+
+    use super::*;
+    use crate::discover::term::Factor;
+    use crate::missing::tests::work;
+    use crate::oscillator::{self, Oscillator};
+    use dynid_user_model::Model;
+
+    fn runs() -> [Run; 2] {
+        let plant = Oscillator { stiffness: 1.1, cubic: 400.0 };
+        let sines = [(0.02, 1.0), (0.01, 3.7)];
+        [plant.run(&sines, 6.0, Role::Fit), plant.run(&[(0.03, 0.7)], 4.0, Role::Validate)]
+    }
+
+    fn cube() -> Term {
+        Term::new(vec![Factor::Position(0); 3])
+    }
+
+    /// The errors of a model that has a little of a law differ by what its term answers, and so do those of a model with other values by
+    /// the slopes of the predictions.
+    #[test]
+    fn a_term_moves_the_predictions_as_its_law_does() {
+        let model = oscillator::model(1.0, "");
+        let [fit, held_out] = runs();
+        let work = work(&model, vec![fit], vec![held_out]);
+        let base = work.base(&model, "base").expect("a fit");
+        let along = |model: &Model| {
+            let base = Fitted { model: model.clone(), ..base.clone() };
+            Along::fitted(&work, &base, &work.fit, 1.0).expect("the errors")
+        };
+        let here = along(&base.model);
+        let raw = |along: &Along| &along.errors[0] / along.weights[0];
+        let mut changed = base.model.clone();
+        changed.add_effect("spring_cubic", Some(0), None).expect("it may be there");
+        let small = 0.1;
+        let changed = changed.with_values(&|name| (name == "joint.0.spring_cubic.K3").then_some(small));
+        let moved = (raw(&here) - raw(&along(&changed))) / small;
+        let shares = here.shares(0, &[cube()]);
+        assert_eq!(shares, [0.0], "no torque of the drive is in it");
+        let answer = &here.answers(0, &[cube()], &shares)[0][0] / here.weights[0];
+        assert!((&moved - &answer).norm() < 1e-3 * answer.norm(), "{} {}", moved.norm(), answer.norm());
+
+        // The drive's torque is its own share once and for all.
+        assert_eq!(here.shares(0, &[Term::load()]), [1.0]);
+        let twice = Term::new(vec![Factor::Load, Factor::Load]);
+        let load = here.values(0, &Term::load());
+        let [third, second] = [3, 2].map(|power| load[0].iter().map(|load| load.powi(power)).sum::<f64>());
+        let share = here.shares(0, std::slice::from_ref(&twice))[0];
+        assert!((share - third / second).abs() < 1e-12, "{share} {}", third / second);
+        let without = here.answers(0, &[Term::load()], &[1.0]);
+        assert_eq!(without[0][0].norm(), 0.0, "its own share taken out, nothing is left");
+    }
+
+    /// Weights make each joint's squares as many as its samples, and the likelihood of the fit comes out; pieces sum to the whole; each of
+    /// its products is made here anew.
+    #[test]
+    fn normal_equations_are_sums_over_pieces() {
+        let model = oscillator::model(1.0, "");
+        let [fit, held_out] = runs();
+        let work = work(&model, vec![fit.clone(), held_out.clone()], vec![held_out]);
+        let base = work.base(&model, "base").expect("a fit");
+        let along = Along::fitted(&work, &base, &work.fit, 1.0).expect("the errors");
+        let squares: f64 = along.errors.iter().map(DMatrix::norm_squared).sum();
+        assert_eq!(along.samples(), 1000.0);
+        assert!((squares / along.samples() - 1.0).abs() < 1e-9, "{squares}");
+        let found = along.log_likelihood(squares, 1.0);
+        assert!((found / base.fit.log_likelihood - 1.0).abs() < 1e-6, "{found} {}", base.fit.log_likelihood);
+        // Twice the variance costs half of ln 2 a sample and halves the squares.
+        let wider = along.log_likelihood(squares, 2.0);
+        assert!((wider - (found - 500.0 * 2.0_f64.ln() + 0.25 * squares)).abs() < 1e-6);
+        let noise = (noise_at(work.fit.iter(), 0) * along.weights[0]).powi(2);
+        assert!((along.noises[0] / noise - 1.0).abs() < 1e-12);
+
+        let terms = [cube(), Term::new(vec![Factor::Speed(0)]), Term::new(vec![Factor::Sign(0)])];
+        let shares = along.shares(0, &terms);
+        let answers = along.answers(0, &terms, &shares);
+        let pieces = along.pieces(&answers);
+        // 10 s in pieces of 10/16 s: 10 of the one run, 7 of the other.
+        assert_eq!(pieces.len(), 17);
+        let mut sum = Normal::zero(along.prior().len(), terms.len());
+        pieces.iter().for_each(|piece| sum.add(piece));
+        assert!((sum.squares / squares - 1.0).abs() < 1e-9);
+        for (a, one) in answers.iter().enumerate() {
+            let signal: f64 = one.iter().zip(&along.errors).map(|(answer, errors)| answer.dot(errors)).sum();
+            assert!((sum.signal[a] / signal - 1.0).abs() < 1e-9);
+            let (mixed, (same, own)) = along.alone(one);
+            assert!((same / signal - 1.0).abs() < 1e-9);
+            assert!((&mixed - sum.mixed.column(a)).norm() < 1e-9 * mixed.norm(), "{mixed} {}", sum.mixed);
+            for (b, other) in answers.iter().enumerate() {
+                let product: f64 = one.iter().zip(other).map(|(one, other)| one.dot(other)).sum();
+                assert!((sum.candidates[(a, b)] - product).abs() < 1e-9 * product.abs());
+                assert!(a != b || (own / product - 1.0).abs() < 1e-9);
+            }
+        }
+
+        // The first pass finds the cube, and what it promises is what its regression with the own unknowns leaves.
+        let (kept, log_likelihood) = along.telling(0, &terms, &shares).expect("it finds something");
+        assert_eq!(kept, [0, 2], "the model has friction of that kind itself");
+        let reduced = sum.reduced(&along.prior()).expect("they are determined");
+        let left = (0..terms.len()).filter_map(|term| Some(reduced.solve(&[term])?.2));
+        let least = left.fold(f64::INFINITY, f64::min);
+        let expected = along.log_likelihood(least, least / along.samples());
+        assert!((log_likelihood / expected - 1.0).abs() < 1e-6, "{log_likelihood} {expected}");
+        assert!((reduced.solve(&[0]).expect("a coefficient").2 / least - 1.0).abs() < 1e-9, "it is the cube");
+
+        // What is left of the runs fitted to is what the regression leaves, but for what a start is known to before; and the plain
+        // model's leaves no less.
+        let (coefficients, ..) = reduced.solve(&[0]).expect("a coefficient");
+        let (without, with) =
+            (sum.own_steps(&along.prior(), &[], &[]), sum.own_steps(&along.prior(), &[0], &coefficients));
+        let (without, with) = (without.expect("steps"), with.expect("steps"));
+        let runs = along.left(&answers[..1], &coefficients, (&along.steps(&without), &along.steps(&with)));
+        let [before, after] =
+            [|run: &Left| run.before, |run: &Left| run.after].map(|of| runs.iter().map(of).sum::<f64>());
+        assert!((before / reduced.squares - 1.0).abs() < 0.02, "{before} {}", reduced.squares);
+        assert!((after / least - 1.0).abs() < 0.02, "{after} {least}");
+        let said: f64 = answers[0].iter().map(|answer| (answer * coefficients[0]).norm_squared()).sum();
+        assert!((runs.iter().map(|run| run.said).sum::<f64>() / said - 1.0).abs() < 1e-9);
+        assert!((runs[0].noise - 600.0 * along.noises[0]).abs() < 1e-9 * runs[0].noise);
+    }
+}

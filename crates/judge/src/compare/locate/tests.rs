@@ -326,3 +326,119 @@ fn a_mean_that_is_hardly_known_does_not_differ() {
     traces[0].residual.iter_mut().for_each(|value| *value += off);
     assert_eq!(between_runs(&traces), []);
 }
+
+/// Without every fifth sample, and every other sample of the first quarter.
+fn partly_used(mut made: Trace) -> Trace {
+    made.used = (0..N).map(|k| k % 5 != 0 && (4 * k > N || k % 2 == 0)).collect();
+    made.residual.iter_mut().zip(&made.used).filter(|(_, used)| !**used).for_each(|(value, _)| *value = 0.0);
+    made
+}
+
+/// All that is said of errors whose causes are known, as a snapshot of four digits: whether it is right, the other tests ask.
+#[test]
+fn everything_that_is_found() {
+    let shift = |dq: f64| (dq / 1e-3).tanh();
+    let spread = |own: &Signals, k: usize| if own.dq[k].abs() < 0.15 { 3.0 } else { 0.3 };
+    let noise: Vec<f64> = {
+        let mut random = Random::new(29);
+        (0..N).map(|_| random.normal()).collect()
+    };
+    let mut of_position = trace(|own, other, k| 0.03 * own.q[k].powi(2) + 0.02 * other.q[k], 0.01);
+    (of_position.error, of_position.is_local) = (Signal::Position, false);
+    let mut about_a_rest = trace(|own, _, k| if own.q[k] < 0.2 { 0.03 * shift(own.dq[k]) } else { 0.0 }, 0.004);
+    about_a_rest.rest = 0.2;
+    let mut short = trace(|own, _, k| 0.02 * own.dq[k], 0.02);
+    short.used = (0..N).map(|k| k < 80).collect();
+    short.residual.iter_mut().skip(80).for_each(|value| *value = 0.0);
+    let lines =
+        |hz: [f64; 2]| trace(|_, _, k| hz.iter().map(|hz| 0.02 * (TAU * hz * STEP * k as f64).sin()).sum(), 0.01);
+    let made = [
+        ("friction and too little damping", trace(|own, _, k| 0.03 * shift(own.dq[k]) - 0.01 * own.dq[k], 0.004)),
+        ("drag", trace(|own, _, k| 0.01 * own.dq[k] * own.dq[k].abs() + 0.004, 0.01)),
+        ("inertia and a drift", trace(|own, _, k| 0.002 * own.ddq[k] + 0.03 * k as f64 / N as f64, 0.01)),
+        ("a spring that stiffens", trace(|own, _, k| 0.02 * own.q[k] + 0.05 * own.q[k].powi(3), 0.004)),
+        ("friction on one side", about_a_rest),
+        ("friction under load", trace(|own, _, k| 0.02 * shift(own.dq[k]) * own.command[k].abs(), 0.005)),
+        ("a dead zone", trace(|own, _, k| 0.02 * (own.command[k] / 1e-3).tanh(), 0.01)),
+        ("a gain", trace(|own, _, k| 0.05 * own.command[k], 0.01)),
+        ("teeth and their neighbours", trace(|own, _, k| 0.01 * (23.0 * own.q[k]).sin(), 0.006)),
+        ("the other joint", trace(|_, other, k| 0.004 * other.ddq[k] + 0.01 * other.dq[k], 0.01)),
+        ("a shared drag", trace(|own, other, k| 0.02 * shift(own.dq[k] + other.dq[k]), 0.01)),
+        ("a loose joint", trace(|own, _, k| 0.01 * noise[k] * spread(own, k), 0.0)),
+        ("where it is late", trace(|_, _, k| 0.01 * noise[k] * if 3 * k > 2 * N { 3.0 } else { 0.5 }, 0.0)),
+        ("two lines", lines([2.1, 2.35])),
+        ("one line", lines([6.0, 6.0])),
+        ("of the position", of_position),
+        ("few samples", short),
+        ("noise", trace(|_, _, _| 0.0, 0.01)),
+    ];
+    let mut text = String::new();
+    for (name, made) in made {
+        for (part, made) in [("", made.clone()), (", partly used", partly_used(made))] {
+            text.push_str(&format!("{name}{part}\n"));
+            of_trace(&made).iter().for_each(|found| text.push_str(&format!("  {}\n", in_short(found))));
+        }
+    }
+    insta::assert_snapshot!(text);
+}
+
+/// What is found, with numbers of four digits.
+fn in_short(found: &Finding) -> String {
+    let Finding { kind, share, expected, regression, rank, .. } = found;
+    let mut text = String::new();
+    let mut number = String::new();
+    for character in format!("{kind:?} {share:?} {expected:?} {rank:?} {regression:?} ").chars() {
+        if character.is_ascii_digit() || matches!(character, '.' | '-') || (character == 'e' && !number.is_empty()) {
+            number.push(character);
+            continue;
+        }
+        match number.parse::<f64>() {
+            Ok(value) if number.contains('.') => text.push_str(&format!("{value:.3e}")),
+            _ => text.push_str(&number),
+        }
+        number.clear();
+        text.push(character);
+    }
+    text.trim_end().to_owned()
+}
+
+/// Of a joint that goes up for a second and down for the next, eight times, at one speed or at twice that.
+#[test]
+fn regions_hold_the_samples_that_their_names_say() {
+    const SECOND: usize = 100;
+    let mut made = trace(|_, _, k| (k % 7) as f64, 0.0);
+    let n = 16 * SECOND;
+    let speed = |k: usize| {
+        let second = k / SECOND;
+        let size = if second < 8 { 1.0 } else { 2.0 } * (1.0 + 1e-6 * k as f64);
+        if second % 2 == 0 { size } else { -size }
+    };
+    made.own.dq = (0..n).map(speed).collect();
+    made.own.q = (0..n).map(|k| (7 * k % n) as f64).collect();
+    made.own.command = (0..n).map(|k| -((11 * k % n) as f64)).collect();
+    (made.residual, made.used, made.rest) = (vec![1.0; n], vec![true; n], 400.0);
+    let found = super::region::tests::named(&made);
+    let expected = |name: &str, k: usize| match name {
+        // A turn has 15 % of a second about it, rounded: eight samples on both its sides.
+        "reversals" => {
+            let turn = ((k + SECOND / 2) / SECOND * SECOND) as i64;
+            let from_turn = k as i64 - turn;
+            (1..16).contains(&(turn / SECOND as i64)) && (-8..8).contains(&from_turn)
+        }
+        "low speed" => k < n / 5,
+        "high speed" => k > n - n / 5,
+        "end of range" => !(160..=1440).contains(&(7 * k % n)),
+        "below" => 7 * k % n <= 400,
+        "above" => 7 * k % n > 400,
+        "high command" => 11 * k % n > 1280,
+        "first" => 3 * k / n == 0,
+        "second" => 3 * k / n == 1,
+        "last" => 3 * k / n == 2,
+        other => panic!("{other}"),
+    };
+    assert_eq!(found.len(), 10);
+    for (name, inside) in found {
+        let wrong: Vec<usize> = (0..n).filter(|k| inside[*k] != expected(name, *k)).collect();
+        assert!(wrong.is_empty(), "{name}: {wrong:?}");
+    }
+}

@@ -1,0 +1,71 @@
+//! For tests: a mass on a spring that may stiffen, integrated here and not by the program's own equations, and models of it.
+
+use std::f64::consts::TAU;
+use std::path::Path;
+
+use dynid_logs::experiment::{Role, Run, Settings};
+use dynid_logs::log::Log;
+use dynid_random::Random;
+use dynid_user_model::Model;
+
+/// Noise of the logged positions (m).
+pub const NOISE: f64 = 1e-4;
+/// Time from sample to sample (s).
+pub const SAMPLE_S: f64 = 0.01;
+/// Of the mass (kg), and of the damper (N s/m).
+const MASS: f64 = 8e-4;
+const DAMPING: f64 = 0.006;
+
+/// A model of this stiffness (N/m), with more effects.
+pub fn model(stiffness: f64, more: &str) -> Model {
+    let text = format!(
+        "device = \"oscillator\"\n[link.1]\nm = {MASS:?}\n[[effect]]\nid = \"gain\"\njoint = 0\n[[effect]]\nid = \"viscous\"\njoint = \
+         0\nFv = {DAMPING:?}\n[[effect]]\nid = \"spring\"\njoint = 0\nKs = {stiffness:?}\n{more}"
+    );
+    Model::parse(&text, Path::new("made.toml")).expect("a model")
+}
+
+/// Cubic stiffness as an effect of a model.
+pub fn cubic(stiffness: f64) -> String {
+    format!("[[effect]]\nid = \"spring_cubic\"\njoint = 0\nK3 = {stiffness:?}\n")
+}
+
+/// `m x'' + Fv x' + Ks x + K3 x^3 = u`, from rest, logged with noise; `u` is held between samples.
+pub struct Oscillator {
+    /// Ks (N/m).
+    pub stiffness: f64,
+    /// K3 (N/m^3).
+    pub cubic: f64,
+}
+
+impl Oscillator {
+    /// So many seconds under sines of these amplitudes (N) and frequencies (Hz).
+    pub fn run(&self, sines: &[(f64, f64)], seconds: f64, role: Role) -> Run {
+        const SUBSTEPS: usize = 20;
+        let t: Vec<f64> = (0..(seconds / SAMPLE_S) as usize).map(|k| k as f64 * SAMPLE_S).collect();
+        let tau: Vec<f64> =
+            t.iter().map(|t| sines.iter().map(|(amplitude, hz)| amplitude * (TAU * hz * t).sin()).sum()).collect();
+        let mut random = Random::new(5);
+        let (mut x, mut v) = (0.0, 0.0);
+        let mut q = Vec::with_capacity(t.len());
+        for force in &tau {
+            q.push(x + NOISE * random.normal());
+            let acceleration =
+                |x: f64, v: f64| (force - DAMPING * v - self.stiffness * x - self.cubic * x.powi(3)) / MASS;
+            let h = SAMPLE_S / SUBSTEPS as f64;
+            // Runge and Kutta's method
+            for _ in 0..SUBSTEPS {
+                let (v1, a1) = (v, acceleration(x, v));
+                let (v2, a2) = (v + 0.5 * h * a1, acceleration(x + 0.5 * h * v1, v + 0.5 * h * a1));
+                let (v3, a3) = (v + 0.5 * h * a2, acceleration(x + 0.5 * h * v2, v + 0.5 * h * a2));
+                let (v4, a4) = (v + h * a3, acceleration(x + h * v3, v + h * a3));
+                x += h / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4);
+                v += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
+            }
+        }
+        let log = Log { t, tau: vec![tau], q: vec![q], reference: None, mask: None, left_out: Vec::new() };
+        let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
+        let file = "made.csv".to_owned();
+        Run { file, role, free: vec![0], payload: None, configuration: 1, log, settings }
+    }
+}

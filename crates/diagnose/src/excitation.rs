@@ -142,3 +142,113 @@ fn first_guess(model: &Model, name: &str) -> Option<f64> {
         Some(own.effect.parameters[index].initial.abs())
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::EffectParameter;
+    use crate::oscillator::{self, Oscillator};
+    use crate::refit::tests::empty;
+
+    /// So many samples.
+    fn run(samples: usize, role: Role) -> Run {
+        let mut run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 10.0, role);
+        run.log.t.truncate(samples);
+        run.log.tau[0].truncate(samples);
+        run.log.q[0].truncate(samples);
+        run
+    }
+
+    /// Samples that are needed, as it says, and why.
+    fn too_short(runs: &[&Run]) -> Option<(usize, WhySoMany)> {
+        match check(&oscillator::model(1.0, ""), runs) {
+            Ok(_) => None,
+            Err(DiagnoseError::TooShortToTell { needed, because, samples, span_s, needed_s, .. }) => {
+                assert!((span_s - (samples - 1) as f64 * 0.01).abs() < 1e-9 && needed > samples);
+                assert!((needed_s - needed as f64 * 0.01).abs() < 1e-9);
+                Some((needed, because))
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+
+    #[test]
+    fn a_pattern_needs_so_many_samples_of_each_run() {
+        let held_out = run(64, Role::Validate);
+        assert_eq!(too_short(&[&run(63, Role::Fit), &held_out]), Some((64, WhySoMany::Plain)));
+        assert_eq!(too_short(&[&run(64, Role::Fit), &held_out]), None);
+        // Where the last third is held out, three times as many.
+        assert_eq!(too_short(&[&run(191, Role::Fit)]), Some((192, WhySoMany::Parts { parts: 3 })));
+        assert_eq!(too_short(&[&run(192, Role::Fit)]), None);
+    }
+
+    #[test]
+    fn what_is_cut_does_not_count() {
+        let cut = |samples: usize, role: Role, from_s: f64| {
+            let mut run = run(samples, role);
+            run.settings.from_s = Some(from_s);
+            run
+        };
+        let (held_out, because) = (run(64, Role::Validate), WhySoMany::Cut { samples: 50 });
+        assert_eq!(too_short(&[&cut(113, Role::Fit, 0.495), &held_out]), Some((114, because)));
+        assert_eq!(too_short(&[&cut(114, Role::Fit, 0.495), &held_out]), None);
+        // Of 300 samples the last hundred are held out: a fit sees 200 less what is cut.
+        let because = WhySoMany::Cut { samples: 140 };
+        assert_eq!(too_short(&[&cut(300, Role::Fit, 1.395)]), Some((304, because)));
+        assert_eq!(too_short(&[&cut(300, Role::Fit, 1.355)]), None);
+    }
+
+    #[test]
+    fn joints_that_stand_still_or_are_never_held_out_are_named() {
+        let model = oscillator::model(1.0, "");
+        let moving = run(300, Role::Fit);
+        let mut still = run(300, Role::Validate);
+        still.log.q[0].fill(0.1);
+        let notes = check(&model, &[&moving, &still]).expect("one of them moves");
+        assert_eq!(notes, [stands_still(&model, &still, 0)]);
+        let Note::StandsStill { parameters, .. } = &notes[0] else { panic!("{notes:?}") };
+        assert!(parameters.contains(&"joint.0.spring.Ks".to_owned()), "{parameters:?}");
+        let nothing = check(&model, &[&still]).expect_err("nothing moves");
+        assert!(matches!(nothing, DiagnoseError::NothingMoves { .. }), "{nothing}");
+        assert_eq!(judged_by_what_is_fitted(&[&moving, &still]), None);
+        let mut other = run(300, Role::Validate);
+        other.free = vec![1];
+        assert_eq!(judged_by_what_is_fitted(&[&moving, &other]), Some(Note::NeverHeldOut { joints: vec![0] }));
+    }
+
+    /// What the fit does not depend on, what it knows no better than its guess, and what never moves; links by their number.
+    #[test]
+    fn what_is_left_open_is_named_after_the_fit() {
+        let model = oscillator::model(1.0, "");
+        let moving = run(300, Role::Fit);
+        let own = |name: &str, value: f64, std_error: f64, identifiable: bool| EffectParameter {
+            name: name.to_owned(),
+            value,
+            std_error: Some(std_error),
+            at_bound: false,
+            identifiable,
+        };
+        let open = |parameters: &[EffectParameter], run: &Run| {
+            left_open(&model, &[run], &Refit { parameters: parameters.to_vec(), ..empty() })
+        };
+        let known = [own("joint.0.spring.Ks", 1.1, 0.9, true), own("joint.0.viscous.Fv", 0.006, 0.001, true)];
+        assert_eq!(open(&known, &moving), None);
+        let mut still = moving.clone();
+        still.log.q[0].fill(0.1);
+        let name = |note: Option<Note>| match note {
+            Some(Note::NotDetermined { parameters, links, joints, still, .. }) => (parameters, links, joints, still),
+            other => panic!("{other:?}"),
+        };
+        let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+        let all = names(&["joint.0.spring.Ks", "joint.0.viscous.Fv"]);
+        assert_eq!(name(open(&known, &still)), (all, 0, vec![0], vec![0]));
+        let link = own("link.1.m", 8e-4, 1e-5, false);
+        assert_eq!(open(&[known[0].clone(), link.clone()], &moving), Some(Note::LinksNotDetermined { links: 1 }));
+        let vague = [own("joint.0.spring.Ks", 1.1, 1.3, true), known[1].clone(), link];
+        assert_eq!(name(open(&vague, &moving)), (names(&["joint.0.spring.Ks"]), 1, vec![0], vec![]));
+        let free = [known[0].clone(), own("joint.0.viscous.Fv", 0.006, 0.001, false)];
+        assert_eq!(name(open(&free, &moving)).0, names(&["joint.0.viscous.Fv"]));
+        // A position of 0 is a value like any other.
+        assert_eq!(open(&[own("joint.0.spring.qeq", 0.0, 10.0, true)], &moving), None);
+    }
+}

@@ -65,3 +65,47 @@ pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
     moved.truncate(AT_MOST);
     Ok(moved)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::missing::tests::work;
+    use crate::oscillator::{self, Oscillator};
+
+    /// Three runs of one mass, the spring of one of which is stiffer: it is named, with how far it is from what the others say.
+    #[test]
+    fn the_run_whose_spring_was_changed_is_named() {
+        let run = |stiffness: f64, cubic: f64, file: &str| {
+            let mut run = Oscillator { stiffness, cubic }.run(&[(0.02, 1.0), (0.01, 3.7)], 6.0, Role::Fit);
+            run.file = file.to_owned();
+            run
+        };
+        let model = oscillator::model(1.0, "");
+        let (one, two, three) = (run(1.1, 0.0, "1"), run(1.3, 0.0, "2"), run(1.1, 0.0, "3"));
+        let of = |fit: &[&Run], held_out: &[&Run]| {
+            let clone = |runs: &[&Run]| runs.iter().map(|run| (*run).clone()).collect::<Vec<_>>();
+            let work = work(&model, clone(fit), clone(held_out));
+            moved(&work, &model).expect("fits")
+        };
+        let found = of(&[&one, &two], &[&three]);
+        let spring = found.iter().find(|moved| moved.parameter == "joint.0.spring.Ks").expect("it moved");
+        assert_eq!(spring.run, "2");
+        let alone = |run: &Run| {
+            let work = work(&model, vec![run.clone()], Vec::new());
+            let fitted = work.base(&model, "alone").expect("a fit");
+            let own = fitted.fit.parameters.into_iter().find(|own| own.name == "joint.0.spring.Ks").expect("Ks");
+            (own.value, own.std_error.expect("it is fitted"))
+        };
+        let [(a, e), (b, f), (c, g)] = [&one, &two, &three].map(alone);
+        let weight = e.powi(-2) + g.powi(-2);
+        let others = (a * e.powi(-2) + c * g.powi(-2)) / weight;
+        let expected = (b - others) / (f * f + weight.recip()).sqrt();
+        assert!((spring.change_in_std_errors / expected - 1.0).abs() < 1e-6, "{spring:?} {expected}");
+        let sizes: Vec<f64> = found.iter().map(|moved| moved.change_in_std_errors.abs()).collect();
+        assert!(sizes.is_sorted_by(|a, b| a >= b) && sizes.iter().all(|size| *size >= 5.0), "{sizes:?}");
+
+        assert_eq!(of(&[&one, &three], &[]), [], "they agree");
+        assert_eq!(of(&[&two], &[]), [], "there is no other");
+        assert_eq!(of(&[&one, &run(1.1, 400.0, "4")], &[]), [], "one is not explained by itself");
+    }
+}

@@ -114,6 +114,9 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
     let starts = work.starts(&base, &[], &|_| true).expect("starts");
     let most = starts.iter().max_by(|a, b| a.promise.total_cmp(&b.promise)).expect("a start");
     assert!(right.candidate.as_ref().is_some_and(|own| *own == most.candidate || most.candidate.contains(own)));
+    let all = candidates(&base.model, &work.fit.iter().collect::<Vec<_>>());
+    assert_eq!(work.places(&base.model), all.len());
+    assert!(starts.iter().all(|start| all.contains(&start.candidate)));
     // It promises about what it comes to, in 20 s of 20.
     close(work.of_all(), 1.0);
     let gain = right.fit.log_likelihood - base.fit.log_likelihood;

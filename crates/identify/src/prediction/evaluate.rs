@@ -578,3 +578,193 @@ impl Objective for At<'_, '_> {
         self.evaluator.bodies.iter().flat_map(|body| body.cuts(x)).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use dynid_dynamics::simulate::Intersample;
+    use dynid_dynamics::system::System;
+    use dynid_dynamics::system::fixtures::{ARM, GAIN, SPRING, VISCOUS, full_arm, placed};
+
+    use super::*;
+    use crate::position::Unknown;
+
+    fn arm() -> System {
+        let effects =
+            [placed(&GAIN, 0, None, &[1.4]), placed(&SPRING, 0, None, &[0.9, 2.5]), placed(&VISCOUS, 1, None, &[0.3])];
+        System::new(&ARM, 2, full_arm().link_parameters().to_vec(), Vec::new(), &effects).expect("an arm")
+    }
+
+    /// So many samples that no model explains, the first ones of which do not count.
+    fn run(samples: u32, from_s: f64, phase: f64) -> FitRun {
+        let time: Vec<f64> = (0..samples).map(|k| f64::from(k) * 0.01).collect();
+        let command = time.iter().flat_map(|t| [4.0 + (9.0 * t + phase).sin(), 3.0 * (5.0 * t).cos()]).collect();
+        let position =
+            time.iter().flat_map(|t| [0.3 + 0.2 * (4.0 * t + phase).sin(), -0.5 + 0.1 * (7.0 * t).cos()]).collect();
+        FitRun {
+            name: String::new(),
+            system: arm(),
+            time,
+            command,
+            position,
+            intersample: Intersample::ZeroOrder,
+            weights: vec![1.0; 2],
+            from_s,
+            first_half: 1.0,
+            moving: false,
+        }
+    }
+
+    /// A spring's and a damper's values are unknown; the runs have 81 and 61 samples, of which 71 and all count.
+    fn problem() -> PredictionProblem {
+        let names: Vec<String> = arm().effect_names().to_vec();
+        let unknown = |index: usize, value: f64| Unknown {
+            name: names[index].clone(),
+            value,
+            expected: 0.9 * value,
+            lower: 0.0,
+            upper: 10.0 * value,
+        };
+        PredictionProblem {
+            unknowns: vec![unknown(1, 0.9), unknown(3, 0.3)],
+            spreads: vec![0.5, 0.2],
+            rates: BTreeMap::from([(0, 20.0), (1, 60.0)]),
+            ..PredictionProblem::of_values(vec![run(81, 0.1, 0.0), run(61, 0.0, 1.0)])
+        }
+    }
+
+    /// Half of the logarithm of each joint's mean square, for each of its samples, and what is known beforehand; and its slopes.
+    #[test]
+    fn the_cost_is_that_of_its_errors_and_the_quadratic_touches_it() {
+        let problem = problem();
+        let evaluator = Evaluator::new(&problem);
+        let x = evaluator.start().expect("a start");
+        let plan = evaluator.plan(&x, &Plan::default(), 1e-3);
+        assert!(evaluator.is_planned(&plan) && !evaluator.is_planned(&Plan::default()));
+        assert_eq!(evaluator.samples(), 2.0 * (71.0 + 61.0));
+        let errors = evaluator.errors(&x, &plan).expect("predictions");
+        let counts: Vec<Vec<usize>> = errors.iter().map(|run| run.iter().map(Vec::len).collect()).collect();
+        assert_eq!(counts, [[71, 71], [61, 61]]);
+        let of_joint = |joint: usize| {
+            let own = || errors.iter().flat_map(move |run| &run[joint]);
+            let squares: f64 = own().map(|error| error * error).sum();
+            0.5 * own().count() as f64 * (squares / own().count() as f64).ln()
+        };
+        // 0.09 and 0.03 from what is expected, of spreads 0.5 and 0.2
+        let prior = 0.5 * (0.18_f64.powi(2) + 0.15_f64.powi(2));
+        assert!((evaluator.prior_cost(&x) - prior).abs() < 1e-12);
+        let cost = evaluator.at(&plan).cost(&x).expect("a cost");
+        assert!((cost - (of_joint(0) + of_joint(1) + prior)).abs() < 1e-6 * cost.abs(), "{cost}");
+        let quadratic = evaluator.at(&plan).quadratic(&x).expect("a quadratic");
+        assert!((quadratic.cost - cost).abs() < 1e-9 * cost.abs());
+        for k in 0..evaluator.n() {
+            let at = |step: f64| {
+                let mut x = x.clone();
+                x[k] += step;
+                evaluator.at(&plan).cost(&x).expect("a cost")
+            };
+            let h = 1e-5 * x[k].abs().max(0.1);
+            let slope = (at(h) - at(-h)) / (2.0 * h);
+            let own = quadratic.gradient[k];
+            assert!((own - slope).abs() < 1e-4 * slope.abs().max(1.0), "unknown {k}: {own}, not {slope}");
+        }
+        // Gauss and Newton's: the slopes of the errors over their variance, and the prior's.
+        let slopes = evaluator.slopes(&x, &plan).expect("slopes");
+        let mut information = 0.5_f64.powi(-2);
+        for joint in 0..2 {
+            let squares: f64 = errors.iter().flat_map(|run| &run[joint]).map(|error| error * error).sum();
+            let own: f64 = slopes.iter().map(|run| run[joint].column(0).norm_squared()).sum();
+            information += own * 132.0 / squares;
+        }
+        assert!((quadratic.hessian[(0, 0)] / information - 1.0).abs() < 1e-4, "{information}");
+    }
+
+    #[test]
+    fn poles_are_rates_by_the_shortest_time_between_samples() {
+        let mut problem = problem();
+        problem.runs[1].time.iter_mut().for_each(|t| *t *= 0.5);
+        let evaluator = Evaluator::new(&problem);
+        let x = evaluator.start().expect("a start");
+        let (first, n) = (evaluator.first_rate, evaluator.n());
+        assert_eq!((first, n), (2 + 4, 2 + 4 + 2), "the values, where each run starts, and a pole each");
+        for (pole, rate) in x[first..].iter().zip([20.0, 60.0]) {
+            assert!((pole - (-rate * 0.005_f64).exp()).abs() < 1e-12, "{pole}");
+        }
+        assert_eq!(evaluator.rates(&x).keys().collect::<Vec<_>>(), [&0, &1]);
+        assert!((evaluator.rates(&x)[&1] - 60.0).abs() < 1e-9);
+        assert!((evaluator.correction(&x, 0) - (1.0 - (-0.2_f64).exp())).abs() < 1e-12, "1 - r^2");
+        let nearer = evaluator.with_poles_nearer(&x, 0.25);
+        assert_eq!(nearer[..first], x[..first]);
+        assert!((nearer[first] - (1.0 - 0.25 * (1.0 - x[first]))).abs() < 1e-12);
+        let bounds = |problem: &PredictionProblem| {
+            let evaluator = Evaluator::new(problem);
+            let (mut lower, mut upper) = (vec![0.0; 2], vec![9.0; 2]);
+            evaluator.bound_rest(&mut lower, &mut upper);
+            (lower[first..].to_vec(), upper[first..].to_vec(), lower[2], upper[5])
+        };
+        assert_eq!(bounds(&problem), (vec![0.05; 2], vec![1.0; 2], f64::NEG_INFINITY, f64::INFINITY));
+        problem.keeps_rates = true;
+        let (lower, upper, ..) = bounds(&problem);
+        assert_eq!((&lower, &*upper), (&upper, &x[first..]), "they stay");
+        let kept = Evaluator::new(&problem);
+        assert_eq!(kept.with_poles_nearer(&x, 0.25), x);
+        assert_eq!(kept.followed(&x, None, &Plan::default()), x);
+    }
+
+    #[test]
+    fn integration_steps_cost_no_more_than_they_may() {
+        let problem = problem();
+        let evaluator = Evaluator::new(&problem);
+        let x = evaluator.start().expect("a start");
+        let (rough, fine) = (evaluator.plan(&x, &Plan::default(), 1.0), evaluator.plan(&x, &Plan::default(), 1e-6));
+        assert!(rough.mean_steps() < fine.mean_steps(), "{} {}", rough.mean_steps(), fine.mean_steps());
+        for (plan, loss) in [(&rough, 1.0), (&fine, 1e-6)] {
+            assert!(evaluator.is_fine_enough(&x, plan, loss));
+        }
+        let lost = evaluator.loss_of(&x, &rough, &evaluator.predicted(&x, &rough).expect("predictions"));
+        assert!(lost > 0.0 && !evaluator.is_fine_enough(&x, &rough, 0.99 * lost));
+        assert!(evaluator.is_fine_enough(&x, &rough, 1.01 * lost));
+        // Half of what the change of each joint's predictions is of its mean square error; what does not count costs nothing.
+        let predicted = evaluator.predicted(&x, &fine).expect("predictions");
+        let mut moved = predicted.clone();
+        moved[0][..20].iter_mut().for_each(|q| *q += 1.0);
+        assert_eq!(evaluator.lost(&moved, &predicted), 0.0);
+        moved[0][21] += 0.01;
+        let (samples, squares) = evaluator.squares(&predicted)[1];
+        let expected = 0.5 * 1e-4 / (squares / samples + evaluator.floors[1]);
+        assert!((evaluator.lost(&moved, &predicted) / expected - 1.0).abs() < 1e-9);
+        // What does for more goes on from there.
+        assert_eq!(evaluator.plan(&x, &fine, 1.0).mean_steps(), fine.mean_steps());
+    }
+
+    /// Rates that are not given are the likeliest of a few; a model that runs away is held to its logs as firmly as is likelier.
+    #[test]
+    fn poles_are_lowered_as_long_as_that_is_likelier() {
+        let given = problem();
+        let open = PredictionProblem { rates: BTreeMap::new(), ..given.clone() };
+        let evaluator = Evaluator::new(&open);
+        let start = evaluator.start().expect("a start");
+        let first = evaluator.first_rate;
+        let with = |pole: f64| {
+            let mut x = start.clone();
+            x[first..].fill(pole);
+            x
+        };
+        let plan = evaluator.plan(&with(0.99), &Plan::default(), 0.01);
+        let cost = |x: &[f64]| evaluator.at(&plan).cost(x).expect("a cost");
+        let costs = POLES.map(|pole| cost(&with(pole)));
+        let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!((cost(&start) - least).abs() < 0.05 * open.runs.len() as f64, "{costs:?}");
+        assert!(start[first..].iter().all(|pole| *pole == start[first]) && POLES.contains(&start[first]));
+        let free = with(0.999);
+        let held = evaluator.followed(&free, Some(cost(&free)), &plan);
+        let trials: Vec<f64> = POLES.iter().map(|pole| cost(&with(*pole))).collect();
+        // The first of them that is no likelier ends it.
+        let expected = trials.iter().scan(cost(&free), |least, cost| {
+            let is_likelier = cost < least;
+            *least = *cost;
+            is_likelier.then_some(*cost)
+        });
+        let expected = expected.last().unwrap_or(cost(&free));
+        assert_eq!(cost(&held), expected, "{trials:?}");
+    }
+}

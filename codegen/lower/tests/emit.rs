@@ -3,8 +3,12 @@
 use std::path::Path;
 
 use dynid_lower::Kir;
-use dynid_lower::emit::configuration_module;
+use dynid_lower::c99::{Linkage, definition};
+use dynid_lower::effect::EffectKernels;
+use dynid_lower::emit::{configuration_module, effects_module, end_point_module};
+use dynid_lower::end_point::EndPoint;
 use dynid_lower::kernel::Configuration;
+use dynid_model::Effect;
 
 fn planar2r() -> Configuration {
     Configuration::new(&Kir::parse(include_str!("kir/planar2r.kir"), Path::new("planar2r.kir")).unwrap()).unwrap()
@@ -47,4 +51,73 @@ fn an_unknown_symbol_of_an_effect_is_named() {
     let mut effect = dynid_model::effect("viscous").unwrap().clone();
     effect.parameters.clear();
     insta::assert_snapshot!(dynid_lower::effect::EffectKernels::new(&effect).unwrap_err(), @"effect `viscous`: `torque` reads `Fv`, which is none of its parameters, states, terms or signals (q, dq, ddq, t, load, friction, qeq, q_from, dq_from, command, command_from)");
+}
+
+/// A law of every operation, in brackets where they are needed and nowhere else.
+const EVERYTHING: &str = r#"
+title = "Everything"
+place = "joint"
+scope = "joint"
+seen_as = "all"
+not_seen_as = "none"
+source = "Made up"
+
+[[parameter]]
+symbol = "F"
+unit = "N*m"
+title = "size"
+initial = 0.5
+lower = 0.0
+upper = 1.0
+null = 0.0
+origin = "physics"
+
+[[parameter]]
+symbol = "width"
+unit = "rad"
+title = "width"
+initial = 0.5
+lower = 0.1
+upper = 1.0
+origin = "physics"
+
+[[parameter]]
+symbol = "vs"
+unit = "rad/s"
+title = "speed"
+initial = 0.5
+lower = 0.1
+upper = 1.0
+origin = "physics"
+
+[terms]
+x = "q / width"
+v = "dq / vs"
+height = "max(min(x, 1), -1) - (abs(v) - (x - 2))"
+slope = "tan(x) / (sqrt(2 + abs(v)) / exp(x)) * ln(1 + x * x)"
+turn = "sin(x) * cos(x) - tanh(-v) / (exp(-x) * (2 + v * v))"
+
+[output]
+torque = "if x > v { F * (height - slope) } else { -(F * turn) - F * sign(v) }"
+"#;
+
+fn everything() -> EffectKernels {
+    EffectKernels::new(&Effect::parse(EVERYTHING, Path::new("everything.toml")).unwrap()).unwrap()
+}
+
+#[test]
+fn effects_and_their_table() {
+    let lugre = EffectKernels::new(dynid_model::effect("lugre").unwrap()).unwrap();
+    insta::assert_snapshot!(effects_module(&[everything(), lugre]).unwrap());
+}
+
+#[test]
+fn the_same_law_in_c() {
+    insta::assert_snapshot!(definition("law", "own", &everything().eval, Linkage::Internal));
+}
+
+#[test]
+fn where_the_end_point_is() {
+    let end_point = EndPoint::new(dynid_model::device("planar2r").unwrap()).unwrap().expect("it has one");
+    insta::assert_snapshot!(end_point_module(&end_point).unwrap());
 }

@@ -247,6 +247,35 @@ fn every_kind_of_input_survives_a_round_trip() {
     assert_eq!(read.to_string(), text);
 }
 
+/// Also functions that no equations of motion have: the text that is read is that of the program, and computes the same.
+#[test]
+fn every_operation_survives_a_round_trip() {
+    use Function::{Abs, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
+    let mut program = Program::new();
+    assert!(program.is_empty() && program.len() == 0);
+    let (x, y) = (program.position(0, "rad"), program.position(1, "rad"));
+    assert!(!program.is_empty() && program.len() == 2);
+    let mut nodes = vec![program.minimum(x, y), program.maximum(y, x), program.divide(x, y), program.subtract(x, y)];
+    nodes.extend([Abs, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh].map(|function| program.call(function, x)));
+    nodes.push(program.select(Comparison::Less, [x, y, x, y]));
+    nodes.push(program.select(Comparison::Greater, [x, y, y, x]));
+    for (place, node) in nodes.into_iter().enumerate() {
+        program.output(&format!("y{place}"), node);
+    }
+    let kir = Kir { program, ..planar2r() };
+    let read = Kir::parse(&kir.to_string(), Path::new("made.kir")).unwrap();
+    assert_eq!(read.to_string(), kir.to_string());
+    for (a, b) in [(0.7, 0.3), (0.2, 1.9)] {
+        let values = |kir: &Kir| kir.program.evaluate(at([a, b, f64::NAN]));
+        assert_eq!(values(&read), values(&kir));
+    }
+    for (call, message) in [("min(q0)", "takes two arguments"), ("sin(q0, q1)", "takes one argument")] {
+        let broken = PLANAR2R.replace("s1 = sin(q1)", &format!("s1 = {call}"));
+        let error = Kir::parse(&broken, Path::new("c01.kir")).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}");
+    }
+}
+
 /// Builds a random smooth program of three inputs from a list of choices.
 fn random_program(choices: &[(u8, u8, u8)]) -> (Program, Node) {
     let mut program = Program::new();

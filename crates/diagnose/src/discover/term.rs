@@ -287,3 +287,96 @@ pub(super) fn dictionary(own: usize, free: &[usize], kinds: &[JointKind]) -> Vec
     }
     terms.into_iter().collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// At joint 4; joints 2 and 4 move.
+    fn signals() -> Signals {
+        Signals {
+            time: vec![0.5, 2.0],
+            q: vec![vec![0.3, -0.4], vec![1.1, 0.7]],
+            dq: vec![vec![0.02, -0.5], vec![-0.01, 3.0]],
+            command: (0..5).map(|joint| vec![f64::from(joint) - 3.5, f64::from(joint)]).collect(),
+            delivered: vec![vec![5.0, 6.0], vec![-7.0, 8.0]],
+            per_command: vec![1.0, 1.0],
+        }
+    }
+
+    #[test]
+    fn a_term_is_the_product_of_its_factors() {
+        let cases: [(&[Factor], &str, [f64; 2]); 10] = [
+            (&[], "", [1.0, 1.0]),
+            (&[Load], "load4", [-7.0, 8.0]),
+            (&[LoadSize, Time], "|load4| * t", [3.5, 16.0]),
+            (&[Command(1), CommandSize(1)], "command1 * |command1|", [-6.25, 1.0]),
+            (&[Position(2), Position(4)], "q2 * q4", [0.33, -0.28]),
+            (&[Sine(2, 1)], "sin(q2)", [0.3_f64.sin(), -(0.4_f64.sin())]),
+            (&[Cosine(4, 3)], "cos(3*q4)", [3.3_f64.cos(), 2.1_f64.cos()]),
+            (&[Speed(4), Speed(4), Speed(4)], "dq4 * dq4 * dq4", [-1e-6, 27.0]),
+            (&[Speed(2), SpeedSize(4)], "dq2 * |dq4|", [2e-4, -1.5]),
+            (&[Sign(4)], "sign(dq4)", [-(1.0_f64.tanh()), 1.0]),
+        ];
+        for (factors, label, expected) in cases {
+            let term = Term::new(factors.to_vec());
+            assert_eq!(term.label(4), label);
+            let found = term.values(&signals(), &[2, 4], 4);
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{label}: {found:?} {expected:?}");
+        }
+    }
+
+    #[test]
+    fn a_term_knows_its_unit_its_joints_and_what_it_asks_to_be_believed() {
+        let term = |factors: &[Factor]| Term::new(factors.to_vec());
+        let units = [
+            (term(&[Position(4), Position(4)]), "N*m/rad^2"),
+            (term(&[Speed(4), Time]), "N*m/rad"),
+            (term(&[SpeedSize(4), Speed(4)]), "N*m*s^2/rad^2"),
+            (term(&[Load, Load]), "1/N/m"),
+            (term(&[LoadSize, Sign(4)]), "1"),
+            (term(&[Command(2), CommandSize(2), CommandSize(2)]), "1/command^2"),
+            (term(&[Time, Time]), "N*m/s^2"),
+        ];
+        for (term, unit) in units {
+            assert_eq!(term.coefficient_unit(), unit, "{}", term.label(4));
+        }
+        assert_eq!(term(&[Position(2), Speed(4), Load, Time]).others(4), BTreeSet::from([2]));
+        assert!(term(&[LoadSize]).has_load() && !term(&[Time, Speed(4)]).has_load());
+        assert!(term(&[CommandSize(2)]).is_command() && !term(&[Load]).is_command());
+        let asks = |factors: &[Factor], expected: f64| assert!((term(factors).complexity() - expected).abs() < 1e-12);
+        asks(&[Position(4), Sign(4), Time], 3.0);
+        asks(&[SpeedSize(4), LoadSize, CommandSize(2)], 3.3);
+        asks(&[Sine(4, 1), Cosine(4, 6)], 2.5 + 0.25 * 6.0_f64.ln());
+    }
+
+    #[test]
+    fn the_dictionary_holds_products_of_places_and_motions() {
+        use JointKind::{Prismatic, Revolute};
+        let all = |own: usize, free: &[usize], kinds: &[JointKind]| -> Vec<String> {
+            dictionary(own, free, kinds).iter().map(|term| term.label(own)).collect()
+        };
+        // 3 places and 13 motions of one slide, without nothing and the load; its cube; 5 by time and 4 more by each load than stand
+        // there; time squared; two loads that drift.
+        let slide = all(0, &[0], &[Prismatic]);
+        assert_eq!(slide.len(), 3 * 13 - 2 + 1 + 3 * 5 + 1 + 2);
+        assert!(slide.iter().all(|label| !label.contains("sin") && label != "load0"), "{slide:?}");
+        // 24 waves are places more.
+        let hinge = all(0, &[0], &[Revolute]);
+        assert_eq!(hinge.len(), slide.len() + 24 * 13);
+        for label in
+            ["|load0| * cos(12*q0)", "q0 * q0 * dq0 * |dq0|", "t * t", "dq0 * dq0 * dq0", "load0 * load0 * load0"]
+        {
+            assert!(hinge.iter().any(|own| own == label), "{label}");
+        }
+        assert!(!hinge.iter().any(|label| label.contains("13*")));
+        let three = all(1, &[0, 1, 2], &[Revolute, Prismatic, Revolute]);
+        let named =
+            ["command0 * command0 * command0", "q0 * q2", "dq0 * dq2", "sin(q2) * |dq0|", "sin(12*q0)", "q1 * q2"];
+        assert_eq!(named.map(|label| three.iter().any(|own| own == label)), [true, true, true, false, true, true]);
+        assert!(three.iter().any(|label| label == "q2 * dq0"), "in the order of kinds");
+        assert!(!three.iter().any(|label| label.contains("command1") || label.contains("sin(q1)")), "{three:?}");
+        let labels: BTreeSet<&String> = three.iter().collect();
+        assert_eq!(labels.len(), three.len(), "each stands once");
+    }
+}

@@ -30,7 +30,7 @@ pub fn cubic(stiffness: f64) -> String {
     format!("[[effect]]\nid = \"spring_cubic\"\njoint = 0\nK3 = {stiffness:?}\n")
 }
 
-/// `m x'' + Fv x' + Ks x + K3 x^3 = u`, from rest, logged with noise; `u` is held between samples.
+/// `m x'' + Fv x' + Ks x + K3 x^3 = u`, from rest, logged with noise.
 pub struct Oscillator {
     /// Ks (N/m).
     pub stiffness: f64,
@@ -39,8 +39,18 @@ pub struct Oscillator {
 }
 
 impl Oscillator {
-    /// So many seconds under sines of these amplitudes (N) and frequencies (Hz).
+    /// So many seconds under sines of these amplitudes (N) and frequencies (Hz), held between samples.
     pub fn run(&self, sines: &[(f64, f64)], seconds: f64, role: Role) -> Run {
+        self.driven(sines, seconds, role, |now, _, _| now)
+    }
+
+    /// The same, running straight from sample to sample.
+    pub fn run_with_line(&self, sines: &[(f64, f64)], seconds: f64, role: Role) -> Run {
+        self.driven(sines, seconds, role, |now, next, share| now + share * (next - now))
+    }
+
+    /// `force` is told this and the next sample's, and which share of the time between them is over.
+    fn driven(&self, sines: &[(f64, f64)], seconds: f64, role: Role, force: fn(f64, f64, f64) -> f64) -> Run {
         const SUBSTEPS: usize = 20;
         let t: Vec<f64> = (0..(seconds / SAMPLE_S) as usize).map(|k| k as f64 * SAMPLE_S).collect();
         let tau: Vec<f64> =
@@ -48,17 +58,21 @@ impl Oscillator {
         let mut random = Random::new(5);
         let (mut x, mut v) = (0.0, 0.0);
         let mut q = Vec::with_capacity(t.len());
-        for force in &tau {
+        for (k, now) in tau.iter().copied().enumerate() {
             q.push(x + NOISE * random.normal());
-            let acceleration =
-                |x: f64, v: f64| (force - DAMPING * v - self.stiffness * x - self.cubic * x.powi(3)) / MASS;
+            let next = tau.get(k + 1).copied().unwrap_or(now);
             let h = SAMPLE_S / SUBSTEPS as f64;
+            let share = |step: f64| step / SUBSTEPS as f64;
             // Runge and Kutta's method
-            for _ in 0..SUBSTEPS {
-                let (v1, a1) = (v, acceleration(x, v));
-                let (v2, a2) = (v + 0.5 * h * a1, acceleration(x + 0.5 * h * v1, v + 0.5 * h * a1));
-                let (v3, a3) = (v + 0.5 * h * a2, acceleration(x + 0.5 * h * v2, v + 0.5 * h * a2));
-                let (v4, a4) = (v + h * a3, acceleration(x + h * v3, v + h * a3));
+            for step in 0..SUBSTEPS {
+                let acceleration = |part: f64, x: f64, v: f64| {
+                    let force = force(now, next, share(step as f64 + part));
+                    (force - DAMPING * v - self.stiffness * x - self.cubic * x.powi(3)) / MASS
+                };
+                let (v1, a1) = (v, acceleration(0.0, x, v));
+                let (v2, a2) = (v + 0.5 * h * a1, acceleration(0.5, x + 0.5 * h * v1, v + 0.5 * h * a1));
+                let (v3, a3) = (v + 0.5 * h * a2, acceleration(0.5, x + 0.5 * h * v2, v + 0.5 * h * a2));
+                let (v4, a4) = (v + h * a3, acceleration(1.0, x + h * v3, v + h * a3));
                 x += h / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4);
                 v += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
             }

@@ -390,4 +390,29 @@ mod tests {
         let rates = held_rates(&model, &[&fast, &slow], ErrorSignal::Position).expect("rates");
         assert_eq!(rates, BTreeMap::from([(0, 0.0)]));
     }
+
+    /// A command that runs straight from sample to sample, which the experiment does not say, is found before any effect is looked for; of
+    /// one that stands, nothing is said.
+    #[test]
+    fn a_command_that_runs_straight_is_noticed() {
+        let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
+        let sines = [(0.02, 1.0), (0.01, 5.3)];
+        let model = oscillator::model(1.0, "");
+        let said = |one: &Run, two: &Run| {
+            diagnose(&model, &[one, two], &Options::default(), &Finished::new(), &|_| (), &|| false).expect("an answer")
+        };
+        let fit = plant.run_with_line(&sines, 8.0, Role::Fit);
+        let found = said(&fit, &plant.run_with_line(&sines, 5.0, Role::Validate));
+        let straight = found.notes.iter().find_map(|note| match note {
+            Note::StraightCommand { rmse_straight, rmse_standing } => Some((*rmse_straight, *rmse_standing)),
+            _ => None,
+        });
+        let (straight, standing) = straight.expect("it is noticed");
+        let (straight, standing) = (straight.expect("it is simulated"), standing.expect("it is simulated"));
+        assert!((straight / NOISE - 1.0).abs() < 0.1 && standing > 1.3 * NOISE, "{straight} {standing}");
+        assert_eq!(found.verdict, Verdict::NothingMissing);
+        let found = said(&plant.run(&sines, 8.0, Role::Fit), &plant.run(&sines, 5.0, Role::Validate));
+        assert_eq!(found.verdict, Verdict::NothingMissing);
+        assert!(!found.notes.iter().any(|note| matches!(note, Note::StraightCommand { .. })), "{:?}", found.notes);
+    }
 }

@@ -241,6 +241,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorSignal) -
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::oscillator::{self, Oscillator};
 
     /// A fit that left nothing, not even a file.
     pub(crate) fn empty() -> Refit {
@@ -283,5 +284,56 @@ pub(super) mod tests {
         assert!(!is_null_at("joint.1.coulomb.Fc", 0.0021) && !is_null_at("joint.1.coulomb.Fc", 2.0));
         assert!(!is_null_at("joint.1.coulomb.v_eps", 0.0), "nowhere in this one does friction vanish");
         assert!(!is_null_at("joint.0.coulomb.Fc", 0.0), "no such parameter");
+    }
+
+    /// Sums over the runs of a role of what a comparison says of each, a beginning that is cut being left out.
+    #[test]
+    fn what_is_left_is_summed_by_joint_and_role() {
+        let model = oscillator::model(1.0, "");
+        let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
+        let mut runs = [(6.0, Role::Fit), (4.0, Role::Fit), (5.0, Role::Validate)]
+            .map(|(seconds, role)| plant.run(&[(0.02, 1.0), (0.01, 3.7)], seconds, role));
+        runs[0].settings.from_s = Some(0.995);
+        let all: Vec<&Run> = runs.iter().collect();
+        let compared = compare(&model, &all).expect("a comparison");
+        let found = left(&compared, &all, ErrorSignal::Position);
+        let [fitted, held_out] = found.as_slice() else { panic!("{found:?}") };
+        assert_eq!((fitted.joint, fitted.held_out, held_out.held_out), (0, false, true));
+        assert_eq!((fitted.samples, held_out.samples), (500.0 + 400.0, 500.0));
+        let squares = |run: usize, first: usize| -> f64 {
+            let simulated = &compared.runs[run].simulated.as_ref().expect("it is simulated")[0];
+            runs[run].log.q[0].iter().zip(simulated).skip(first).map(|(y, q)| (y - q).powi(2)).sum()
+        };
+        let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a}, not {b}");
+        close(fitted.squares, squares(0, 100) + squares(1, 0));
+        close(held_out.squares, squares(2, 0));
+        let noise = |run: usize| compared.runs[run].joints[0].noise_floor.max(noise_of(&runs[run].log.q[0])).powi(2);
+        close(fitted.noise_squares.expect("it is known"), 500.0 * noise(0) + 400.0 * noise(1));
+        close(held_out.ratio().expect("it is known"), (squares(2, 0) / (500.0 * noise(2))).sqrt());
+        assert!(!fitted.white && !held_out.white, "the spring is off");
+        // Of the torque error each sample that counts, and of what the drive delivers.
+        let found = left(&compared, &all, ErrorSignal::Torque);
+        let [fitted, held_out] = found.as_slice() else { panic!("{found:?}") };
+        let of = |run: usize| &compared.runs[run].torque[0];
+        let squares = |run: usize| -> f64 {
+            let used = of(run).residual.iter().zip(&of(run).used).filter(|(_, used)| **used);
+            used.map(|(residual, _)| residual * residual).sum()
+        };
+        assert_eq!(of(0).delivered_share(), Some(1.0));
+        close(fitted.squares, squares(0) + squares(1));
+        close(held_out.squares, squares(2));
+        assert_eq!(held_out.samples, of(2).n_used() as f64);
+        assert_eq!((fitted.noise_squares, fitted.white), (None, false));
+        let half = oscillator::model(1.0, "[[effect]]\nid = \"saturation\"\njoint = 0\nlimit = 0.01\n");
+        let compared = compare(&half, &all).expect("a comparison");
+        let torque = &compared.runs[2].torque[0];
+        let share = torque.delivered_share().expect("it is known");
+        assert!(share > 0.1 && share < 0.9, "{share}");
+        let used = torque.residual.iter().zip(&torque.used).filter(|(_, used)| **used);
+        let squares: f64 = used.map(|(residual, _)| residual * residual).sum();
+        close(left(&compared, &all, ErrorSignal::Torque)[1].squares, squares / (share * share));
+        // How many unknown parameters of effects there are: the gain is fixed.
+        assert_eq!((count(&model, all.iter().copied()), count(&half, all.iter().copied())), (3.0, 4.0));
+        assert_eq!(count(&model, &[]), 0.0, "nothing depends on them");
     }
 }

@@ -274,3 +274,49 @@ pub fn at_rates(fitted: &BTreeMap<usize, f64>, factor: f64) -> BTreeMap<usize, f
 
 /// A model that its logs trust altogether is asked at this rate [1/s] all the same.
 const LEAST_RATE: f64 = 1.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::oscillator;
+
+    fn start(effect: &str, promise: f64, probe: usize) -> Start {
+        let candidate = Candidate { effect: effect.to_owned(), joint: Some(0), from: None };
+        Start { candidate, model: oscillator::model(1.0, ""), promise, probe, step: Vec::new() }
+    }
+
+    #[test]
+    fn the_most_promising_come_first_and_each_candidate_once() {
+        let mut starts = [
+            start("dahl", 1.0, 0),
+            start("coulomb", 5.0, 1),
+            start("coulomb", 5.0, 0),
+            start("backlash", 5.0, 9),
+            start("dahl", 7.0, 2),
+        ];
+        sort(&mut starts);
+        let order = starts.each_ref().map(|start| (start.candidate.effect.as_str(), start.probe));
+        assert_eq!(order, [("dahl", 2), ("backlash", 9), ("coulomb", 0), ("coulomb", 1), ("dahl", 0)]);
+        let names = |most: usize| promising(&starts, most).into_iter().map(|own| own.effect).collect::<Vec<_>>();
+        assert_eq!(names(9), ["dahl", "backlash", "coulomb"]);
+        assert_eq!(names(2), ["dahl", "backlash"]);
+        assert!(names(0).is_empty());
+    }
+
+    #[test]
+    fn a_model_that_is_trusted_altogether_is_asked_at_a_rate_all_the_same() {
+        let rates = at_rates(&BTreeMap::from([(0, 20.0), (4, 0.0), (5, 0.9)]), 0.25);
+        assert_eq!(rates, BTreeMap::from([(0, 5.0), (4, 0.25), (5, 0.25)]));
+    }
+
+    #[test]
+    fn a_step_ends_at_the_bounds() {
+        let step = |step: f64| {
+            let steps = vec![("joint.0.viscous.Fv".to_owned(), step), ("joint.0.nothing.F".to_owned(), 1.0)];
+            let stepped = Start { step: steps, ..start("coulomb", 0.0, 0) }.stepped();
+            stepped.parameter("joint.0.viscous.Fv").expect("it has one").value
+        };
+        assert!((step(0.004) - 0.010).abs() < 1e-12);
+        assert_eq!([step(-1.0), step(1.0)], [0.0, 0.1]);
+    }
+}

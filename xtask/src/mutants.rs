@@ -5,8 +5,8 @@
 //! behind a switch of its own (`mutants/switches.rs`); then one run of all tests notes which switches each test comes by, and each
 //! mutant is given to those tests that come by it, the quickest first, until one fails (`mutants/trial.rs`).
 //!
-//! A field that is left out of a struct's expression has no switch, nor has what a constant is computed by, nor what lies within another
-//! mutant that was drawn: others are drawn for those.
+//! A field that is left out of a struct's expression has no switch, nor has a function's value of type `impl Trait`, nor what a
+//! constant is computed by, nor what lies within another mutant that was drawn: others are drawn for those.
 
 mod switches;
 mod tree;

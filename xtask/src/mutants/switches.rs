@@ -69,6 +69,11 @@ pub fn edit(source: &str, file: &syn::File, mutant: &Mutant) -> Option<Edit> {
     let active = format!("crate::mutant_switch::is_active({number})");
     let replacement = &mutant.replacement;
     if mutant.genre == "FnValue" {
+        let mut opaque = Opaque { start: mutant.start, found: false };
+        opaque.visit_file(file);
+        if opaque.found {
+            return None;
+        }
         let place = offset(source, mutant.start)?;
         let text = format!("if {active} {{ return {replacement}; }} ");
         return Some(Edit { number, range: place..place, text });
@@ -142,8 +147,46 @@ struct Finder<'a> {
 
 impl Finder<'_> {
     fn is_at(&self, span: Span) -> bool {
-        let LineColumn { line, column } = span.start();
-        (line, column + 1) == self.start
+        begins_at(span, self.start)
+    }
+}
+
+fn begins_at(span: Span, place: (usize, usize)) -> bool {
+    let LineColumn { line, column } = span.start();
+    (line, column + 1) == place
+}
+
+/// Whether the function whose body begins at a place returns an `impl Trait`: that is one type, and a mutant's value has another.
+struct Opaque {
+    start: (usize, usize),
+    found: bool,
+}
+
+impl Opaque {
+    fn look(&mut self, signature: &syn::Signature, body: &syn::Block) {
+        struct Impl(bool);
+        impl Visit<'_> for Impl {
+            fn visit_type_impl_trait(&mut self, _: &syn::TypeImplTrait) {
+                self.0 = true;
+            }
+        }
+        if body.stmts.first().is_some_and(|first| begins_at(first.span(), self.start)) {
+            let mut returned = Impl(false);
+            returned.visit_return_type(&signature.output);
+            self.found |= returned.0;
+        }
+    }
+}
+
+impl<'ast> Visit<'ast> for Opaque {
+    fn visit_item_fn(&mut self, function: &'ast syn::ItemFn) {
+        self.look(&function.sig, &function.block);
+        visit::visit_item_fn(self, function);
+    }
+
+    fn visit_impl_item_fn(&mut self, function: &'ast syn::ImplItemFn) {
+        self.look(&function.sig, &function.block);
+        visit::visit_impl_item_fn(self, function);
     }
 }
 
@@ -182,9 +225,9 @@ impl<'ast> Visit<'ast> for Finder<'_> {
 mod tests {
     use super::{Edit, Mutant, edit, planted};
 
-    /// The text with one mutant of what begins at a line and a column.
-    fn text(source: &str, genre: &str, start: (usize, usize), replacement: &str) -> String {
-        let mutant = Mutant {
+    /// A mutant of what begins at a line and a column.
+    fn mutant(genre: &str, start: (usize, usize), replacement: &str) -> Mutant {
+        Mutant {
             number: 7,
             diff: String::new(),
             package: String::new(),
@@ -193,7 +236,12 @@ mod tests {
             name: String::new(),
             replacement: replacement.to_owned(),
             start,
-        };
+        }
+    }
+
+    /// The text with one mutant.
+    fn text(source: &str, genre: &str, start: (usize, usize), replacement: &str) -> String {
+        let mutant = mutant(genre, start, replacement);
         let edit = edit(source, &syn::parse_file(source).unwrap(), &mutant).unwrap();
         let (text, places) = planted(source, &[edit]);
         syn::parse_file(&text).unwrap_or_else(|error| panic!("{text}: {error}"));
@@ -230,6 +278,16 @@ mod tests {
             text(arms, "MatchArmGuard", (1, 44), "true"),
             "fn f(a: u8) -> u8 { match a { 1 => 2, 3 if (if ON { true } else { a > 2 }) => 4, _ => a } }"
         );
+    }
+
+    /// Its value is of one type that has no name, and what a mutant returns is of another.
+    #[test]
+    fn what_returns_an_opaque_type_has_no_switch() {
+        let source = "struct A;\nimpl A {\n    fn f(&self) -> Option<impl Iterator<Item = u8>> {\n        None::<Empty<u8>>\n    }\n    fn \
+                      g(&self, of: impl Fn() -> u8) -> u8 {\n        of()\n    }\n}\n";
+        let file = syn::parse_file(source).unwrap();
+        assert!(edit(source, &file, &mutant("FnValue", (4, 9), "Some(once(1))")).is_none());
+        assert!(edit(source, &file, &mutant("FnValue", (7, 9), "1")).is_some());
     }
 
     /// Several in one file: an insertion where an expression begins is apart from that expression, its parts are not.

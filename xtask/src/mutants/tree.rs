@@ -191,10 +191,7 @@ impl Tree {
                 continue;
             }
             let spans = message["message"]["spans"].as_array().cloned().unwrap_or_default();
-            let mut blamed: Vec<usize> = spans.iter().flat_map(|span| planted_at(&places, span)).collect();
-            if blamed.is_empty() {
-                blamed.extend(spans.iter().filter_map(|span| planted_before(&places, span)));
-            }
+            let blamed: Vec<usize> = spans.iter().flat_map(|span| planted_at(&places, span)).collect();
             if blamed.is_empty() && !spans.is_empty() {
                 bail!("the copy does not compile:\n{}", message["message"]["rendered"].as_str().unwrap_or_default());
             }
@@ -234,37 +231,9 @@ fn messages(stdout: &[u8]) -> Vec<Value> {
 
 /// Mutants that a span of the compiler's touches.
 fn planted_at(places: &Places, span: &Value) -> Vec<usize> {
-    let (own, start, end) = span_of(places, span);
-    own.iter().filter(|(_, range)| range.start < end && start < range.end).map(|(number, _)| *number).collect()
-}
-
-/// The last mutant that ends before a span of the compiler's: where a function's type is `impl Trait`, the first `return`
-/// says which, and what the compiler has something against is the function's own value behind it.
-fn planted_before(places: &Places, span: &Value) -> Option<usize> {
-    let (own, start, _) = span_of(places, span);
-    own.iter().rfind(|(_, range)| range.end <= start).map(|(number, _)| *number)
-}
-
-/// The mutants of a span's file, in the order of their places, and where the span begins and ends.
-fn span_of<'a>(places: &'a Places, span: &Value) -> (&'a [(usize, Range<usize>)], usize, usize) {
     let file = span["file_name"].as_str().unwrap_or_default();
     let byte = |key: &str| span[key].as_u64().unwrap_or_default() as usize;
-    (places.get(Path::new(file)).map_or(&[], Vec::as_slice), byte("byte_start"), byte("byte_end"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Places, planted_at, planted_before};
-    use serde_json::json;
-
-    #[test]
-    fn a_mutant_is_blamed_for_what_touches_it_or_comes_next_behind_it() {
-        let places = Places::from([("a.rs".into(), vec![(7, 10..20), (8, 30..40)])]);
-        let span = |start: usize, end: usize| json!({ "file_name": "a.rs", "byte_start": start, "byte_end": end });
-        assert_eq!(planted_at(&places, &span(19, 31)), [7, 8]);
-        assert_eq!(planted_at(&places, &span(20, 30)), [0_usize; 0]);
-        let before = |start| planted_before(&places, &span(start, start + 1));
-        assert_eq!([before(9), before(20), before(39), before(50)], [None, Some(7), Some(7), Some(8)]);
-        assert_eq!(planted_before(&places, &json!({ "file_name": "b.rs", "byte_start": 50, "byte_end": 60 })), None);
-    }
+    let (start, end) = (byte("byte_start"), byte("byte_end"));
+    let own = places.get(Path::new(file)).into_iter().flatten();
+    own.filter(|(_, range)| range.start < end && start < range.end).map(|(number, _)| *number).collect()
 }

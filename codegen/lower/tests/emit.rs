@@ -53,7 +53,7 @@ fn an_unknown_symbol_of_an_effect_is_named() {
     insta::assert_snapshot!(dynid_lower::effect::EffectKernels::new(&effect).unwrap_err(), @"effect `viscous`: `torque` reads `Fv`, which is none of its parameters, states, terms or signals (q, dq, ddq, t, load, friction, qeq, q_from, dq_from, command, command_from)");
 }
 
-/// A law of every operation, in brackets where they are needed and nowhere else.
+/// A law of every operation; what is emitted of it has brackets only where they are needed.
 const EVERYTHING: &str = r#"
 title = "Everything"
 place = "joint"

@@ -94,11 +94,10 @@ mod tests {
     use super::*;
     use crate::oscillator::{self, Oscillator};
 
-    /// One law that is there and three that are not, each at its guess: the one comes first, the others stand in the order of what they
-    /// reached, and as many go on as should.
+    /// One law that is there and five that are not, each at its guess: half of them go on, and the one comes first.
     #[test]
     fn the_better_half_goes_on_and_the_best_comes_first() {
-        let run = Oscillator { stiffness: 1.1, cubic: 400.0 }.run(&[(0.02, 1.0), (0.01, 3.7)], 6.0, Role::Fit);
+        let run = Oscillator { stiffness: 1.1, cubic: 400.0 }.run(&[(0.02, 1.0), (0.01, 3.7)], 6.0, (Role::Fit, 5));
         let base = oscillator::model(1.0, "");
         let arms = |effects: &[&str]| -> Vec<Arm> {
             let arm = |effect: &&str| {
@@ -118,7 +117,7 @@ mod tests {
             };
             effects.iter().map(arm).collect()
         };
-        let laws = ["coulomb", "friction_load", "spring_cubic", "torque_offset"];
+        let laws = ["coulomb", "dahl", "friction_load", "spring_cubic", "stribeck", "torque_offset"];
         let settings = Settings { linearisations: (2, 8), last: 2, ..Settings::default() };
         let kept: Mutex<BTreeMap<String, State>> = Mutex::default();
         let keep = |key: &str, state: &State| {
@@ -126,7 +125,7 @@ mod tests {
         };
         let raced = race(arms(&laws), &settings, &|_| None, &keep, &|| false);
         assert_eq!(raced[0].key, "spring_cubic");
-        assert!(raced.len() <= 2 && raced.windows(2).all(|pair| pair[0].cost() <= pair[1].cost()));
+        assert!(raced.len() <= 3 && raced.windows(2).all(|pair| pair[0].cost() <= pair[1].cost()));
         let reached = |arm: &Arm| arm.state.as_ref().and_then(|state| state.cost).expect("it was predicted");
         assert!((raced[0].cost() - reached(&raced[0]) - 7.0).abs() < 1e-9);
         let kept = kept.into_inner().unwrap();
@@ -135,12 +134,13 @@ mod tests {
             kept.keys().filter_map(|key| key.strip_suffix(end.as_str())).collect()
         };
         assert_eq!(in_round(0), laws);
-        let second = in_round(1);
-        assert!(second.len() <= 2 && second.contains(&"spring_cubic"), "{second:?}");
         let cost = |law: &str, round: usize| kept[&format!("{law}, round {round}")].cost.unwrap_or(f64::INFINITY);
-        for other in laws.iter().filter(|law| !second.contains(law)) {
-            assert!(second.iter().all(|law| cost(law, 0) <= cost(other, 0)), "{other}");
-        }
+        let mut better = laws;
+        better.sort_by(|a, b| cost(a, 0).total_cmp(&cost(b, 0)));
+        let mut better: Vec<&str> =
+            better[..3].iter().copied().filter(|law| !kept[&format!("{law}, round 0")].is_done).collect();
+        better.sort_unstable();
+        assert_eq!(in_round(1), better);
         assert!(cost("spring_cubic", 1) < cost("spring_cubic", 0));
         let iterations = |round: usize| {
             let state = &kept[&format!("spring_cubic, round {round}")];

@@ -422,8 +422,8 @@ mod tests {
     fn a_spring_that_stiffens_is_a_formula() {
         const K3: f64 = 400.0;
         let plant = Oscillator { stiffness: 1.1, cubic: K3 };
-        let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, Role::Fit);
-        let held_out = plant.run(&[(0.025, 1.3)], 8.0, Role::Validate);
+        let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, (Role::Fit, 5));
+        let held_out = plant.run(&[(0.025, 1.3)], 8.0, (Role::Validate, 6));
         let model = oscillator::model(1.0, "");
         let found = discover(&model, &[&fit, &held_out]).expect("a search").expect("a formula");
         assert_eq!((found.joint, found.from, found.acts_on), (0, None, ActsOn::Motion));
@@ -450,8 +450,8 @@ mod tests {
     #[test]
     fn noise_is_no_formula() {
         let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
-        let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, Role::Fit);
-        let held_out = plant.run(&[(0.025, 1.3)], 8.0, Role::Validate);
+        let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, (Role::Fit, 5));
+        let held_out = plant.run(&[(0.025, 1.3)], 8.0, (Role::Validate, 6));
         let found = discover(&oscillator::model(1.0, ""), &[&fit, &held_out]).expect("a search");
         assert!(found.is_none(), "{found:?}");
     }

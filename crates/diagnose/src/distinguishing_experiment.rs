@@ -242,7 +242,7 @@ mod tests {
     fn what_is_proposed_tells_more_than_what_was_fitted() {
         let [own, other] = models();
         let fitted = Trial { free: vec![0], joint: 0, amplitude: FORCE, hz: 1.0, phase: SinePhase::Zero };
-        let run = Oscillator { stiffness: 1.0, cubic: K3 }.run(&[(FORCE, 1.0)], DURATION_S, Role::Fit);
+        let run = Oscillator { stiffness: 1.0, cubic: K3 }.run(&[(FORCE, 1.0)], DURATION_S, (Role::Fit, 5));
         let noise = noise_floor(&run.log.q[0]);
         let runs = [&run];
 
@@ -280,41 +280,47 @@ mod tests {
         assert_eq!(same, Some(DistinguishingExperiment::NoneFound { from: candidate, times_noise: 0.0 }));
     }
 
-    /// Sines as large as those of the runs are, of the joint that the effect acts on or comes from.
+    /// At the joint that the effect acts on, and at each that moves with it: seven frequencies in two phases, of a fifth to one and a half
+    /// times the size of the runs' commands.
     #[test]
     fn sines_about_those_of_the_runs_are_tried_where_the_effect_is_felt() {
         let model = Model::parse("device = \"planar2r\"\n", std::path::Path::new("made.toml")).expect("a model");
-        let alone = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(FORCE, 1.0)], 2.0, Role::Fit);
-        let of_joint = |free: &[usize], amplitudes: [f64; 2]| {
+        let alone = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(FORCE, 1.0)], 2.0, (Role::Fit, 5));
+        let of_joint = |free: &[usize], sizes: [f64; 2]| {
             let mut run = alone.clone();
             run.free = free.to_vec();
-            run.log.tau = amplitudes.map(|size| alone.log.tau[0].iter().map(|tau| size / FORCE * tau).collect()).into();
+            run.log.tau = sizes.map(|size| alone.log.tau[0].iter().map(|tau| size / FORCE * tau).collect()).into();
             run
         };
-        let tried = |effect_at: usize, runs: &[&Run]| {
+        // Which joint is driven with which free, and how large, in multiples of its runs' size.
+        let tried = |effect_at: usize, run: &Run, sizes: [f64; 2]| {
             let candidate = Candidate { effect: "coulomb".to_owned(), joint: Some(effect_at), from: None };
-            let trials = trials(&model, &candidate, runs);
-            let mut kinds: Vec<(Vec<usize>, usize, usize, String)> = Vec::new();
+            let trials = trials(&model, &candidate, &[run]);
+            let mut places: Vec<(Vec<usize>, usize)> = Vec::new();
             for trial in &trials {
-                let amplitude = format!("{:.3}", trial.amplitude);
-                let own = kinds
-                    .iter_mut()
-                    .find(|(free, joint, _, shown)| (free, *joint, &*shown) == (&trial.free, trial.joint, &amplitude));
-                match own {
-                    Some((.., count, _)) => *count += 1,
-                    None => kinds.push((trial.free.clone(), trial.joint, 1, amplitude)),
+                let place = (trial.free.clone(), trial.joint);
+                if places.last() != Some(&place) {
+                    places.push(place);
                 }
             }
-            kinds
+            for (free, joint) in &places {
+                let own = trials.iter().filter(|trial| (&trial.free, trial.joint) == (free, *joint));
+                let mut shares: Vec<f64> = own.map(|trial| trial.amplitude / sizes[*joint]).collect();
+                assert_eq!(shares.len(), 4 * 7 * 2);
+                shares.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+                let expected = [0.2, 0.5, 1.0, 1.5];
+                assert!(
+                    shares.len() == 4 && shares.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9),
+                    "{shares:?}"
+                );
+            }
+            places
         };
-        let kinds = |free: &[usize], joint: usize, size: f64| {
-            [0.2, 0.5, 1.0, 1.5].map(|share| (free.to_vec(), joint, 14, format!("{:.3}", share * size)))
-        };
+        let sizes = [1.2, 0.4];
         let second = of_joint(&[1], [0.0, 0.4]);
-        assert_eq!(tried(1, &[&second]), kinds(&[1], 1, 0.4), "only one joint was free");
-        assert_eq!(tried(0, &[&second]), [], "nothing is known of its torque");
-        let both = of_joint(&[0, 1], [1.2, 0.4]);
-        let all: Vec<_> = [kinds(&[0], 0, 1.2), kinds(&[0, 1], 0, 1.2), kinds(&[0, 1], 1, 0.4)].concat();
-        assert_eq!(tried(0, &[&both]), all);
+        assert_eq!(tried(1, &second, sizes), [(vec![1], 1)], "only one joint was free");
+        assert_eq!(tried(0, &second, sizes), [], "nothing is known of its torque");
+        let both = of_joint(&[0, 1], sizes);
+        assert_eq!(tried(0, &both, sizes), [(vec![0], 0), (vec![0, 1], 0), (vec![0, 1], 1)]);
     }
 }

@@ -88,12 +88,12 @@ fn too_short(run: &Run, needed: usize, because: WhySoMany) -> DiagnoseError {
 /// A fit must see enough of a run whose beginning is cut.
 fn enough_is_left(run: &Run, n_parts: usize) -> Result<(), DiagnoseError> {
     let (samples, cut) = (run.log.len(), run.n_cut());
-    // The last part is held out where there are some.
-    let seen = if n_parts > 1 { samples - samples / n_parts } else { samples };
-    if cut == 0 || seen >= cut + LEAST_SAMPLES {
+    let least = cut + LEAST_SAMPLES;
+    // The last part is held out where there are some, as `runs::split` has it.
+    let needed = if n_parts > 1 { (least * n_parts).div_ceil(n_parts - 1) } else { least };
+    if cut == 0 || samples >= needed {
         return Ok(());
     }
-    let needed = samples + cut + LEAST_SAMPLES - seen;
     Err(too_short(run, needed, WhySoMany::Cut { samples: cut }))
 }
 
@@ -145,6 +145,8 @@ fn first_guess(model: &Model, name: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use dynid_logs::part::part;
+
     use super::*;
     use crate::EffectParameter;
     use crate::oscillator::{self, Oscillator};
@@ -152,11 +154,8 @@ mod tests {
 
     /// So many samples.
     fn run(samples: usize, role: Role) -> Run {
-        let mut run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 10.0, role);
-        run.log.t.truncate(samples);
-        run.log.tau[0].truncate(samples);
-        run.log.q[0].truncate(samples);
-        run
+        let run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 10.0, (role, 5));
+        part(&run, 0..samples, role)
     }
 
     /// Samples that are needed, as it says, and why.
@@ -192,10 +191,12 @@ mod tests {
         let (held_out, because) = (run(64, Role::Validate), WhySoMany::Cut { samples: 50 });
         assert_eq!(too_short(&[&cut(113, Role::Fit, 0.495), &held_out]), Some((114, because)));
         assert_eq!(too_short(&[&cut(114, Role::Fit, 0.495), &held_out]), None);
-        // Of 300 samples the last hundred are held out: a fit sees 200 less what is cut.
+        // Where the last third is held out, a fit sees the first two less what is cut: 204 of 306 less 140 are 64.
         let because = WhySoMany::Cut { samples: 140 };
-        assert_eq!(too_short(&[&cut(300, Role::Fit, 1.395)]), Some((304, because)));
-        assert_eq!(too_short(&[&cut(300, Role::Fit, 1.355)]), None);
+        assert_eq!(too_short(&[&cut(305, Role::Fit, 1.395)]), Some((306, because)));
+        assert_eq!(too_short(&[&cut(306, Role::Fit, 1.395)]), None);
+        let parts = runs::split(&[&cut(306, Role::Fit, 1.395)]);
+        assert_eq!(parts[0].log.len() - parts[0].n_cut(), 64);
     }
 
     #[test]

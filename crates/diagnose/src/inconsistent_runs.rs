@@ -75,13 +75,14 @@ mod tests {
     /// Three runs of one mass, the spring of one of which is stiffer: it is named, with how far it is from what the others say.
     #[test]
     fn the_run_whose_spring_was_changed_is_named() {
-        let run = |stiffness: f64, cubic: f64, file: &str| {
-            let mut run = Oscillator { stiffness, cubic }.run(&[(0.02, 1.0), (0.01, 3.7)], 6.0, Role::Fit);
-            run.file = file.to_owned();
+        let run = |stiffness: f64, cubic: f64, (seconds, number): (f64, u64)| {
+            let sines = [(0.02, 1.0), (0.01, 3.7)];
+            let mut run = Oscillator { stiffness, cubic }.run(&sines, seconds, (Role::Fit, number));
+            run.file = number.to_string();
             run
         };
         let model = oscillator::model(1.0, "");
-        let (one, two, three) = (run(1.1, 0.0, "1"), run(1.3, 0.0, "2"), run(1.1, 0.0, "3"));
+        let (one, two, three) = (run(1.1, 0.0, (12.0, 1)), run(1.3, 0.0, (6.0, 2)), run(1.1, 0.0, (4.0, 3)));
         let of = |fit: &[&Run], held_out: &[&Run]| {
             let clone = |runs: &[&Run]| runs.iter().map(|run| (*run).clone()).collect::<Vec<_>>();
             let work = work(&model, clone(fit), clone(held_out));
@@ -106,6 +107,6 @@ mod tests {
 
         assert_eq!(of(&[&one, &three], &[]), [], "they agree");
         assert_eq!(of(&[&two], &[]), [], "there is no other");
-        assert_eq!(of(&[&one, &run(1.1, 400.0, "4")], &[]), [], "one is not explained by itself");
+        assert_eq!(of(&[&one, &run(1.1, 400.0, (6.0, 4))], &[]), [], "one is not explained by itself");
     }
 }

@@ -12,8 +12,9 @@ use dynid_user_model::Model;
 pub const NOISE: f64 = 1e-4;
 /// Time from sample to sample (s).
 pub const SAMPLE_S: f64 = 0.01;
-/// Of the mass (kg), and of the damper (N s/m).
+/// Of the mass (kg).
 const MASS: f64 = 8e-4;
+/// Of the damper (N s/m).
 const DAMPING: f64 = 0.006;
 
 /// A model of this stiffness (N/m), with more effects.
@@ -39,23 +40,29 @@ pub struct Oscillator {
 }
 
 impl Oscillator {
-    /// So many seconds under sines of these amplitudes (N) and frequencies (Hz), held between samples.
-    pub fn run(&self, sines: &[(f64, f64)], seconds: f64, role: Role) -> Run {
+    /// So many seconds under sines of these amplitudes (N) and frequencies (Hz), held between samples; with noise of this seed.
+    pub fn run(&self, sines: &[(f64, f64)], seconds: f64, role: (Role, u64)) -> Run {
         self.driven(sines, seconds, role, |now, _, _| now)
     }
 
-    /// The same, running straight from sample to sample.
-    pub fn run_with_line(&self, sines: &[(f64, f64)], seconds: f64, role: Role) -> Run {
+    /// The same with a command that runs straight from sample to sample.
+    pub fn run_with_straight_command(&self, sines: &[(f64, f64)], seconds: f64, role: (Role, u64)) -> Run {
         self.driven(sines, seconds, role, |now, next, share| now + share * (next - now))
     }
 
     /// `force` is told this and the next sample's, and which share of the time between them is over.
-    fn driven(&self, sines: &[(f64, f64)], seconds: f64, role: Role, force: fn(f64, f64, f64) -> f64) -> Run {
+    fn driven(
+        &self,
+        sines: &[(f64, f64)],
+        seconds: f64,
+        (role, seed): (Role, u64),
+        force: fn(f64, f64, f64) -> f64,
+    ) -> Run {
         const SUBSTEPS: usize = 20;
         let t: Vec<f64> = (0..(seconds / SAMPLE_S) as usize).map(|k| k as f64 * SAMPLE_S).collect();
         let tau: Vec<f64> =
             t.iter().map(|t| sines.iter().map(|(amplitude, hz)| amplitude * (TAU * hz * t).sin()).sum()).collect();
-        let mut random = Random::new(5);
+        let mut random = Random::new(seed);
         let (mut x, mut v) = (0.0, 0.0);
         let mut q = Vec::with_capacity(t.len());
         for (k, now) in tau.iter().copied().enumerate() {

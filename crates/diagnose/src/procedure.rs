@@ -330,10 +330,10 @@ mod tests {
         JointInnovations { joint, samples, deviation, whiteness: 1.0, correction: 0.0, tenths: Vec::new() }
     }
 
-    /// What gains most is the sum over its samples, and a joint that the other does not know gains nothing.
+    /// A joint gains its samples times the logarithm of the ratio of its deviations; one that the other fit lacks gains nothing.
     #[test]
     fn the_joint_that_is_helped_most_has_the_most_likely_logs() {
-        let run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 6.0, Role::Fit);
+        let run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 6.0, (Role::Fit, 5));
         let model = oscillator::model(1.0, "");
         let work = work(&model, vec![run.clone()], Vec::new());
         let fitted = work.base(&model, "base").expect("a fit");
@@ -380,7 +380,7 @@ mod tests {
         let model = Model::parse(text, Path::new("made.toml")).expect("a model");
         let plant = Oscillator { stiffness: 1.0, cubic: 0.0 };
         let at = |cutoff: f64| {
-            let mut run = plant.run(&[(0.02, 1.0)], 6.0, Role::Fit);
+            let mut run = plant.run(&[(0.02, 1.0)], 6.0, (Role::Fit, 5));
             run.settings.cutoff_hz = Some(cutoff);
             run
         };
@@ -401,8 +401,8 @@ mod tests {
         let said = |one: &Run, two: &Run| {
             diagnose(&model, &[one, two], &Options::default(), &Finished::new(), &|_| (), &|| false).expect("an answer")
         };
-        let fit = plant.run_with_line(&sines, 8.0, Role::Fit);
-        let found = said(&fit, &plant.run_with_line(&sines, 5.0, Role::Validate));
+        let straight = |seconds: f64, role: (Role, u64)| plant.run_with_straight_command(&sines, seconds, role);
+        let found = said(&straight(8.0, (Role::Fit, 5)), &straight(5.0, (Role::Validate, 6)));
         let straight = found.notes.iter().find_map(|note| match note {
             Note::StraightCommand { rmse_straight, rmse_standing } => Some((*rmse_straight, *rmse_standing)),
             _ => None,
@@ -411,7 +411,7 @@ mod tests {
         let (straight, standing) = (straight.expect("it is simulated"), standing.expect("it is simulated"));
         assert!((straight / NOISE - 1.0).abs() < 0.1 && standing > 1.3 * NOISE, "{straight} {standing}");
         assert_eq!(found.verdict, Verdict::NothingMissing);
-        let found = said(&plant.run(&sines, 8.0, Role::Fit), &plant.run(&sines, 5.0, Role::Validate));
+        let found = said(&plant.run(&sines, 8.0, (Role::Fit, 5)), &plant.run(&sines, 5.0, (Role::Validate, 6)));
         assert_eq!(found.verdict, Verdict::NothingMissing);
         assert!(!found.notes.iter().any(|note| matches!(note, Note::StraightCommand { .. })), "{:?}", found.notes);
     }

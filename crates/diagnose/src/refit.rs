@@ -291,7 +291,7 @@ pub(super) mod tests {
     fn what_is_left_is_summed_by_joint_and_role() {
         let model = oscillator::model(1.0, "");
         let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
-        let mut runs = [(6.0, Role::Fit), (4.0, Role::Fit), (5.0, Role::Validate)]
+        let mut runs = [(6.0, (Role::Fit, 5)), (4.0, (Role::Fit, 6)), (5.0, (Role::Validate, 7))]
             .map(|(seconds, role)| plant.run(&[(0.02, 1.0), (0.01, 3.7)], seconds, role));
         runs[0].settings.from_s = Some(0.995);
         let all: Vec<&Run> = runs.iter().collect();
@@ -324,8 +324,8 @@ pub(super) mod tests {
         close(held_out.squares, squares(2));
         assert_eq!(held_out.samples, of(2).n_used() as f64);
         assert_eq!((fitted.noise_squares, fitted.white), (None, false));
-        let half = oscillator::model(1.0, "[[effect]]\nid = \"saturation\"\njoint = 0\nlimit = 0.01\n");
-        let compared = compare(&half, &all).expect("a comparison");
+        let saturated = oscillator::model(1.0, "[[effect]]\nid = \"saturation\"\njoint = 0\nlimit = 0.01\n");
+        let compared = compare(&saturated, &all).expect("a comparison");
         let torque = &compared.runs[2].torque[0];
         let share = torque.delivered_share().expect("it is known");
         assert!(share > 0.1 && share < 0.9, "{share}");
@@ -333,7 +333,7 @@ pub(super) mod tests {
         let squares: f64 = used.map(|(residual, _)| residual * residual).sum();
         close(left(&compared, &all, ErrorSignal::Torque)[1].squares, squares / (share * share));
         // How many unknown parameters of effects there are: the gain is fixed.
-        assert_eq!((count(&model, all.iter().copied()), count(&half, all.iter().copied())), (3.0, 4.0));
+        assert_eq!((count(&model, all.iter().copied()), count(&saturated, all.iter().copied())), (3.0, 4.0));
         assert_eq!(count(&model, &[]), 0.0, "nothing depends on them");
     }
 }

@@ -356,8 +356,8 @@ mod tests {
         let all = |own: usize, free: &[usize], kinds: &[JointKind]| -> Vec<String> {
             dictionary(own, free, kinds).iter().map(|term| term.label(own)).collect()
         };
-        // 3 places and 13 motions of one slide, without nothing and the load; its cube; 5 by time and 4 more by each load than stand
-        // there; time squared; two loads that drift.
+        // 3 places and 13 motions of one slide, without nothing and the load; its cube; its 5 speeds by time and by each load; time squared;
+        // two loads that drift.
         let slide = all(0, &[0], &[Prismatic]);
         assert_eq!(slide.len(), 3 * 13 - 2 + 1 + 3 * 5 + 1 + 2);
         assert!(slide.iter().all(|label| !label.contains("sin") && label != "load0"), "{slide:?}");

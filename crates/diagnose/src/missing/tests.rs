@@ -5,16 +5,16 @@ use dynid_logs::experiment::Role;
 use super::*;
 use crate::oscillator::{self, Oscillator};
 
-/// Of the mass on its spring: two runs to fit to, one held out.
 const STIFFNESS: f64 = 1.1;
 const K3: f64 = 400.0;
 
+/// Of the mass on its spring: two to fit to, one held out.
 fn runs(cubic: f64) -> [Run; 3] {
     let plant = Oscillator { stiffness: STIFFNESS, cubic };
     [
-        plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, Role::Fit),
-        plant.run(&[(0.03, 0.7), (0.006, 5.3)], 8.0, Role::Fit),
-        plant.run(&[(0.025, 1.3)], 6.0, Role::Validate),
+        plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, (Role::Fit, 5)),
+        plant.run(&[(0.03, 0.7), (0.006, 5.3)], 8.0, (Role::Fit, 6)),
+        plant.run(&[(0.025, 1.3)], 6.0, (Role::Validate, 7)),
     ]
 }
 
@@ -44,7 +44,7 @@ fn close(found: f64, expected: f64) {
     assert!((found - expected).abs() <= 1e-9 * expected.abs().max(1.0), "{found}, not {expected}");
 }
 
-/// But for what a variance is kept from 0 by.
+/// Up to the floor that a variance has.
 fn near(found: f64, expected: f64) {
     assert!((found / expected - 1.0).abs() < 1e-6, "{found}, not {expected}");
 }
@@ -92,15 +92,11 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
     assert!(right.is_whole(&work.settings) && work.leaves_nothing(&right));
     assert_eq!(right.unknowns, 2.0, "K3 and q_mid");
     close(right.price(), 2000.0_f64.ln());
-    // All that the logs' noise leaves to explain, as the logs themselves have it
-    let noise = noise_at(work.fit.iter(), 0);
-    let short = |own: &Fitted| 2000.0 * (own.fit.joints[0].deviation / noise).ln().max(0.0);
-    close(base.falls_short(&work.fit), short(&base));
-    close(
-        right.explains(&base, &work.fit),
-        (right.fit.log_likelihood - base.fit.log_likelihood) / base.falls_short(&work.fit),
-    );
+    // The noise that was added is all that is left to explain; it is known from the logs to a tenth.
+    let short = |own: &Fitted| 2000.0 * (own.fit.joints[0].deviation / oscillator::NOISE).ln();
+    assert!((base.falls_short(&work.fit) - short(&base)).abs() < 200.0, "{}", short(&base));
     assert!((right.explains(&base, &work.fit) - 1.0).abs() < 0.05);
+    assert_eq!(base.explains(&base, &work.fit), 0.0);
     let wrong = finish("coulomb");
     assert!(wrong.explains(&base, &work.fit) < 0.5 && !right.is_like(&wrong, 5.0, &work.settings));
     // Without it, from the values with it, the fit is the one before it was added.
@@ -110,19 +106,19 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
     let with = work.without(&right, &[&candidate("spring_cubic")], "with").expect("a fit");
     assert!((with.score() - right.score()).abs() < 0.1, "{} {}", with.score(), right.score());
 
-    // What is asked at the fitted and the believed values ranks it first.
+    // Asked at the fitted and the believed values, it or a law that contains it comes first.
     let starts = work.starts(&base, &[], &|_| true).expect("starts");
     let most = starts.iter().max_by(|a, b| a.promise.total_cmp(&b.promise)).expect("a start");
     assert!(right.candidate.as_ref().is_some_and(|own| *own == most.candidate || most.candidate.contains(own)));
     let all = candidates(&base.model, &work.fit.iter().collect::<Vec<_>>());
     assert_eq!(work.places(&base.model), all.len());
     assert!(starts.iter().all(|start| all.contains(&start.candidate)));
-    // It promises about what it comes to, in 20 s of 20.
+    // To first order it promises a good part of what it comes to, in 20 s of 20.
     close(work.of_all(), 1.0);
     let gain = right.fit.log_likelihood - base.fit.log_likelihood;
     let own = starts.iter().filter(|start| Some(&start.candidate) == right.candidate.as_ref());
     let promise = own.map(|start| start.promise).fold(0.0, f64::max);
-    assert!(promise > 0.3 * gain && promise < 1.5 * gain, "{promise} of {gain}");
+    assert!(promise > 0.5 * gain && promise < 1.1 * gain, "{promise} of {gain}");
     let shown = work.shown(&base, starts.clone(), 0.5 * promise).expect("starts");
     assert!(shown.iter().any(|start| Some(&start.candidate) == right.candidate.as_ref()));
     assert!(shown.iter().all(|start| start.promise > 0.5 * promise));
@@ -148,7 +144,7 @@ fn kin_of_a_law_begin_at_its_values() {
         *names.entry(start.candidate.effect.as_str()).or_default() += 1;
         names
     });
-    // What it holds is begun once; what holds it as guessed, and with nothing new.
+    // A smaller law begins once; a larger one twice, as guessed and with what it adds at null.
     for start in &kin {
         let (other, times) = (&start.candidate, names[start.candidate.effect.as_str()]);
         assert!(own.contains(other) || other.contains(own), "{other}");
@@ -203,7 +199,7 @@ fn long_runs_are_fitted_on_their_beginnings_first() {
     let lengths: Vec<usize> = work.beginnings().iter().map(|run| run.log.len()).collect();
     assert_eq!(lengths, [401, 401]);
     close(work.of_all(), 2000.0 / 802.0);
-    assert_eq!(work.beginnings_of(500).iter().map(|run| run.log.len()).collect::<Vec<_>>(), [250, 250]);
+    assert_eq!(work.beginnings_of(501).iter().map(|run| run.log.len()).collect::<Vec<_>>(), [251, 251]);
     let begun = work.first_base("base").expect("a fit");
     assert_eq!(keys.lock().unwrap().split_off(0), ["base beginnings", "base"]);
     assert!((begun.score() - whole.score()).abs() < 0.1, "{} {}", begun.score(), whole.score());
@@ -257,18 +253,20 @@ fn laws_are_alike_where_what_one_falls_short_by_may_be_chance() {
     let base = work.base(&model, "base").expect("a fit");
     let settings = &work.settings;
     let best = with_squares(&base, candidate("spring_cubic"), [0.0; 10], [0.0; 10]);
-    // Log likelihoods of the parts differ by 6 and -4 in turn, then by -6 and 4: both sums are 10, one up, one down.
-    let turns = |odd: f64, even: f64| std::array::from_fn(|part| if part % 2 == 0 { 2.0 * odd } else { 2.0 * even });
-    let rival = |fitted, held_out| with_squares(&base, candidate("coulomb"), fitted, held_out);
+    // By how much the log likelihood of a part falls short, in turn: 10 in all, and of what is held out -9.
+    let turns = |even: f64, odd: f64| std::array::from_fn(|part| if part % 2 == 0 { even } else { odd });
+    let rival = |fitted: [f64; 10], held_out: [f64; 10]| {
+        with_squares(&base, candidate("coulomb"), fitted.map(|short| 2.0 * short), held_out.map(|short| 2.0 * short))
+    };
     let short = rival(turns(6.0, -4.0), turns(-5.8, 4.0));
     close(best.score() - short.score(), 1.0);
     assert!(best.is_like(&short, 0.5, settings), "they vary by more");
-    // The same each time, and in what was held out: 20 in all is no chance, but less than what is asked.
-    let each = rival([2.0; 10], [2.0; 10]);
-    close(best.score() - each.score(), 20.0);
-    assert!(!best.is_like(&each, 19.0, settings) && best.is_like(&each, 21.0, settings));
+    // Both ways the same, 10 and 10: no chance, however they vary from part to part, unless it is less than what is asked.
+    let both = rival(turns(8.0, -6.0), turns(8.0, -6.0));
+    close(best.score() - both.score(), 20.0);
+    assert!(!best.is_like(&both, 19.0, settings) && best.is_like(&both, 21.0, settings));
     // As much, but against each other: 40 against -20, which differ from part to part by 3, sqrt(20/19) of it.
-    let against = rival([8.0; 10], [-4.0; 10]);
+    let against = rival([4.0; 10], [-2.0; 10]);
     close(best.score() - against.score(), 20.0);
     let deviation = (20.0 * 9.0 * 20.0 / 19.0_f64).sqrt();
     for (apart, expected) in [(21.0 / deviation, true), (19.0 / deviation, false)] {
@@ -302,7 +300,7 @@ fn a_second_start_of_a_candidate_stands_among_the_firsts_of_others() {
         .filter(|(_, start)| start.candidate.effect == "law0")
         .map(|(place, start)| (place, start.probe))
         .collect();
-    // Twelve places behind the first and behind the first of the thirteenth; the third would stand at the 24th, behind all.
+    // Twelve places behind the first, just before law12; the third's turn would be behind all.
     assert_eq!(of_first, [(0, 0), (12, 1), (21, 2)]);
     let others: Vec<&str> =
         turns.iter().map(|start| start.candidate.effect.as_str()).filter(|name| *name != "law0").collect();

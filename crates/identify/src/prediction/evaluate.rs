@@ -753,18 +753,13 @@ mod tests {
         let cost = |x: &[f64]| evaluator.at(&plan).cost(x).expect("a cost");
         let costs = POLES.map(|pole| cost(&with(pole)));
         let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
-        assert!((cost(&start) - least).abs() < 0.05 * open.runs.len() as f64, "{costs:?}");
+        assert!(cost(&start) <= least + ROUGHLY, "with steps that may cost so much: {costs:?}");
         assert!(start[first..].iter().all(|pole| *pole == start[first]) && POLES.contains(&start[first]));
+        // No model explains these logs: the more firmly it is held to them the likelier, unless nothing is.
+        assert!(costs.is_sorted_by(|a, b| a > b), "{costs:?}");
         let free = with(0.999);
-        let held = evaluator.followed(&free, Some(cost(&free)), &plan);
-        let trials: Vec<f64> = POLES.iter().map(|pole| cost(&with(*pole))).collect();
-        // The first of them that is no likelier ends it.
-        let expected = trials.iter().scan(cost(&free), |least, cost| {
-            let is_likelier = cost < least;
-            *least = *cost;
-            is_likelier.then_some(*cost)
-        });
-        let expected = expected.last().unwrap_or(cost(&free));
-        assert_eq!(cost(&held), expected, "{trials:?}");
+        assert_eq!(evaluator.followed(&free, Some(cost(&free)), &plan), with(LEAST_POLE));
+        assert_eq!(evaluator.followed(&free, Some(costs[2] - 1.0), &plan), free, "the first is no likelier");
+        assert_eq!(evaluator.followed(&with(LEAST_POLE), None, &plan), with(LEAST_POLE), "there is none below");
     }
 }

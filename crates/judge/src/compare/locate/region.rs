@@ -186,24 +186,20 @@ fn quantile(trace: &Trace, values: &[f64], share: f64) -> f64 {
     used.get((share * used.len() as f64) as usize).copied().unwrap_or(0.0)
 }
 
+/// The samples of each region, for tests.
 #[cfg(test)]
-pub mod tests {
-    use super::*;
-
-    /// The samples of each region.
-    pub fn named(trace: &Trace) -> Vec<(&'static str, Vec<bool>)> {
-        let name = |region: &Region| match region {
-            Region::Reversals { .. } => "reversals",
-            Region::LowSpeed { .. } => "low speed",
-            Region::HighSpeed { .. } => "high speed",
-            Region::EndOfRange { .. } => "end of range",
-            Region::OneSide { side: Side::Below, .. } => "below",
-            Region::OneSide { side: Side::Above, .. } => "above",
-            Region::HighCommand { .. } => "high command",
-            Region::PartOfRun { third: Third::First } => "first",
-            Region::PartOfRun { third: Third::Second } => "second",
-            Region::PartOfRun { third: Third::Last } => "last",
-        };
-        regions(trace).into_iter().map(|samples| (name(&samples.region), samples.inside)).collect()
-    }
+pub fn named(trace: &Trace) -> Vec<(&'static str, Vec<bool>)> {
+    let name = |region: &Region| match region {
+        Region::Reversals { .. } => "reversals",
+        Region::LowSpeed { .. } => "low speed",
+        Region::HighSpeed { .. } => "high speed",
+        Region::EndOfRange { .. } => "end of range",
+        Region::OneSide { side: Side::Below, .. } => "below",
+        Region::OneSide { side: Side::Above, .. } => "above",
+        Region::HighCommand { .. } => "high command",
+        Region::PartOfRun { third: Third::First } => "first",
+        Region::PartOfRun { third: Third::Second } => "second",
+        Region::PartOfRun { third: Third::Last } => "last",
+    };
+    regions(trace).into_iter().map(|samples| (name(&samples.region), samples.inside)).collect()
 }

@@ -334,7 +334,7 @@ fn partly_used(mut made: Trace) -> Trace {
     made
 }
 
-/// All that is said of errors whose causes are known, as a snapshot of four digits: whether it is right, the other tests ask.
+/// All that is said of errors whose causes are known, as a snapshot: whether it is right, the other tests ask.
 #[test]
 fn everything_that_is_found() {
     let smooth_sign = |dq: f64| (dq / 1e-3).tanh();
@@ -382,10 +382,10 @@ fn everything_that_is_found() {
     insta::assert_snapshot!(text);
 }
 
-/// What is found, with numbers of four digits behind the point.
+/// What is found, with the digits that every machine has.
 fn in_short(found: &Finding) -> String {
     let Finding { kind, share, expected, regression, rank, .. } = found;
-    format!("{kind:.4?} {share:.4} of {expected:.4} {rank:.4} {regression:?}")
+    format!("{kind:.6?} {share:.4} of {expected:.3e} {rank:.4} {regression:?}")
 }
 
 /// Of a joint that goes up for a second and down for the next, eight times, at one speed or at twice that.

@@ -92,13 +92,13 @@ mod tests {
     use dynid_logs::experiment::Role;
 
     use super::*;
-    use crate::oscillator::{self, Oscillator};
+    use crate::fixtures::{self, Oscillator, candidate};
 
     /// One law that is there and five that are not, each at its guess: half of them go on, and the one comes first.
     #[test]
     fn the_better_half_goes_on_and_the_best_comes_first() {
         let run = Oscillator { stiffness: 1.1, cubic: 400.0 }.run(&[(0.02, 1.0), (0.01, 3.7)], 6.0, (Role::Fit, 5));
-        let base = oscillator::model(1.0, "");
+        let base = fixtures::model(1.0, "");
         let arms = |effects: &[&str]| -> Vec<Arm> {
             let arm = |effect: &&str| {
                 let mut model = base.clone();
@@ -106,7 +106,7 @@ mod tests {
                 let problem =
                     PredictionProblem::of_model(&model, &|_| None, std::slice::from_ref(&run)).expect("a problem");
                 Arm {
-                    candidate: Some(Candidate { effect: (*effect).to_owned(), joint: Some(0), from: None }),
+                    candidate: Some(candidate(effect)),
                     model,
                     key: (*effect).to_owned(),
                     problem,

@@ -413,8 +413,7 @@ mod tests {
     use dynid_logs::experiment::Role;
 
     use super::*;
-    use crate::missing::tests::work;
-    use crate::oscillator::{self, Oscillator};
+    use crate::fixtures::{self, Oscillator, work};
 
     /// A spring that stiffens, of which the model knows nothing: a formula of one term says it, with its coefficient and how sure that is,
     /// and explains the runs held out.
@@ -424,7 +423,7 @@ mod tests {
         let plant = Oscillator { stiffness: 1.1, cubic: K3 };
         let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, (Role::Fit, 5));
         let held_out = plant.run(&[(0.025, 1.3)], 8.0, (Role::Validate, 6));
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let found = discover(&model, &[&fit, &held_out]).expect("a search").expect("a formula");
         assert_eq!((found.joint, found.from, found.acts_on), (0, None, ActsOn::Motion));
         let [term] = found.terms.as_slice() else { panic!("{:?}", found.terms) };
@@ -452,7 +451,7 @@ mod tests {
         let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
         let fit = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, (Role::Fit, 5));
         let held_out = plant.run(&[(0.025, 1.3)], 8.0, (Role::Validate, 6));
-        let found = discover(&oscillator::model(1.0, ""), &[&fit, &held_out]).expect("a search");
+        let found = discover(&fixtures::model(1.0, ""), &[&fit, &held_out]).expect("a search");
         assert!(found.is_none(), "{found:?}");
     }
 

@@ -215,7 +215,7 @@ fn difference(one: &Model, other: &Model, trial: &Trial, runs: &[&Run], seen: &[
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::oscillator::{self, Oscillator};
+    use crate::fixtures::{self, Oscillator};
     use dynid_logs::experiment::Role;
 
     /// Amplitude of the fitted run's command (N), and stiffness of the cubic spring (N/m^3).
@@ -225,7 +225,7 @@ mod tests {
     /// A mass on a spring that stiffens, and one on a stiffer straight spring: at the run's amplitude the two are alike but
     /// for the third harmonic, `K + 3/4 K3 A^2` being the stiffness of the first.
     fn models() -> [Model; 2] {
-        [oscillator::model(1.0, &oscillator::cubic(K3)), oscillator::model(1.0 + 0.75 * K3 * FORCE * FORCE, "")]
+        [fixtures::model(1.0, &fixtures::cubic(K3)), fixtures::model(1.0 + 0.75 * K3 * FORCE * FORCE, "")]
     }
 
     fn played(model: &Model, trial: &Trial, substeps: usize) -> Vec<f64> {

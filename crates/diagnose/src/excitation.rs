@@ -149,7 +149,7 @@ mod tests {
 
     use super::*;
     use crate::EffectParameter;
-    use crate::oscillator::{self, Oscillator};
+    use crate::fixtures::{self, Oscillator};
     use crate::refit::tests::empty;
 
     /// So many samples.
@@ -160,7 +160,7 @@ mod tests {
 
     /// Samples that are needed, as it says, and why.
     fn too_short(runs: &[&Run]) -> Option<(usize, WhySoMany)> {
-        match check(&oscillator::model(1.0, ""), runs) {
+        match check(&fixtures::model(1.0, ""), runs) {
             Ok(_) => None,
             Err(DiagnoseError::TooShortToTell { needed, because, samples, span_s, needed_s, .. }) => {
                 assert!((span_s - (samples - 1) as f64 * 0.01).abs() < 1e-9 && needed > samples);
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn joints_that_stand_still_or_are_never_held_out_are_named() {
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let moving = run(300, Role::Fit);
         let mut still = run(300, Role::Validate);
         still.log.q[0].fill(0.1);
@@ -220,7 +220,7 @@ mod tests {
     /// What the fit does not depend on, what it knows no better than its guess, and what never moves; links by their number.
     #[test]
     fn what_is_left_open_is_named_after_the_fit() {
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let moving = run(300, Role::Fit);
         let own = |name: &str, value: f64, std_error: f64, identifiable: bool| EffectParameter {
             name: name.to_owned(),

@@ -69,8 +69,7 @@ pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::missing::tests::work;
-    use crate::oscillator::{self, Oscillator};
+    use crate::fixtures::{self, Oscillator, work};
 
     /// Three runs of one mass, the spring of one of which is stiffer: it is named, with how far it is from what the others say.
     #[test]
@@ -81,7 +80,7 @@ mod tests {
             run.file = number.to_string();
             run
         };
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let (one, two, three) = (run(1.1, 0.0, (12.0, 1)), run(1.3, 0.0, (6.0, 2)), run(1.1, 0.0, (4.0, 3)));
         let of = |fit: &[&Run], held_out: &[&Run]| {
             let clone = |runs: &[&Run]| runs.iter().map(|run| (*run).clone()).collect::<Vec<_>>();

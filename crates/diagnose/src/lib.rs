@@ -28,11 +28,11 @@ mod error;
 mod evidence;
 mod excitation;
 mod first_estimate;
+#[cfg(test)]
+mod fixtures;
 mod inconsistent_runs;
 mod missing;
 mod note;
-#[cfg(test)]
-mod oscillator;
 mod procedure;
 mod refit;
 mod runs;

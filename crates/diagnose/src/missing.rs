@@ -707,4 +707,4 @@ fn beginning(run: &Run, seconds: f64) -> Run {
 }
 
 #[cfg(test)]
-pub mod tests;
+mod tests;

@@ -323,54 +323,74 @@ mod tests {
     use dynid_logs::experiment::Role;
 
     use super::*;
-    use crate::missing::tests::work;
-    use crate::oscillator::{self, NOISE, Oscillator};
+    use crate::fixtures::{self, NOISE, Oscillator, close, work};
 
     fn innovations(joint: usize, samples: f64, deviation: f64) -> JointInnovations {
         JointInnovations { joint, samples, deviation, whiteness: 1.0, correction: 0.0, tenths: Vec::new() }
     }
 
+    /// A run, and a model fitted to it.
+    fn fitted() -> (Run, Fitted) {
+        let run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 6.0, (Role::Fit, 5));
+        let model = fixtures::model(1.0, "");
+        let base = work(&model, vec![run.clone()], Vec::new()).base(&model, "base").expect("a fit");
+        (run, base)
+    }
+
+    /// The same with these errors left.
+    fn with(fitted: &Fitted, joints: &[JointInnovations], held_out: Option<&[JointInnovations]>) -> Fitted {
+        let mut own = fitted.clone();
+        own.fit.joints = joints.to_vec();
+        own.held_out = held_out.map(|joints| HeldOut { log_likelihood: 0.0, joints: joints.to_vec() });
+        own
+    }
+
     /// A joint gains its samples times the logarithm of the ratio of its deviations; one that the other fit lacks gains nothing.
     #[test]
     fn the_joint_that_is_helped_most_has_the_most_likely_logs() {
-        let run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 6.0, (Role::Fit, 5));
-        let model = oscillator::model(1.0, "");
-        let work = work(&model, vec![run.clone()], Vec::new());
-        let fitted = work.base(&model, "base").expect("a fit");
-        let with = |joints: &[JointInnovations]| {
-            let mut own = fitted.clone();
-            own.fit.joints = joints.to_vec();
-            own
-        };
-        let before = with(&[innovations(2, 100.0, 4.0), innovations(3, 1000.0, 4.0), innovations(5, 100.0, 9.0)]);
-        let after = |first: f64, second: f64| with(&[innovations(3, 1000.0, second), innovations(2, 100.0, first)]);
+        let (_, fitted) = fitted();
+        let of = |joints: &[JointInnovations]| with(&fitted, joints, None);
+        let before = of(&[innovations(2, 100.0, 4.0), innovations(3, 1000.0, 4.0), innovations(5, 100.0, 9.0)]);
+        let after = |first: f64, second: f64| of(&[innovations(3, 1000.0, second), innovations(2, 100.0, first)]);
         assert_eq!(helped(&before, &after(1.0, 2.0)), 3, "100 times ln 4, 1000 times ln 2");
         assert_eq!(helped(&before, &after(1.0, 3.9)), 2, "1000 times ln 4/3.9");
         assert_eq!(helped(&before, &after(8.0, 8.0)), 5, "the others became worse");
-        assert_eq!(helped(&with(&[]), &before), 0);
+        assert_eq!(helped(&of(&[]), &before), 0);
+    }
 
-        // The largest error of a prediction over the noise of its log, of the runs held out where there are some.
+    /// The largest error of a prediction over the noise of its log, of the runs held out where there are some.
+    #[test]
+    fn one_step_errors_are_told_in_noises() {
+        let (run, fitted) = fitted();
         let noise = noise_at([&run].into_iter(), 0);
         assert!((noise / NOISE - 1.0).abs() < 0.1);
-        let mut judged = with(&[innovations(0, 100.0, 3.0 * noise)]);
-        judged.held_out = Some(HeldOut { log_likelihood: 0.0, joints: vec![innovations(0, 50.0, 2.0 * noise)] });
-        let ratio = |own: &Fitted| one_step(own, &[&run]).expect("a ratio");
-        assert!((ratio(&judged) - 2.0).abs() < 1e-12);
-        judged.held_out = Some(HeldOut { log_likelihood: 0.0, joints: Vec::new() });
-        assert!((ratio(&judged) - 3.0).abs() < 1e-12);
-        judged.held_out = None;
-        assert!((ratio(&judged) - 3.0).abs() < 1e-12);
-        // As a fit states its cost: how many noises the errors have, in log likelihood.
-        let record = record(&judged, &[&run]);
-        assert!((record.cost_after - 100.0 * 3.0_f64.ln()).abs() < 1e-9, "{}", record.cost_after);
+        let ratio = |held_out: Option<&[JointInnovations]>| {
+            one_step(&with(&fitted, &[innovations(0, 100.0, 3.0 * noise)], held_out), &[&run]).expect("a ratio")
+        };
+        close(ratio(Some(&[innovations(0, 50.0, 2.0 * noise)])), 2.0);
+        close(ratio(Some(&[])), 3.0);
+        close(ratio(None), 3.0);
+    }
+
+    /// A fit states as its cost how many noises its errors have, in log likelihood.
+    #[test]
+    fn a_record_says_how_values_were_found() {
+        let (run, fitted) = fitted();
+        let noise = noise_at([&run].into_iter(), 0);
+        let record = record(&with(&fitted, &[innovations(0, 100.0, 3.0 * noise)], None), &[&run]);
+        close(record.cost_after, 100.0 * 3.0_f64.ln());
         assert_eq!((&*record.error, record.not_identifiable.len(), record.at_bound.len()), ("prediction", 0, 0));
         assert!(record.std_error.contains_key("joint.0.spring.Ks"), "{:?}", record.std_error);
+    }
 
-        // Schwarz's criterion: each unknown costs the logarithm of the samples.
-        let mut more = judged.clone();
-        (more.unknowns, more.fit.log_likelihood) = (3.0, judged.fit.log_likelihood + 50.0);
-        assert!((delta_bic(&judged, &more) - (3.0 * 100.0_f64.ln() - 100.0)).abs() < 1e-9);
-        assert!((delta_bic(&more, &judged) + delta_bic(&judged, &more)).abs() < 1e-9);
+    /// Schwarz's criterion: each unknown costs the logarithm of the samples.
+    #[test]
+    fn more_unknowns_must_be_worth_their_price() {
+        let plain = with(&fitted().1, &[innovations(0, 100.0, 1.0)], None);
+        let mut more = plain.clone();
+        (more.unknowns, more.fit.log_likelihood) = (3.0, plain.fit.log_likelihood + 50.0);
+        close(delta_bic(&plain, &more), 3.0 * 100.0_f64.ln() - 100.0);
+        close(delta_bic(&more, &plain), 100.0 - 3.0 * 100.0_f64.ln());
     }
 
     /// A free simulation has no rate; the torque error's is the lowest cutoff of its filters.
@@ -397,7 +417,7 @@ mod tests {
     fn a_command_that_runs_straight_is_noticed() {
         let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
         let sines = [(0.02, 1.0), (0.01, 5.3)];
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let said = |one: &Run, two: &Run| {
             diagnose(&model, &[one, two], &Options::default(), &Finished::new(), &|_| (), &|| false).expect("an answer")
         };

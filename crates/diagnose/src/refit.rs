@@ -241,7 +241,7 @@ pub(super) fn left(comparison: &Comparison, runs: &[&Run], error: ErrorSignal) -
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::oscillator::{self, Oscillator};
+    use crate::fixtures::{self, Oscillator, close};
 
     /// A fit that left nothing, not even a file.
     pub(crate) fn empty() -> Refit {
@@ -289,7 +289,7 @@ pub(super) mod tests {
     /// Sums over the runs of a role of what a comparison says of each, a beginning that is cut being left out.
     #[test]
     fn what_is_left_is_summed_by_joint_and_role() {
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
         let mut runs = [(6.0, (Role::Fit, 5)), (4.0, (Role::Fit, 6)), (5.0, (Role::Validate, 7))]
             .map(|(seconds, role)| plant.run(&[(0.02, 1.0), (0.01, 3.7)], seconds, role));
@@ -304,7 +304,6 @@ pub(super) mod tests {
             let simulated = &compared.runs[run].simulated.as_ref().expect("it is simulated")[0];
             runs[run].log.q[0].iter().zip(simulated).skip(first).map(|(y, q)| (y - q).powi(2)).sum()
         };
-        let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a}, not {b}");
         close(fitted.squares, squares(0, 100) + squares(1, 0));
         close(held_out.squares, squares(2, 0));
         let noise = |run: usize| compared.runs[run].joints[0].noise_floor.max(noise_of(&runs[run].log.q[0])).powi(2);
@@ -324,7 +323,7 @@ pub(super) mod tests {
         close(held_out.squares, squares(2));
         assert_eq!(held_out.samples, of(2).n_used() as f64);
         assert_eq!((fitted.noise_squares, fitted.white), (None, false));
-        let saturated = oscillator::model(1.0, "[[effect]]\nid = \"saturation\"\njoint = 0\nlimit = 0.01\n");
+        let saturated = fixtures::model(1.0, "[[effect]]\nid = \"saturation\"\njoint = 0\nlimit = 0.01\n");
         let compared = compare(&saturated, &all).expect("a comparison");
         let torque = &compared.runs[2].torque[0];
         let share = torque.delivered_share().expect("it is known");

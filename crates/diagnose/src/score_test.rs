@@ -278,11 +278,10 @@ const LEAST_RATE: f64 = 1.0;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::oscillator;
+    use crate::fixtures::{self, candidate};
 
     fn start(effect: &str, promise: f64, probe: usize) -> Start {
-        let candidate = Candidate { effect: effect.to_owned(), joint: Some(0), from: None };
-        Start { candidate, model: oscillator::model(1.0, ""), promise, probe, step: Vec::new() }
+        Start { candidate: candidate(effect), model: fixtures::model(1.0, ""), promise, probe, step: Vec::new() }
     }
 
     #[test]

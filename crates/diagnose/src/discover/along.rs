@@ -331,8 +331,7 @@ mod tests {
 
     use super::*;
     use crate::discover::term::Factor;
-    use crate::missing::tests::work;
-    use crate::oscillator::{self, Oscillator};
+    use crate::fixtures::{self, Oscillator, work};
     use dynid_user_model::Model;
 
     fn runs() -> [Run; 2] {
@@ -348,7 +347,7 @@ mod tests {
     /// The errors of a model that has a little of a law differ by what its term answers.
     #[test]
     fn a_term_moves_the_predictions_as_its_law_does() {
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let [fit, held_out] = runs();
         let work = work(&model, vec![fit], vec![held_out]);
         let base = work.base(&model, "base").expect("a fit");
@@ -383,7 +382,7 @@ mod tests {
     /// its products is made here anew.
     #[test]
     fn normal_equations_are_sums_over_pieces() {
-        let model = oscillator::model(1.0, "");
+        let model = fixtures::model(1.0, "");
         let [fit, held_out] = runs();
         let work = work(&model, vec![fit.clone(), held_out.clone()], vec![held_out]);
         let base = work.base(&model, "base").expect("a fit");

@@ -3,7 +3,7 @@ use std::sync::Mutex;
 use dynid_logs::experiment::Role;
 
 use super::*;
-use crate::oscillator::{self, Oscillator};
+use crate::fixtures::{self, Oscillator, candidate, close, work};
 
 const STIFFNESS: f64 = 1.1;
 const K3: f64 = 400.0;
@@ -18,30 +18,8 @@ fn runs(cubic: f64) -> [Run; 3] {
     ]
 }
 
-/// Fits of `given` to these runs, nothing being kept of them.
-pub fn work<'a>(given: &'a Model, fit: Vec<Run>, held_out: Vec<Run>) -> Logs<'a> {
-    Logs {
-        given,
-        fit,
-        held_out,
-        settings: Settings::default(),
-        rates: None,
-        recall: &|_| None,
-        keep: &|_, _| (),
-        stop: &|| false,
-    }
-}
-
 fn logs(given: &Model, [one, two, held_out]: [Run; 3]) -> Logs<'_> {
     work(given, vec![one, two], vec![held_out])
-}
-
-fn candidate(effect: &str) -> Candidate {
-    Candidate { effect: effect.to_owned(), joint: Some(0), from: None }
-}
-
-fn close(found: f64, expected: f64) {
-    assert!((found - expected).abs() <= 1e-9 * expected.abs().max(1.0), "{found}, not {expected}");
 }
 
 /// Up to the floor that a variance has.
@@ -51,7 +29,7 @@ fn near(found: f64, expected: f64) {
 
 #[test]
 fn a_fit_to_logs_of_what_is_modelled_leaves_their_noise() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(0.0));
     let base = work.base(&model, "base").expect("a fit");
     let spring = base.fit.parameters.iter().find(|own| own.name == "joint.0.spring.Ks").expect("the stiffness");
@@ -61,7 +39,7 @@ fn a_fit_to_logs_of_what_is_modelled_leaves_their_noise() {
     assert_eq!((base.unknowns, base.price()), (0.0, 0.0), "nothing was added");
     let [joint] = base.fit.joints.as_slice() else { panic!("one joint") };
     assert_eq!(joint.samples, 2000.0);
-    assert!((joint.deviation / oscillator::NOISE - 1.0).abs() < 0.1, "{joint:?}");
+    assert!((joint.deviation / fixtures::NOISE - 1.0).abs() < 0.1, "{joint:?}");
     // Gaussian errors at their own variance, and those held out at the variance of those fitted to.
     let held_out = base.held_out.as_ref().expect("the held-out run can be predicted");
     let share = held_out.joints[0].deviation / joint.deviation;
@@ -74,18 +52,21 @@ fn a_fit_to_logs_of_what_is_modelled_leaves_their_noise() {
     near(tenths[20..].iter().sum(), held_out.log_likelihood);
 }
 
+/// A model without the cubic spring that is there, fitted; and with this effect added.
+fn base_and(work: &Logs<'_>, effect: &str) -> (Fitted, Fitted) {
+    let base = work.base(work.given, "base").expect("a fit");
+    let mut with = base.model.clone();
+    with.add_effect(effect, Some(0), None).expect("it may be there");
+    let with = work.finish(Some(&candidate(effect)), &with, None, effect).expect("a fit");
+    (base, with)
+}
+
 #[test]
 fn an_effect_that_is_there_explains_what_the_model_leaves() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(K3));
-    let base = work.base(&model, "base").expect("a fit");
+    let (base, right) = base_and(&work, "spring_cubic");
     assert!(!base.is_whole(&work.settings) && !base.is_white(&work.settings) && !work.leaves_nothing(&base));
-    let finish = |effect: &str| {
-        let mut with = base.model.clone();
-        with.add_effect(effect, Some(0), None).expect("it may be there");
-        work.finish(Some(&candidate(effect)), &with, None, effect).expect("a fit")
-    };
-    let right = finish("spring_cubic");
     let stiffness = right.fit.parameters.iter().find(|own| own.name == "joint.0.spring_cubic.K3").expect("K3");
     let error = (stiffness.value - K3) / stiffness.std_error.expect("it is fitted");
     assert!(error.abs() < 4.0, "{error}");
@@ -93,27 +74,41 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
     assert_eq!(right.unknowns, 2.0, "K3 and q_mid");
     close(right.price(), 2000.0_f64.ln());
     // The noise that was added is all that is left to explain; it is known from the logs to a tenth.
-    let short = |own: &Fitted| 2000.0 * (own.fit.joints[0].deviation / oscillator::NOISE).ln();
-    assert!((base.falls_short(&work.fit) - short(&base)).abs() < 200.0, "{}", short(&base));
+    let short = 2000.0 * (base.fit.joints[0].deviation / fixtures::NOISE).ln();
+    assert!((base.falls_short(&work.fit) - short).abs() < 200.0, "{short}");
     assert!((right.explains(&base, &work.fit) - 1.0).abs() < 0.05);
     assert_eq!(base.explains(&base, &work.fit), 0.0);
-    let wrong = finish("coulomb");
+    let (_, wrong) = base_and(&work, "coulomb");
     assert!(wrong.explains(&base, &work.fit) < 0.5 && !right.is_like(&wrong, 5.0, &work.settings));
-    // Without it, from the values with it, the fit is the one before it was added.
+}
+
+/// Without what was added, from the values with it, the fit is the one before.
+#[test]
+fn what_was_added_may_be_taken_out_again() {
+    let model = fixtures::model(1.0, "");
+    let work = logs(&model, runs(K3));
+    let (base, right) = base_and(&work, "spring_cubic");
     let without = work.without(&right, &[], "without").expect("a fit");
     assert!((without.score() - base.score()).abs() < 0.1, "{} {}", without.score(), base.score());
     assert_eq!(without.candidate, right.candidate, "whose step it is of");
     let with = work.without(&right, &[&candidate("spring_cubic")], "with").expect("a fit");
     assert!((with.score() - right.score()).abs() < 0.1, "{} {}", with.score(), right.score());
+}
 
-    // Asked at the fitted and the believed values, it or a law that contains it comes first.
+/// Asked at the fitted and the believed values, what is there or a law that contains it comes first, and promises to first order a good
+/// part of what it comes to.
+#[test]
+fn what_is_there_promises_most() {
+    let model = fixtures::model(1.0, "");
+    let work = logs(&model, runs(K3));
+    let (base, right) = base_and(&work, "spring_cubic");
     let starts = work.starts(&base, &[], &|_| true).expect("starts");
     let most = starts.iter().max_by(|a, b| a.promise.total_cmp(&b.promise)).expect("a start");
     assert!(right.candidate.as_ref().is_some_and(|own| *own == most.candidate || most.candidate.contains(own)));
     let all = candidates(&base.model, &work.fit.iter().collect::<Vec<_>>());
     assert_eq!(work.places(&base.model), all.len());
     assert!(starts.iter().all(|start| all.contains(&start.candidate)));
-    // To first order it promises a good part of what it comes to, in 20 s of 20.
+    // What promises rest on is all there is, 20 s of 20.
     close(work.of_all(), 1.0);
     let gain = right.fit.log_likelihood - base.fit.log_likelihood;
     let own = starts.iter().filter(|start| Some(&start.candidate) == right.candidate.as_ref());
@@ -123,21 +118,24 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
     assert!(shown.iter().any(|start| Some(&start.candidate) == right.candidate.as_ref()));
     assert!(shown.iter().all(|start| start.promise > 0.5 * promise));
     assert!(work.shown(&base, starts, 10.0 * gain).expect("starts").is_empty(), "nothing promises as much");
+}
 
+#[test]
+fn the_best_of_all_fits_comes_first() {
+    let model = fixtures::model(1.0, "");
+    let work = logs(&model, runs(K3));
+    let (base, right) = base_and(&work, "spring_cubic");
     let found = work.best(&base, &work.starts(&base, &[], &|_| true).expect("starts"), "all").expect("fits");
     assert!(found[0].score() >= right.score() - 0.1, "{} {}", found[0].score(), right.score());
-    assert!(found.windows(2).all(|pair| pair[0].score() >= pair[1].score()), "the best comes first");
+    assert!(found.windows(2).all(|pair| pair[0].score() >= pair[1].score()));
 }
 
 /// Laws that contain it or are contained in it begin at what it has come to.
 #[test]
 fn kin_of_a_law_begin_at_its_values() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(K3));
-    let base = work.base(&model, "base").expect("a fit");
-    let mut with = base.model.clone();
-    with.add_effect("stribeck", Some(0), None).expect("it may be there");
-    let friction = work.finish(Some(&candidate("stribeck")), &with, None, "friction").expect("a fit");
+    let (base, friction) = base_and(&work, "stribeck");
     let own = friction.candidate.as_ref().expect("what was added");
     let kin = work.kin(&base, &friction);
     let names: BTreeMap<&str, usize> = kin.iter().fold(BTreeMap::new(), |mut names, start| {
@@ -159,7 +157,7 @@ fn kin_of_a_law_begin_at_its_values() {
 
 #[test]
 fn a_search_that_is_kept_is_not_made_again_and_one_that_is_stopped_is_not_kept() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let kept: Mutex<BTreeMap<String, State>> = Mutex::default();
     let keep = |key: &str, state: &State| {
         kept.lock().unwrap().insert(key.to_owned(), state.clone());
@@ -189,7 +187,7 @@ fn a_search_that_is_kept_is_not_made_again_and_one_that_is_stopped_is_not_kept()
 /// Two of the runs are 20 s together; of beginnings of 4 s each there are two and a half times as many.
 #[test]
 fn long_runs_are_fitted_on_their_beginnings_first() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let keys = Mutex::new(Vec::new());
     let keep = |key: &str, _: &State| keys.lock().unwrap().push(key.to_owned());
     let mut work = Logs { keep: &keep, ..logs(&model, runs(0.0)) };
@@ -211,10 +209,10 @@ fn long_runs_are_fitted_on_their_beginnings_first() {
 /// A fit goes from values that are off to those of the best, and no further.
 #[test]
 fn what_may_be_gained_is_told_from_what_may_not() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(0.0));
     let base = work.base(&model, "base").expect("a fit");
-    let moved = Fitted { model: oscillator::model(1.05, ""), ..base.clone() };
+    let moved = Fitted { model: fixtures::model(1.05, ""), ..base.clone() };
     for over in [&base, &moved] {
         assert!(work.may_gain(-1.0, over).expect("a search"));
         assert!(!work.may_gain(5.0, over).expect("a search"));
@@ -248,7 +246,7 @@ fn with_squares(of: &Fitted, candidate: Candidate, fitted: [f64; 10], held_out: 
 
 #[test]
 fn laws_are_alike_where_what_one_falls_short_by_may_be_chance() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(0.0));
     let base = work.base(&model, "base").expect("a fit");
     let settings = &work.settings;
@@ -281,7 +279,7 @@ fn laws_are_alike_where_what_one_falls_short_by_may_be_chance() {
 
 #[test]
 fn a_second_start_of_a_candidate_stands_among_the_firsts_of_others() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let start = |effect: &str, probe| Start {
         candidate: candidate(effect),
         model: model.clone(),
@@ -309,7 +307,7 @@ fn a_second_start_of_a_candidate_stands_among_the_firsts_of_others() {
 
 #[test]
 fn the_probes_are_kept_that_starts_promise_most_from() {
-    let model = oscillator::model(1.0, "");
+    let model = fixtures::model(1.0, "");
     let probe = |shape| Probe { model: model.clone(), shape: vec![shape], steps: Vec::new() };
     let own = |effect: &str, most| (candidate(effect), (0..most).map(probe).collect::<Vec<_>>());
     let mut probes = [own("coulomb", 4), own("stribeck", 2)];

@@ -1,4 +1,5 @@
-//! For tests: a mass on a spring that may stiffen, integrated here and not by the program's own equations, and models of it.
+//! For tests: a mass on a spring that may stiffen, integrated here and not by the program's own equations; models of it, and how they
+//! are fitted.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -7,6 +8,10 @@ use dynid_logs::experiment::{Role, Run, Settings};
 use dynid_logs::log::Log;
 use dynid_random::Random;
 use dynid_user_model::Model;
+
+use crate::candidate::Candidate;
+use crate::missing::Logs;
+use crate::settings::Settings as DiagnosisSettings;
 
 /// Noise of the logged positions (m).
 pub const NOISE: f64 = 1e-4;
@@ -89,4 +94,28 @@ impl Oscillator {
         let file = "made.csv".to_owned();
         Run { file, role, free: vec![0], payload: None, configuration: 1, log, settings }
     }
+}
+
+/// Fits of `given` to these runs, nothing being kept of them.
+pub fn work<'a>(given: &'a Model, fit: Vec<Run>, held_out: Vec<Run>) -> Logs<'a> {
+    Logs {
+        given,
+        fit,
+        held_out,
+        settings: DiagnosisSettings::default(),
+        rates: None,
+        recall: &|_| None,
+        keep: &|_, _| (),
+        stop: &|| false,
+    }
+}
+
+/// An effect at the only joint.
+pub fn candidate(effect: &str) -> Candidate {
+    Candidate { effect: effect.to_owned(), joint: Some(0), from: None }
+}
+
+/// Equal but for rounding.
+pub fn close(found: f64, expected: f64) {
+    assert!((found / expected - 1.0).abs() < 1e-9, "{found}, not {expected}");
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use dynid_model::device_reader::MOST_JOINTS;
 use dynid_model::{ModelError, Source, did_you_mean};
 
 use crate::{
@@ -37,6 +38,12 @@ pub(crate) fn draft(source: &Source, robot: &Robot, tree: &Tree, end_point: Opti
         return Err(source
             .error(robot.place.clone(), "no joint moves")
             .help("a device has a joint at least; make one `revolute` or `prismatic`"));
+    }
+    if let Some(beyond) = motions.variables.get(MOST_JOINTS) {
+        let message = format!("{} joints move, more than {MOST_JOINTS}", motions.variables.len());
+        return Err(source
+            .error(robot.joints[*beyond].place.clone(), message)
+            .help("describe what moves together as a device of its own"));
     }
     let mut notes = Vec::new();
     let (frames, seats) = frames(robot, tree, &motions);

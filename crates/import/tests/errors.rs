@@ -391,6 +391,21 @@ fn what_would_take_too_long_or_too_deep_is_refused() {
     assert!(many.contains("5000 links, more than 4096"), "{many}");
     // One line of 100 000 characters: the error shows what stands around the place.
     assert!(many.len() < 2000, "{} bytes", many.len());
+    let chain = |joints: usize| -> String {
+        let joint = |number: usize| {
+            format!(
+                "<joint name=\"j{number}\" type=\"continuous\"><parent link=\"l{number}\"/><child link=\"l{next}\"/></joint><link \
+                 name=\"l{next}\"><inertial><mass value=\"1\"/><inertia ixx=\"1\" iyy=\"1\" izz=\"1\" ixy=\"0\" ixz=\"0\" \
+                 iyz=\"0\"/></inertial></link>\n",
+                next = number + 1
+            )
+        };
+        format!("<robot name=\"chain\">\n<link name=\"l0\"/>\n{}</robot>", (0..joints).map(joint).collect::<String>())
+    };
+    // The line of the first that is too many.
+    let long = error(&chain(300));
+    assert!(long.contains("300 joints move, more than 256") && long.contains("arm.urdf:259:1"), "{long}");
+    assert!(dynid_import::device_from_urdf(&chain(256), Path::new("chain.urdf")).is_ok());
     let bodies = "<body><inertial pos=\"0 0 0\" mass=\"1\" diaginertia=\"1 1 1\"/>".repeat(20_000);
     let deep = format!("<mujoco><worldbody>{bodies}{}</worldbody></mujoco>", "</body>".repeat(20_000));
     let deep = dynid_import::device_from_mjcf(&deep, Path::new("deep.xml")).unwrap_err().to_string();

@@ -389,4 +389,30 @@ mod tests {
         // What is best stays.
         assert_eq!(reduced.exchanged(found.clone(), &[0, 1, 2, 3], &rules), found);
     }
+
+    /// Beside noise as large as the first, a second term that explains a seventh of what both do is told, one that explains a
+    /// seventeenth is not, though both are far from chance. What explains all leaves no less than rounding.
+    #[test]
+    fn a_further_term_must_explain_a_part_of_the_whole() {
+        let rows = 3000;
+        let with = |second: f64, noise: f64| {
+            let mut random = Random::new(5);
+            let columns = DMatrix::from_fn(rows, 2, |_, _| random.normal());
+            let noise = DVector::from_fn(rows, |_, _| noise * random.normal());
+            let signal = columns.column(0) + columns.column(1) * second + noise;
+            Reduced {
+                gram: columns.tr_mul(&columns),
+                signal: columns.tr_mul(&signal),
+                squares: signal.norm_squared(),
+                whole: DVector::from_element(2, 1.0),
+            }
+        };
+        let complexity = [1.0; 2];
+        let rules = Rules { independent: 3000.0, complexity: &complexity, may_join: &|_| true, most: 2 };
+        assert_eq!(with(0.4, 1.0).select(&rules).chosen, [0, 1]);
+        assert_eq!(with(0.25, 1.0).select(&rules).chosen, [0]);
+        let exact = with(0.0, 0.0);
+        let left = exact.left(&[0]).expect("independent");
+        assert!(left >= 1e-12 * exact.squares && left < 1e-11 * exact.squares, "{left} {}", exact.squares);
+    }
 }

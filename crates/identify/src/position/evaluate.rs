@@ -217,8 +217,7 @@ impl<'a> Ready<'a> {
         let skip = self.run.first_sample() * n_free;
         let errors = self.run.position.iter().zip(&simulated).enumerate().skip(skip);
         let weight = |index: usize| self.weight(index / n_free, index % n_free);
-        let of_start: f64 =
-            self.starts.iter().zip(self.unknowns.initial(x)).map(|((q0, weight), q)| ((q - q0) * weight).powi(2)).sum();
+        let of_start: f64 = self.errors_of_start(x).map(|error| error.powi(2)).sum();
         Ok(0.5 * (errors.map(|(index, (y, q))| ((y - q) * weight(index)).powi(2)).sum::<f64>() + of_start))
     }
 
@@ -476,7 +475,45 @@ fn prior(problem: &PositionProblem) -> (DVector<f64>, DMatrix<f64>) {
 
 #[cfg(test)]
 mod tests {
-    use super::noise_of;
+    use super::*;
+    use crate::position::tests::problem;
+
+    /// Half of the squares of the weighed errors that count, and of the start of a run whose beginning is cut; and its slopes.
+    #[test]
+    fn the_cost_is_that_of_its_errors_and_the_quadratic_touches_it() {
+        let mut problem = problem(3, 4.0, 0.1);
+        (problem.runs[0].from_s, problem.runs[1].first_half) = (0.995, 0.5);
+        let evaluator = Evaluator::new(&problem).expect("physical links");
+        let mut x = evaluator.start(&problem);
+        x[problem.unknowns.len()] += 0.01;
+        let intervals = problem.runs.iter().map(|run| vec![Scheme::Explicit(60); run.time.len() - 1]);
+        let at = evaluator.at(Resolution { plan: Plan::new(intervals.collect()), observer: 0.0 });
+        assert_eq!(at.samples(), 301 + 401);
+        let simulated = at.simulated(&x).expect("a motion");
+        let squares = |run: usize, samples: std::ops::Range<usize>, weight: f64| -> f64 {
+            let measured = &problem.runs[run].position;
+            let noise = noise_of(&measured[problem.runs[run].first_sample()..]);
+            samples.map(|k| ((measured[k] - simulated[run][k]) * weight / noise).powi(2)).sum()
+        };
+        let (low, high) = range(&problem.runs[0].position);
+        let start = 0.01 / (START_OF_CUT_LOG * (high - low));
+        let expected = squares(0, 100..401, 1.0) + squares(1, 0..201, 0.5) + squares(1, 201..401, 1.0) + start * start;
+        let cost = at.data_cost(&x).expect("a cost");
+        assert!((cost / (0.5 * expected) - 1.0).abs() < 1e-9, "{cost} {expected}");
+        let data = at.data(&x).expect("a quadratic");
+        assert!((data.cost / cost - 1.0).abs() < 1e-9, "{} {cost}", data.cost);
+        for k in 0..evaluator.n() {
+            let cost = |step: f64| {
+                let mut x = x.clone();
+                x[k] += step;
+                at.data_cost(&x).expect("a cost")
+            };
+            let h = 1e-6 * x[k].abs().max(1e-3);
+            let slope = (cost(h) - cost(-h)) / (2.0 * h);
+            let own = data.gradient[k];
+            assert!((own - slope).abs() < 1e-3 * slope.abs(), "unknown {k}: {own}, not {slope}");
+        }
+    }
 
     #[test]
     fn a_log_without_noise_has_a_millionth_of_its_range() {

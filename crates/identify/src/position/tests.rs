@@ -54,7 +54,7 @@ fn runs(seed: u64, span_s: f64) -> Vec<FitRun> {
 }
 
 /// All parameters unknown but the gain, which scales everything else; starts off by `factor`.
-fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
+pub fn problem(seed: u64, span_s: f64, off: f64) -> PositionProblem {
     let runs = runs(seed, span_s);
     let system = &runs[0].system;
     let mut signs = Random::new(seed + 99);

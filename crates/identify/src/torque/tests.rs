@@ -250,6 +250,14 @@ fn a_bound_that_holds_is_said() {
     assert_eq!(parameter.std_error, None);
 }
 
+/// The second moment of `I = diag(1, 1, 2 (1 - e))` is `diag(1 - e, 1 - e, e)`; it is singular to within a millionth of the trace of 4.
+#[test]
+fn a_flat_body_is_at_its_physical_limit() {
+    let body = |e: f64| [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 2.0 * (1.0 - e)];
+    assert!(at_limit(&body(0.0)) && at_limit(&body(3e-6)));
+    assert!(!at_limit(&body(5e-6)) && !at_limit(&body(0.5)));
+}
+
 #[test]
 fn what_cannot_be_fitted_is_said() {
     let mut progress = |_: usize, _: f64| {};

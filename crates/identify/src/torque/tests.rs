@@ -250,6 +250,31 @@ fn a_bound_that_holds_is_said() {
     assert_eq!(parameter.std_error, None);
 }
 
+/// A start that breaks an order is mended; an order that the truth breaks holds the two together, between what each would be alone.
+#[test]
+fn one_parameter_stays_above_another() {
+    let mut start = arm_start();
+    for (name, parameter) in &mut start {
+        match name.as_str() {
+            "joint.0.viscous.Fv" => *parameter = Parameter { value: 0.1, lower: 0.0, upper: 1.0, fixed: false },
+            "joint.1.viscous.Fv" => *parameter = Parameter { value: 0.4, lower: 0.0, upper: 1.0, fixed: false },
+            _ => {}
+        }
+    }
+    let run = play(&arm(), 0.01, 5);
+    let [first, second] = ["joint.0.viscous.Fv", "joint.1.viscous.Fv"].map(str::to_owned);
+    let fitted = |order: (&String, &String)| {
+        let orders = [(order.0.clone(), order.1.clone())];
+        fit(std::slice::from_ref(&run), &start, &orders, ITERATIONS, &mut |_, _| {}).expect("there is data")
+    };
+    let found = fitted((&first, &second));
+    let (one, two) = (value(&found, &first), value(&found, &second));
+    assert!((one - 0.3).abs() < 0.02 && (two - 0.2).abs() < 0.02, "{one} {two}");
+    let held = fitted((&second, &first));
+    let (one, two) = (value(&held, &first), value(&held, &second));
+    assert!(two >= one && two - one < 1e-3 && one > 0.18 && one < 0.32, "{one} {two}");
+}
+
 /// The second moment of `I = diag(1, 1, 2 (1 - e))` is `diag(1 - e, 1 - e, e)`; it is singular to within a millionth of the trace of 4.
 #[test]
 fn a_flat_body_is_at_its_physical_limit() {

@@ -252,9 +252,10 @@ fn every_kind_of_input_survives_a_round_trip() {
 fn every_operation_survives_a_round_trip() {
     use Function::{Abs, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
     let mut program = Program::new();
-    assert!(program.is_empty() && program.len() == 0);
+    assert!(program.is_empty());
     let (x, y) = (program.position(0, "rad"), program.position(1, "rad"));
-    assert!(!program.is_empty() && program.len() == 2);
+    assert!(!program.is_empty());
+    assert_eq!(program.len(), 2);
     let mut nodes = vec![program.minimum(x, y), program.maximum(y, x), program.divide(x, y), program.subtract(x, y)];
     nodes.extend([Abs, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh].map(|function| program.call(function, x)));
     nodes.push(program.select(Comparison::Less, [x, y, x, y]));

@@ -397,7 +397,7 @@ fn regions_hold_the_samples_that_their_names_say() {
     let speed = |k: usize| {
         let second = k / SECOND;
         let size = (if second < 8 { 1.0 } else { 2.0 }) * (1.0 + 1e-6 * k as f64);
-        if second % 2 == 0 { size } else { -size }
+        if second.is_multiple_of(2) { size } else { -size }
     };
     made.own.dq = (0..n).map(speed).collect();
     made.own.q = (0..n).map(|k| (7 * k % n) as f64).collect();

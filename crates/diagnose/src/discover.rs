@@ -102,16 +102,7 @@ const GLANCE: usize = 8_000;
 /// No run to fit to; a model that makes no equations for a run or cannot be simulated at any rate.
 pub fn discover(model: &Model, runs: &[&Run]) -> Result<Option<Discovered>, FitError> {
     let (fit, held_out) = runs::by_role(&looked_at(&runs::split(runs), Settings::default().search.samples));
-    let work = Logs {
-        given: model,
-        fit,
-        held_out,
-        settings: Settings::default(),
-        rates: None,
-        recall: &|_| None,
-        keep: &|_, _| (),
-        stop: &|| false,
-    };
+    let work = Logs::new(model, fit, held_out);
     let base = work.first_base("base")?;
     Ok(best(&work, &base))
 }
@@ -413,7 +404,7 @@ mod tests {
     use dynid_logs::experiment::Role;
 
     use super::*;
-    use crate::fixtures::{self, Oscillator, work};
+    use crate::fixtures::{self, Oscillator};
 
     /// A spring that stiffens, of which the model knows nothing: a formula of one term says it, with its coefficient and how sure that is,
     /// and explains the runs held out.
@@ -435,7 +426,7 @@ mod tests {
         assert!(found.elsewhere.is_empty(), "there is no other joint");
 
         // What one term promises to first order, at rates that stay, is most of what a fit with the law comes to.
-        let work = work(&model, vec![fit], vec![held_out]);
+        let work = Logs::new(&model, vec![fit], vec![held_out]);
         let base = work.base(&model, "base").expect("a fit");
         let promised = promise(&work, &base, 0).expect("a formula");
         let mut with = base.model.clone();

@@ -30,25 +30,15 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run]) -> FirstEstimates {
     let new: Vec<EffectInstance> =
         model.effects.iter().filter(|own| own.payload.is_none() && vanishes(own)).cloned().collect();
     let is_single = new.len() == 1;
-    let settings = Settings::default();
     let to_fit = runs.iter().filter(|run| run.role == Role::Fit);
-    let fit = looked_at(to_fit.copied(), settings.search.samples);
+    let fit = looked_at(to_fit.copied(), Settings::default().search.samples);
     for instance in new {
         let candidate = Candidate { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
         let mut without = found.model.clone();
         if without.remove_effect(&candidate.effect, candidate.joint, candidate.from).is_err() {
             continue;
         }
-        let logs = Logs {
-            given: &without,
-            fit: fit.clone(),
-            held_out: Vec::new(),
-            settings,
-            rates: None,
-            recall: &|_| None,
-            keep: &|_, _| (),
-            stop: &|| false,
-        };
+        let logs = Logs::new(&without, fit.clone(), Vec::new());
         let Some(starts) = logs.promising(&candidate) else { continue };
         let estimates: Vec<Model> =
             starts.iter().map(|start| with_values(&found.model, &instance, &start.stepped())).collect();

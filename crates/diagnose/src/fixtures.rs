@@ -1,5 +1,5 @@
-//! For tests: a mass on a spring that may stiffen, integrated here and not by the program's own equations; models of it, and how they
-//! are fitted.
+//! For tests: a mass on a spring that may stiffen, integrated here and not by the program's own equations; models of it, and
+//! candidates.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -10,8 +10,7 @@ use dynid_random::Random;
 use dynid_user_model::Model;
 
 use crate::candidate::Candidate;
-use crate::missing::Logs;
-use crate::settings::Settings as DiagnosisSettings;
+use crate::score_test::Start;
 
 /// Noise of the logged positions (m).
 pub const NOISE: f64 = 1e-4;
@@ -96,23 +95,14 @@ impl Oscillator {
     }
 }
 
-/// Fits of `given` to these runs, nothing being kept of them.
-pub fn work<'a>(given: &'a Model, fit: Vec<Run>, held_out: Vec<Run>) -> Logs<'a> {
-    Logs {
-        given,
-        fit,
-        held_out,
-        settings: DiagnosisSettings::default(),
-        rates: None,
-        recall: &|_| None,
-        keep: &|_, _| (),
-        stop: &|| false,
-    }
-}
-
 /// An effect at the only joint.
 pub fn candidate(effect: &str) -> Candidate {
     Candidate { effect: effect.to_owned(), joint: Some(0), from: None }
+}
+
+/// A start of it that takes no step.
+pub fn start(effect: &str, promise: f64, probe: usize) -> Start {
+    Start { candidate: candidate(effect), model: model(1.0, ""), promise, probe, step: Vec::new() }
 }
 
 /// Equal but for rounding.

@@ -69,7 +69,7 @@ pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{self, Oscillator, work};
+    use crate::fixtures::{self, Oscillator};
 
     /// Three runs of one mass, the spring of one of which is stiffer: it is named, with how far it is from what the others say.
     #[test]
@@ -84,14 +84,14 @@ mod tests {
         let (one, two, three) = (run(1.1, 0.0, (12.0, 1)), run(1.3, 0.0, (6.0, 2)), run(1.1, 0.0, (4.0, 3)));
         let of = |fit: &[&Run], held_out: &[&Run]| {
             let clone = |runs: &[&Run]| runs.iter().map(|run| (*run).clone()).collect::<Vec<_>>();
-            let work = work(&model, clone(fit), clone(held_out));
+            let work = Logs::new(&model, clone(fit), clone(held_out));
             moved(&work, &model).expect("fits")
         };
         let found = of(&[&one, &two], &[&three]);
         let spring = found.iter().find(|moved| moved.parameter == "joint.0.spring.Ks").expect("it moved");
         assert_eq!(spring.run, "2");
         let alone = |run: &Run| {
-            let work = work(&model, vec![run.clone()], Vec::new());
+            let work = Logs::new(&model, vec![run.clone()], Vec::new());
             let fitted = work.base(&model, "alone").expect("a fit");
             let own = fitted.fit.parameters.into_iter().find(|own| own.name == "joint.0.spring.Ks").expect("Ks");
             (own.value, own.std_error.expect("it is fitted"))

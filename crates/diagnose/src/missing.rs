@@ -163,6 +163,14 @@ pub struct Logs<'a> {
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
+impl<'a> Logs<'a> {
+    /// With default settings and estimated rates; nothing is recalled or kept, and nobody stops it.
+    pub fn new(given: &'a Model, fit: Vec<Run>, held_out: Vec<Run>) -> Self {
+        let settings = Settings::default();
+        Self { given, fit, held_out, settings, rates: None, recall: &|_| None, keep: &|_, _| (), stop: &|| false }
+    }
+}
+
 impl Logs<'_> {
     fn expected(&self, name: &str) -> Option<f64> {
         self.given.prior(name)

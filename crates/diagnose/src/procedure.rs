@@ -323,7 +323,7 @@ mod tests {
     use dynid_logs::experiment::Role;
 
     use super::*;
-    use crate::fixtures::{self, NOISE, Oscillator, close, work};
+    use crate::fixtures::{self, NOISE, Oscillator, close};
 
     fn innovations(joint: usize, samples: f64, deviation: f64) -> JointInnovations {
         JointInnovations { joint, samples, deviation, whiteness: 1.0, correction: 0.0, tenths: Vec::new() }
@@ -333,7 +333,7 @@ mod tests {
     fn fitted() -> (Run, Fitted) {
         let run = Oscillator { stiffness: 1.0, cubic: 0.0 }.run(&[(0.02, 1.0)], 6.0, (Role::Fit, 5));
         let model = fixtures::model(1.0, "");
-        let base = work(&model, vec![run.clone()], Vec::new()).base(&model, "base").expect("a fit");
+        let base = Logs::new(&model, vec![run.clone()], Vec::new()).base(&model, "base").expect("a fit");
         (run, base)
     }
 

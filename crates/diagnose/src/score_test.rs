@@ -278,11 +278,7 @@ const LEAST_RATE: f64 = 1.0;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{self, candidate};
-
-    fn start(effect: &str, promise: f64, probe: usize) -> Start {
-        Start { candidate: candidate(effect), model: fixtures::model(1.0, ""), promise, probe, step: Vec::new() }
-    }
+    use crate::fixtures::start;
 
     #[test]
     fn the_most_promising_come_first_and_each_candidate_once() {

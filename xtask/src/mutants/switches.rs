@@ -68,18 +68,13 @@ pub fn edit(source: &str, file: &syn::File, mutant: &Mutant) -> Option<Edit> {
     let number = mutant.number;
     let active = format!("crate::mutant_switch::is_active({number})");
     let replacement = &mutant.replacement;
-    if mutant.genre == "FnValue" {
-        let mut opaque = Opaque { start: mutant.start, found: false };
-        opaque.visit_file(file);
-        if opaque.found {
-            return None;
-        }
+    let mut finder = Finder { start: mutant.start, genre: &mutant.genre, found: None };
+    finder.visit_file(file);
+    if mutant.genre == "FnValue" && finder.found.is_none() {
         let place = offset(source, mutant.start)?;
         let text = format!("if {active} {{ return {replacement}; }} ");
         return Some(Edit { number, range: place..place, text });
     }
-    let mut finder = Finder { start: mutant.start, genre: &mutant.genre, found: None };
-    finder.visit_file(file);
     let at = |range: &Range<usize>| source.get(range.clone());
     let (range, text) = match finder.found? {
         Found::Binary { whole, operator } => {
@@ -95,6 +90,7 @@ pub fn edit(source: &str, file: &syn::File, mutant: &Mutant) -> Option<Edit> {
             let text = format!("(if {active} {{ {replacement} }} else {{ {} }})", at(&guard)?);
             (guard, text)
         }
+        Found::Opaque => return None,
         Found::Arm(pattern) => {
             let text = format!("{} if !{active}", at(&pattern)?);
             (pattern, text)
@@ -136,6 +132,8 @@ enum Found {
     Guard(Range<usize>),
     /// The pattern of an arm without a guard: others are not deleted.
     Arm(Range<usize>),
+    /// The body of a function that returns an `impl Trait`: that is one type, and a mutant's value has another.
+    Opaque,
 }
 
 /// Looks for what begins at a place.
@@ -147,50 +145,39 @@ struct Finder<'a> {
 
 impl Finder<'_> {
     fn is_at(&self, span: Span) -> bool {
-        begins_at(span, self.start)
+        let LineColumn { line, column } = span.start();
+        (line, column + 1) == self.start
     }
-}
 
-fn begins_at(span: Span, place: (usize, usize)) -> bool {
-    let LineColumn { line, column } = span.start();
-    (line, column + 1) == place
-}
-
-/// Whether the function whose body begins at a place returns an `impl Trait`: that is one type, and a mutant's value has another.
-struct Opaque {
-    start: (usize, usize),
-    found: bool,
-}
-
-impl Opaque {
-    fn look(&mut self, signature: &syn::Signature, body: &syn::Block) {
-        struct Impl(bool);
-        impl Visit<'_> for Impl {
-            fn visit_type_impl_trait(&mut self, _: &syn::TypeImplTrait) {
-                self.0 = true;
-            }
-        }
-        if body.stmts.first().is_some_and(|first| begins_at(first.span(), self.start)) {
-            let mut returned = Impl(false);
+    fn look_at_function(&mut self, signature: &syn::Signature, body: &syn::Block) {
+        if self.genre == "FnValue" && body.stmts.first().is_some_and(|first| self.is_at(first.span())) {
+            let mut returned = IsOpaque(false);
             returned.visit_return_type(&signature.output);
-            self.found |= returned.0;
+            self.found = returned.0.then_some(Found::Opaque);
         }
     }
 }
 
-impl<'ast> Visit<'ast> for Opaque {
-    fn visit_item_fn(&mut self, function: &'ast syn::ItemFn) {
-        self.look(&function.sig, &function.block);
-        visit::visit_item_fn(self, function);
-    }
+/// Whether an `impl Trait` is in a type.
+struct IsOpaque(bool);
 
-    fn visit_impl_item_fn(&mut self, function: &'ast syn::ImplItemFn) {
-        self.look(&function.sig, &function.block);
-        visit::visit_impl_item_fn(self, function);
+impl Visit<'_> for IsOpaque {
+    fn visit_type_impl_trait(&mut self, _: &syn::TypeImplTrait) {
+        self.0 = true;
     }
 }
 
 impl<'ast> Visit<'ast> for Finder<'_> {
+    fn visit_item_fn(&mut self, function: &'ast syn::ItemFn) {
+        self.look_at_function(&function.sig, &function.block);
+        visit::visit_item_fn(self, function);
+    }
+
+    fn visit_impl_item_fn(&mut self, function: &'ast syn::ImplItemFn) {
+        self.look_at_function(&function.sig, &function.block);
+        visit::visit_impl_item_fn(self, function);
+    }
+
     fn visit_expr_binary(&mut self, expression: &'ast syn::ExprBinary) {
         if self.genre == "BinaryOperator" && self.is_at(expression.op.span()) {
             let whole = expression.left.span().byte_range().start..expression.right.span().byte_range().end;

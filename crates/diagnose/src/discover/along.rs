@@ -331,7 +331,7 @@ mod tests {
 
     use super::*;
     use crate::discover::term::Factor;
-    use crate::fixtures::{self, Oscillator, work};
+    use crate::fixtures::{self, Oscillator};
     use dynid_user_model::Model;
 
     fn runs() -> [Run; 2] {
@@ -349,7 +349,7 @@ mod tests {
     fn a_term_moves_the_predictions_as_its_law_does() {
         let model = fixtures::model(1.0, "");
         let [fit, held_out] = runs();
-        let work = work(&model, vec![fit], vec![held_out]);
+        let work = Logs::new(&model, vec![fit], vec![held_out]);
         let base = work.base(&model, "base").expect("a fit");
         let along = |model: &Model| {
             let base = Fitted { model: model.clone(), ..base.clone() };
@@ -384,7 +384,7 @@ mod tests {
     fn normal_equations_are_sums_over_pieces() {
         let model = fixtures::model(1.0, "");
         let [fit, held_out] = runs();
-        let work = work(&model, vec![fit.clone(), held_out.clone()], vec![held_out]);
+        let work = Logs::new(&model, vec![fit.clone(), held_out.clone()], vec![held_out]);
         let base = work.base(&model, "base").expect("a fit");
         let along = Along::fitted(&work, &base, &work.fit, 1.0).expect("the errors");
         let squares: f64 = along.errors.iter().map(DMatrix::norm_squared).sum();

@@ -303,6 +303,16 @@ mod tests {
         assert_eq!(reduced.select(&rules).chosen, [0; 0]);
     }
 
+    /// Columns beside which there are no own parameters.
+    fn reduced(columns: &DMatrix<f64>, signal: &DVector<f64>) -> Reduced {
+        Reduced {
+            gram: columns.tr_mul(columns),
+            signal: columns.tr_mul(signal),
+            squares: signal.norm_squared(),
+            whole: DVector::from_element(columns.ncols(), 1.0),
+        }
+    }
+
     /// Three columns of very different units, the third nearly the sum of the first two.
     fn small() -> Reduced {
         let columns = DMatrix::from_row_slice(
@@ -316,12 +326,7 @@ mod tests {
             ],
         );
         let signal = DVector::from_row_slice(&[2.0, 3.0, 0.5, 1.0]);
-        Reduced {
-            gram: columns.tr_mul(&columns),
-            signal: columns.tr_mul(&signal),
-            squares: signal.norm_squared(),
-            whole: DVector::from_element(3, 1.0),
-        }
+        reduced(&columns, &signal)
     }
 
     /// Of the first two, `gram = [[2, 100], [100, 20000]]` and `signal = [5, 350]`: the determinant is 30000.
@@ -371,12 +376,7 @@ mod tests {
         let near = &both + DVector::from_fn(rows, |_, _| 0.8 * random.normal());
         columns.set_column(2, &near);
         let signal = &both + DVector::from_fn(rows, |_, _| 0.05 * random.normal());
-        let reduced = Reduced {
-            gram: columns.tr_mul(&columns),
-            signal: columns.tr_mul(&signal),
-            squares: signal.norm_squared(),
-            whole: DVector::from_element(4, 1.0),
-        };
+        let reduced = reduced(&columns, &signal);
         let complexity = [1.0; 4];
         let rules = Rules { independent: 300.0, complexity: &complexity, may_join: &|_| true, most: 3 };
         let judged = |chosen: &[usize]| reduced.judged(chosen.to_vec(), &rules).expect("independent");
@@ -400,12 +400,7 @@ mod tests {
             let columns = DMatrix::from_fn(rows, 2, |_, _| random.normal());
             let noise = DVector::from_fn(rows, |_, _| noise * random.normal());
             let signal = columns.column(0) + columns.column(1) * second + noise;
-            Reduced {
-                gram: columns.tr_mul(&columns),
-                signal: columns.tr_mul(&signal),
-                squares: signal.norm_squared(),
-                whole: DVector::from_element(2, 1.0),
-            }
+            reduced(&columns, &signal)
         };
         let complexity = [1.0; 2];
         let rules = Rules { independent: 3000.0, complexity: &complexity, may_join: &|_| true, most: 2 };

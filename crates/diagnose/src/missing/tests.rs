@@ -3,7 +3,7 @@ use std::sync::Mutex;
 use dynid_logs::experiment::Role;
 
 use super::*;
-use crate::fixtures::{self, Oscillator, candidate, close, work};
+use crate::fixtures::{self, Oscillator, candidate, close, start};
 
 const STIFFNESS: f64 = 1.1;
 const K3: f64 = 400.0;
@@ -19,7 +19,7 @@ fn runs(cubic: f64) -> [Run; 3] {
 }
 
 fn logs(given: &Model, [one, two, held_out]: [Run; 3]) -> Logs<'_> {
-    work(given, vec![one, two], vec![held_out])
+    Logs::new(given, vec![one, two], vec![held_out])
 }
 
 /// Up to the floor that a variance has.
@@ -52,20 +52,19 @@ fn a_fit_to_logs_of_what_is_modelled_leaves_their_noise() {
     near(tenths[20..].iter().sum(), held_out.log_likelihood);
 }
 
-/// A model without the cubic spring that is there, fitted; and with this effect added.
-fn base_and(work: &Logs<'_>, effect: &str) -> (Fitted, Fitted) {
-    let base = work.base(work.given, "base").expect("a fit");
+/// A fitted model with this effect added.
+fn added(work: &Logs<'_>, base: &Fitted, effect: &str) -> Fitted {
     let mut with = base.model.clone();
     with.add_effect(effect, Some(0), None).expect("it may be there");
-    let with = work.finish(Some(&candidate(effect)), &with, None, effect).expect("a fit");
-    (base, with)
+    work.finish(Some(&candidate(effect)), &with, None, effect).expect("a fit")
 }
 
 #[test]
 fn an_effect_that_is_there_explains_what_the_model_leaves() {
     let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(K3));
-    let (base, right) = base_and(&work, "spring_cubic");
+    let base = work.base(&model, "base").expect("a fit");
+    let right = added(&work, &base, "spring_cubic");
     assert!(!base.is_whole(&work.settings) && !base.is_white(&work.settings) && !work.leaves_nothing(&base));
     let stiffness = right.fit.parameters.iter().find(|own| own.name == "joint.0.spring_cubic.K3").expect("K3");
     let error = (stiffness.value - K3) / stiffness.std_error.expect("it is fitted");
@@ -78,7 +77,7 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
     assert!((base.falls_short(&work.fit) - short).abs() < 200.0, "{short}");
     assert!((right.explains(&base, &work.fit) - 1.0).abs() < 0.05);
     assert_eq!(base.explains(&base, &work.fit), 0.0);
-    let (_, wrong) = base_and(&work, "coulomb");
+    let wrong = added(&work, &base, "coulomb");
     assert!(wrong.explains(&base, &work.fit) < 0.5 && !right.is_like(&wrong, 5.0, &work.settings));
 }
 
@@ -87,7 +86,8 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
 fn what_was_added_may_be_taken_out_again() {
     let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(K3));
-    let (base, right) = base_and(&work, "spring_cubic");
+    let base = work.base(&model, "base").expect("a fit");
+    let right = added(&work, &base, "spring_cubic");
     let without = work.without(&right, &[], "without").expect("a fit");
     assert!((without.score() - base.score()).abs() < 0.1, "{} {}", without.score(), base.score());
     assert_eq!(without.candidate, right.candidate, "whose step it is of");
@@ -101,7 +101,8 @@ fn what_was_added_may_be_taken_out_again() {
 fn what_is_there_promises_most() {
     let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(K3));
-    let (base, right) = base_and(&work, "spring_cubic");
+    let base = work.base(&model, "base").expect("a fit");
+    let right = added(&work, &base, "spring_cubic");
     let starts = work.starts(&base, &[], &|_| true).expect("starts");
     let most = starts.iter().max_by(|a, b| a.promise.total_cmp(&b.promise)).expect("a start");
     assert!(right.candidate.as_ref().is_some_and(|own| *own == most.candidate || most.candidate.contains(own)));
@@ -124,7 +125,8 @@ fn what_is_there_promises_most() {
 fn the_best_of_all_fits_comes_first() {
     let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(K3));
-    let (base, right) = base_and(&work, "spring_cubic");
+    let base = work.base(&model, "base").expect("a fit");
+    let right = added(&work, &base, "spring_cubic");
     let found = work.best(&base, &work.starts(&base, &[], &|_| true).expect("starts"), "all").expect("fits");
     assert!(found[0].score() >= right.score() - 0.1, "{} {}", found[0].score(), right.score());
     assert!(found.windows(2).all(|pair| pair[0].score() >= pair[1].score()));
@@ -135,7 +137,8 @@ fn the_best_of_all_fits_comes_first() {
 fn kin_of_a_law_begin_at_its_values() {
     let model = fixtures::model(1.0, "");
     let work = logs(&model, runs(K3));
-    let (base, friction) = base_and(&work, "stribeck");
+    let base = work.base(&model, "base").expect("a fit");
+    let friction = added(&work, &base, "stribeck");
     let own = friction.candidate.as_ref().expect("what was added");
     let kin = work.kin(&base, &friction);
     let names: BTreeMap<&str, usize> = kin.iter().fold(BTreeMap::new(), |mut names, start| {
@@ -279,18 +282,10 @@ fn laws_are_alike_where_what_one_falls_short_by_may_be_chance() {
 
 #[test]
 fn a_second_start_of_a_candidate_stands_among_the_firsts_of_others() {
-    let model = fixtures::model(1.0, "");
-    let start = |effect: &str, probe| Start {
-        candidate: candidate(effect),
-        model: model.clone(),
-        promise: 0.0,
-        probe,
-        step: Vec::new(),
-    };
     let names: Vec<String> = (0..20).map(|k| format!("law{k}")).collect();
-    let mut starts: Vec<Start> = names.iter().map(|name| start(name, 0)).collect();
-    starts.insert(1, start("law0", 1));
-    starts.insert(3, start("law0", 2));
+    let mut starts: Vec<Start> = names.iter().map(|name| start(name, 0.0, 0)).collect();
+    starts.insert(1, start("law0", 0.0, 1));
+    starts.insert(3, start("law0", 0.0, 2));
     let turns = in_turn(&starts);
     let of_first: Vec<(usize, usize)> = turns
         .iter()
@@ -311,14 +306,8 @@ fn the_probes_are_kept_that_starts_promise_most_from() {
     let probe = |shape| Probe { model: model.clone(), shape: vec![shape], steps: Vec::new() };
     let own = |effect: &str, most| (candidate(effect), (0..most).map(probe).collect::<Vec<_>>());
     let mut probes = [own("coulomb", 4), own("stribeck", 2)];
-    let start = |effect: &str, probe| Start {
-        candidate: candidate(effect),
-        model: model.clone(),
-        promise: 0.0,
-        probe,
-        step: Vec::new(),
-    };
-    let starts = [start("coulomb", 3), start("stribeck", 1), start("coulomb", 2), start("coulomb", 0)];
+    let starts = [("coulomb", 3), ("stribeck", 1), ("coulomb", 2), ("coulomb", 0)]
+        .map(|(effect, probe)| start(effect, 0.0, probe));
     keep_promising(&mut probes, &starts, 2);
     let shapes = probes.map(|(_, own)| own.iter().map(|probe| probe.shape[0]).collect::<Vec<_>>());
     assert_eq!(shapes, [vec![2, 3], vec![1]]);

@@ -26,7 +26,7 @@ pub fn inertia<A: Arithmetic>(mechanism: &Mechanism<A>, program: &mut Program) -
     let turnings = &mechanism.tree.turnings;
     let mut inertia: BTreeMap<(usize, usize), Node> = BTreeMap::new();
     for (&(a, b), &value) in &by_turning {
-        let (i, j) = (turnings[a].joint, turnings[b].joint);
+        let (Some(i), Some(j)) = (turnings[a].joint, turnings[b].joint) else { continue };
         // Two turnings of one joint meet twice in its diagonal entry.
         let count = if a != b && i == j { 2 } else { 1 };
         let factor = program.number(f64::from(count) * turnings[a].factor * turnings[b].factor);
@@ -91,7 +91,9 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
         self.couplings();
         for turning in (1..self.mechanism.tree.turnings.len()).rev() {
             self.take_in_own_offsets(turning);
-            self.column(turning);
+            if self.mechanism.tree.turnings[turning].joint.is_some() {
+                self.column(turning);
+            }
             self.hand_down(turning);
         }
         self.inertia
@@ -190,7 +192,7 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
     /// The turning below carries the composite.
     fn hand_down(&mut self, turning: usize) {
         let parent = self.mechanism.tree.turnings[turning].parent;
-        if parent == 0 {
+        if self.mechanism.tree.stands_still(parent) {
             return;
         }
         let (c, s) = self.mechanism.cos_sin(self.program, turning);

@@ -3,8 +3,9 @@
 //! Mass is carried as second moments `M = integral of r r^T dm` (so that `J = trace(M) 1 - M`), first moments `m c` and
 //! masses, in the axes of a turning and about a place. What a rotation about z does not show moves on to the turning
 //! below: masses, the first moment along z and `Mzz` (Khalil & Kleinfinger 1987; Gautier 1991 put the same with J,
-//! eliminating `Jyy` instead). A mass at a place becomes part of the turning in which the place is fixed. All of it
-//! depends on parameters and locked angles only, so it is computed once per parameter set.
+//! eliminating `Jyy` instead); of a turning without a joint all does. A mass at a place becomes part of the turning in
+//! which the place is fixed. All of it depends on parameters and locked angles only, so it is computed once per
+//! parameter set.
 
 use std::collections::BTreeMap;
 
@@ -136,23 +137,27 @@ impl<A: Arithmetic> Lumps<A> {
         self.add_mass(context, tree, program, body.place.clone(), mass);
     }
 
-    /// Hands what rotating about z does not show to the turning below.
+    /// Hands what rotating about z does not show to the turning below; all, where there is no joint.
     fn hand_down(&mut self, context: &Context<A>, tree: &Tree<A>, program: &mut Program, turning: usize) {
         let parent = tree.turnings[turning].parent;
-        let axis = self.fixed[turning].map(|row| row[2]);
+        let fixed = self.fixed[turning];
         let zero = program.number(0.0);
-        let along = std::mem::replace(&mut self.second[turning][entry(2, 2)], zero);
-        if parent != 0 {
-            let along_axis = scale(program, along, axis);
-            let second = ENTRIES.map(|(row, column)| program.multiply(along_axis[row], axis[column]));
-            self.add_second(program, parent, second);
+        let is_joint = tree.turnings[turning].joint.is_some();
+        let mut hidden = [zero; 6];
+        let from = if is_joint { entry(2, 2) } else { 0 };
+        hidden[from..].swap_with_slice(&mut self.second[turning][from..]);
+        if !tree.stands_still(parent) {
+            let below = rotate_symmetric(program, &fixed, &hidden);
+            self.add_second(program, parent, below);
         }
         let keys: Vec<(usize, usize)> = self.first.keys().filter(|(of, _)| *of == turning).copied().collect();
         for key in keys {
             let Some(first) = self.first.get_mut(&key) else { continue };
-            let along = std::mem::replace(&mut first[2], zero);
+            let mut hidden = [zero; 3];
+            let from = if is_joint { 2 } else { 0 };
+            hidden[from..].swap_with_slice(&mut first[from..]);
             let place = self.places.place(key.1).clone();
-            let below = scale(program, along, axis);
+            let below = apply(program, &fixed, hidden);
             self.add_first(context, tree, program, parent, place, below);
         }
     }
@@ -174,13 +179,11 @@ impl<A: Arithmetic> Lumps<A> {
         mut place: Place<A>,
         first: Vector<Node>,
     ) {
-        if turning == 0 || first.iter().all(|&component| program.is_zero(component)) {
+        if tree.stands_still(turning) || first.iter().all(|&component| program.is_zero(component)) {
             return;
         }
         // What is fixed in the base does not matter: it does not move.
-        if place.get(&0).is_some_and(|segment| segment.slides.is_empty()) {
-            place.remove(&0);
-        }
+        place.retain(|&carrier, segment| !tree.stands_still(carrier) || !segment.slides.is_empty());
         let fixed_in_it = place.get(&turning).filter(|segment| segment.slides.is_empty()).cloned();
         if let Some(segment) = fixed_in_it {
             place.remove(&turning);
@@ -225,8 +228,9 @@ impl<A: Arithmetic> Lumps<A> {
                 *sum = program.add(*sum, mass);
                 return;
             }
-            if turning == 0 {
-                return;
+            if tree.stands_still(turning) {
+                place.remove(&turning);
+                continue;
             }
             let offset = emit_vector(context, program, &segment.constant);
             place.remove(&turning);

@@ -118,7 +118,7 @@ impl<A: Arithmetic> Mechanism<'_, A> {
     /// Cosine and sine of a turning's rotation.
     pub fn cos_sin(&self, program: &mut Program, turning: usize) -> (Node, Node) {
         let turning = &self.tree.turnings[turning];
-        let factors = [(turning.joint, turning.factor)].into();
+        let factors = turning.joint.map(|joint| (joint, turning.factor)).into_iter().collect();
         let angle = crate::algebra::AngleSum { factors, constant: turning.offset };
         let (cosine, sine) = self.context.algebra.cos_sin(&angle);
         (self.context.emit(program, &cosine), self.context.emit(program, &sine))
@@ -188,9 +188,11 @@ impl<A: Arithmetic> Recursion<'_, '_, A> {
         let mechanism = self.mechanism;
         let description = &mechanism.tree.turnings[turning];
         let parent = description.parent;
+        let zero = self.program.number(0.0);
+        let of_joint = |rates: &[Node]| description.joint.map_or(zero, |joint| rates[joint]);
         let factor = self.program.number(description.factor);
-        let rate = self.program.multiply(factor, self.motion.dq[description.joint]);
-        let rate_change = self.program.multiply(factor, self.motion.ddq[description.joint]);
+        let rate = self.program.multiply(factor, of_joint(&self.motion.dq));
+        let rate_change = self.program.multiply(factor, of_joint(&self.motion.ddq));
 
         let w = mechanism.up_into(self.program, turning, self.rates[parent].w);
         let w = [w[0], w[1], self.program.add(w[2], rate)];
@@ -369,7 +371,7 @@ impl<A: Arithmetic> Recursion<'_, '_, A> {
             }
             sum
         };
-        if self.mechanism.tree.turnings[turning].parent == 0 {
+        if self.mechanism.tree.stands_still(self.mechanism.tree.turnings[turning].parent) {
             // About a fixed axis only the inertia Jzz = Mxx + Myy shows.
             let axial = self.program.add(xx, yy);
             self.program.name(axial, &format!("jzz{turning}"));
@@ -423,9 +425,11 @@ impl<A: Arithmetic> Recursion<'_, '_, A> {
             let moment = self.name(moment, &format!("n{turning}"));
             let description = &tree.turnings[turning];
             self.axial[turning] = moment[2];
-            let factor = self.program.number(description.factor);
-            let power = self.program.multiply(factor, moment[2]);
-            self.torques[description.joint] = self.program.add(self.torques[description.joint], power);
+            if let Some(joint) = description.joint {
+                let factor = self.program.number(description.factor);
+                let power = self.program.multiply(factor, moment[2]);
+                self.torques[joint] = self.program.add(self.torques[joint], power);
+            }
             if description.parent != 0 {
                 let below = self.mechanism.down_from(self.program, turning, moment);
                 self.moments[description.parent] = add(self.program, self.moments[description.parent], below);

@@ -4,6 +4,9 @@
 //! axes, on top of another turning; frames whose orientations differ by a constant rotation share a turning, however
 //! their chains reach it. A *place* is a sum of vectors, each constant in the axes of one turning. So a link that
 //! keeps the orientation of another one is found from the frames, and locked joints are constant rotations.
+//!
+//! The product of many constant rotations is a polynomial of very many terms. Once it has [`LONG`] it becomes a turning
+//! without a joint, which stands still, and is computed like the others.
 
 use std::collections::BTreeMap;
 
@@ -23,8 +26,8 @@ pub struct Turning<A: Arithmetic> {
     pub parent: usize,
     /// From the axes before the joint's rotation to those of `parent`.
     pub fixed: Matrix<Polynomial<A>>,
-    /// The free joint.
-    pub joint: usize,
+    /// The free joint; none of the base, and of a long constant rotation.
+    pub joint: Option<usize>,
     /// How far it turns per unit of the joint variable.
     pub factor: f64,
     /// Where it stands at 0 (rad); only what is no quarter turn, which would fill `fixed` with numbers.
@@ -63,7 +66,12 @@ pub struct Tree<A: Arithmetic> {
     pub turnings: Vec<Turning<A>>,
     /// One per link.
     pub bodies: Vec<Body<A>>,
+    /// A polynomial of more terms is long.
+    most_terms: usize,
 }
+
+/// Terms of a polynomial that may be multiplied by another one; a numerical choice.
+pub const LONG: usize = 64;
 
 /// Where a frame stands.
 #[derive(Debug, Clone)]
@@ -79,8 +87,21 @@ impl<A: Arithmetic> Tree<A> {
     /// # Errors
     /// A row that is no Denavit-Hartenberg row with affine joint variables.
     pub fn new(algebra: &Algebra<A>, device: &Device, free: &[usize]) -> Result<Tree<A>, DeriveError> {
-        let base = Turning { parent: 0, fixed: identity(algebra), joint: usize::MAX, factor: 0.0, offset: 0.0 };
-        let mut tree = Tree { turnings: vec![base], bodies: Vec::new() };
+        Self::with_long(LONG, algebra, device, free)
+    }
+
+    /// As [`Self::new`], polynomials of more than so many terms being long.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_long(
+        most_terms: usize,
+        algebra: &Algebra<A>,
+        device: &Device,
+        free: &[usize],
+    ) -> Result<Tree<A>, DeriveError> {
+        let base = Turning { parent: 0, fixed: identity(algebra), joint: None, factor: 0.0, offset: 0.0 };
+        let mut tree = Tree { turnings: vec![base], bodies: Vec::new(), most_terms };
         let origin = Cursor { turning: 0, rotation: identity(algebra), place: Place::new() };
         let mut cursors: Vec<Cursor<A>> = Vec::new();
         for frame in &device.frames {
@@ -129,8 +150,35 @@ impl<A: Arithmetic> Tree<A> {
         turning == ancestor
     }
 
+    /// Whether a turning does not move: the base, and what only constant rotations join to it.
+    pub fn stands_still(&self, mut turning: usize) -> bool {
+        while turning != 0 && self.turnings[turning].joint.is_none() {
+            turning = self.turnings[turning].parent;
+        }
+        turning == 0
+    }
+
+    fn is_long(&self, vector: &Vector<Polynomial<A>>) -> bool {
+        vector.iter().any(|component| component.n_terms() > self.most_terms)
+    }
+
+    /// Makes a long constant rotation a turning, so that it is not multiplied out further.
+    fn keep_apart(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>) {
+        if !cursor.rotation.iter().any(|row| self.is_long(row)) {
+            return;
+        }
+        let parent = cursor.turning;
+        let fixed = std::mem::replace(&mut cursor.rotation, identity(algebra));
+        let same = |known: &Turning<A>| known.parent == parent && known.joint.is_none() && known.fixed == fixed;
+        cursor.turning = self.turnings.iter().position(same).unwrap_or(self.turnings.len());
+        if cursor.turning == self.turnings.len() {
+            self.turnings.push(Turning { parent, fixed, joint: None, factor: 0.0, offset: 0.0 });
+        }
+    }
+
     /// Turns a frame about one of its axes.
     fn turn(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, axis: Axis, angle: &AngleSum, free: &[usize]) {
+        self.keep_apart(algebra, cursor);
         let (moving, still) = angle.factors.iter().partition(|(joint, _)| free.contains(joint));
         let moving: BTreeMap<usize, f64> = moving;
         let turns_afterwards = axis == Axis::Z && !moving.is_empty() && !angle.is_in_quarters();
@@ -174,13 +222,13 @@ impl<A: Arithmetic> Tree<A> {
         let mut after = cursor.rotation.clone();
         let mut turning = cursor.turning;
         let mut sign = 1.0;
-        while turning != 0 {
+        while let Some(known) = self.turnings[turning].joint {
             match along_z(&after) {
                 Some(direction) => sign *= direction,
                 None => break,
             }
             run.push(turning);
-            let Turning { parent, fixed, joint: known, factor: known_factor, .. } = self.turnings[turning].clone();
+            let Turning { parent, fixed, factor: known_factor, .. } = self.turnings[turning].clone();
             let total = known_factor + sign * factor;
             if known == joint && (total == 0.0 || algebra.reaches(joint, total)) {
                 return self.rebuild(algebra, cursor, &run, total);
@@ -190,7 +238,7 @@ impl<A: Arithmetic> Tree<A> {
         }
         let axis = column(&cursor.rotation, 2);
         let turns_alike = |child: &Turning<A>| {
-            child.parent == cursor.turning && child.joint == joint && (child.factor.abs() == factor.abs()) && {
+            child.parent == cursor.turning && child.joint == Some(joint) && (child.factor.abs() == factor.abs()) && {
                 let same = child.factor == factor;
                 let known = column(&child.fixed, 2);
                 (0..3).all(|k| if same { known[k] == axis[k] } else { known[k] == -&axis[k] })
@@ -205,7 +253,7 @@ impl<A: Arithmetic> Tree<A> {
             }
             None => {
                 let fixed = std::mem::replace(&mut cursor.rotation, identity(algebra));
-                self.turnings.push(Turning { parent: cursor.turning, fixed, joint, factor, offset: 0.0 });
+                self.turnings.push(Turning { parent: cursor.turning, fixed, joint: Some(joint), factor, offset: 0.0 });
                 cursor.turning = self.turnings.len() - 1;
             }
         }
@@ -219,7 +267,9 @@ impl<A: Arithmetic> Tree<A> {
         cursor.rotation = chain[0].fixed.clone();
         for (at, turning) in chain.iter().enumerate() {
             let factor = if at == 0 { total } else { turning.factor };
-            self.spin(algebra, cursor, turning.joint, factor);
+            if let Some(joint) = turning.joint {
+                self.spin(algebra, cursor, joint, factor);
+            }
             cursor.rotation = product(algebra, &cursor.rotation, &about_z(algebra, turning.offset));
             let next = chain.get(at + 1).map_or(&last, |next| &next.fixed);
             cursor.rotation = product(algebra, &cursor.rotation, next);
@@ -237,7 +287,7 @@ impl<A: Arithmetic> Tree<A> {
     }
 
     /// Adds a vector (times `q[slide]`) to a place. What lies along a turning's own axis does not turn with it, but for axes at general
-    /// angles: there every length would reach all turnings below.
+    /// angles, where every length would reach all turnings below, and for long polynomials.
     pub fn extend(
         &self,
         algebra: &Algebra<A>,
@@ -249,7 +299,8 @@ impl<A: Arithmetic> Tree<A> {
         if turning != 0 && !vector[2].is_zero() {
             let Turning { parent, fixed, .. } = &self.turnings[turning];
             let axis = column(fixed, 2);
-            if !axis.iter().any(|component| algebra.has_constant_angles(component)) {
+            let is_general = axis.iter().any(|component| algebra.has_constant_angles(component));
+            if !is_general && !self.is_long(&axis) && !self.is_long(&vector) {
                 let below = axis.map(|component| algebra.product(&component, &vector[2]));
                 vector[2] = algebra.zero();
                 self.extend(algebra, place, *parent, slide, below);

@@ -15,11 +15,11 @@ use dynid_equations::{
     exact::Exact,
     kernel::{self, Group, pairs},
     structure::Structure,
-    tree::Tree,
+    tree::{LONG, Tree},
 };
 use dynid_lower::{Input, Program};
 use dynid_model::Device;
-use robots::{Random, random_robot};
+use robots::{Random, chain, random_robot, random_robot_of};
 
 type Algebra = dynid_equations::algebra::Algebra<Exact>;
 type Lagrangian = dynid_equations::lagrangian::Lagrangian<Exact>;
@@ -39,6 +39,53 @@ fn of_shipped_devices_every_form_agrees() {
 fn of_random_robots_every_form_agrees() {
     for seed in 0..30 {
         every_form_agrees(&random_robot(seed), 4, false);
+    }
+}
+
+/// However few terms are long: with none, every constant rotation is a turning without a joint.
+#[test]
+fn constant_rotations_may_be_kept_apart() {
+    for seed in 0..60 {
+        let device = random_robot_of(seed, 2 + seed as usize % 6, seed % 3 == 0);
+        let algebra = Algebra::new(&device).expect("it has equations");
+        let mut random = Random(seed);
+        for free in [(0..device.joints.len()).collect::<Vec<_>>(), vec![0], vec![device.joints.len() - 1]] {
+            let context = Context { algebra: &algebra, device: &device, free: &free };
+            for most_terms in [0, 1, 4] {
+                let tree = Tree::with_long(most_terms, &algebra, &device, &free).expect("it has equations");
+                let n_apart = tree.turnings.iter().skip(1).filter(|turning| turning.joint.is_none()).count();
+                assert!(n_apart > 0 || most_terms > 0);
+                for program in Group::ALL.map(|group| kernel::recursion(&context, &tree, group)) {
+                    for _ in 0..2 {
+                        let sample = Sample::new(&device, &algebra, &free, &mut random);
+                        let expected = sample.by_the_plant(&device);
+                        for ((name, _), value) in program.outputs().iter().zip(sample.evaluate(&program)) {
+                            let difference = expected.difference(name, value);
+                            let what = format!("seed {seed}, {free:?}, {most_terms}: {name} differs by {difference:e}");
+                            assert!(difference <= AGREEMENT, "{what}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A chain of 16 joints at general angles, one of them free: multiplied out, the locked ones made 4^15 terms.
+#[test]
+fn many_locked_joints_make_no_long_polynomials() {
+    const TERMS: usize = 8 * LONG;
+    let device = chain(16);
+    let algebra = Algebra::new(&device).expect("it has equations");
+    for free in [0, 8, 15] {
+        let tree = Tree::new(&algebra, &device, &[free]).expect("it has equations");
+        assert!(tree.turnings.iter().skip(1).any(|turning| turning.joint.is_none()));
+        let fixed = tree.turnings.iter().flat_map(|turning| turning.fixed.iter().flatten());
+        let of_bodies = tree.bodies.iter().flat_map(|body| body.rotation.iter().flatten());
+        let segments = tree.bodies.iter().flat_map(|body| body.place.values());
+        let of_places = segments.flat_map(|segment| &segment.constant);
+        let longest = fixed.chain(of_bodies).chain(of_places).map(|polynomial| polynomial.n_terms()).max();
+        assert!(longest <= Some(TERMS), "{free}: {longest:?} terms");
     }
 }
 

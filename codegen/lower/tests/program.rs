@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use dynid_lower::{Input, Kir, Node, Program};
+use dynid_lower::{Input, Kir, Node, OperationCounts, Program};
 use dynid_model::expression::{Comparison, Function};
 use proptest::prelude::*;
 
@@ -44,6 +44,7 @@ fn only_live_terms_are_counted_and_each_once() {
     let counts = planar2r().program.operations_for(&["D_0_0", "D_0_1", "D_1_1"]);
     // mx2, inertia2 (2), coupling, inertia1 (7), coupling_cos, d00 (2), d01
     assert_eq!((counts.adds, counts.muls, counts.sincos), (6, 9, 1));
+    assert_eq!(OperationCounts { divs: 4, ..counts }.arithmetic(), 6 + 9 + 4);
 }
 
 #[test]

@@ -467,22 +467,22 @@ mod tests {
 
     #[test]
     fn a_pattern_of_the_size_of_the_noise_leaves_little_not_nothing() {
-        let reported = |rmse: f64, noise_floor: f64, white: bool| {
-            let joint = JointComparison {
-                joint: 0,
-                rmse: Some(rmse),
-                fit_percent: None,
-                max_abs: None,
-                noise_floor,
-                white,
-                torque_rmse: None,
-                torque_percent: None,
-                whiteness: Some(if white { 20.0 } else { 90.0 }),
-                inputs: Vec::new(),
-                means: Vec::new(),
-            };
-            means(&joint, false)
+        let joint = |rmse: f64, noise_floor: f64, white: bool| JointComparison {
+            joint: 0,
+            rmse: Some(rmse),
+            fit_percent: None,
+            max_abs: None,
+            noise_floor,
+            white,
+            torque_rmse: None,
+            torque_percent: None,
+            whiteness: Some(if white { 20.0 } else { 90.0 }),
+            inputs: Vec::new(),
+            means: Vec::new(),
         };
+        let reported = |rmse: f64, noise_floor: f64, white: bool| means(&joint(rmse, noise_floor, white), false);
+        assert!(joint(1.1, 1.0, true).is_explained() && joint(0.0, 0.0, true).is_explained());
+        assert!(!joint(1.1, 1.0, false).is_explained() && !joint(1.3, 1.0, true).is_explained());
         let left = |means: &[Meaning]| match means[0] {
             Meaning::PositionError { times_noise, left } => (times_noise, left),
             _ => panic!("{means:?}"),

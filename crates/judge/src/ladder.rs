@@ -441,6 +441,10 @@ mod tests {
         assert_eq!(Lineage::of(&start, &better), Lineage::OtherParent, "not from the first rung");
         let diagnosed = fitted_from(&fitted, better);
         assert_eq!(Lineage::of(&fitted, &diagnosed), Lineage::AddedAndFitted);
+
+        let child = [Lineage::Same, Lineage::Fitted, Lineage::AddedAndFitted, Lineage::Added].map(Lineage::is_child);
+        assert_eq!(child, [true; 4]);
+        assert_eq!([Lineage::OtherParent, Lineage::Unknown].map(Lineage::is_child), [false; 2]);
     }
 
     #[test]

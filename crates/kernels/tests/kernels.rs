@@ -11,7 +11,7 @@ use dynid_generated::{Kernel, Lanes, N_SIGNALS};
 use dynid_kernels::{KernelError, batch, kernel};
 use dynid_model::{Device, device_named};
 use dynid_plant::random::Noise;
-use robots::random_robot_of;
+use robots::{chain, random_robot_of};
 use support::{Case, assert_matrix, assert_vector, cases_of, dot};
 
 /// What two derivations may differ by, relative to the size of what they compute (see `support`, "sizes").
@@ -244,6 +244,16 @@ fn derivatives_of_prepared_values_are_those_of_differences() {
     }
 }
 
+fn agrees_with_the_plant(device: &'static Device, free: &[usize], seed: u64) {
+    for case in cases_of(device, kernel(device, free).unwrap(), Noise::new(seed), 3) {
+        let (d, h) = case.plant_inertia_and_bias();
+        assert_matrix(&case.inertia(), &d, &d, TOLERANCE, || format!("D, {case}"));
+        assert_vector(&case.bias(), &h, &case.bias_size(), TOLERANCE, || format!("h, {case}"));
+        let (tau, expected) = (case.inverse_dynamics(&case.ddq), case.plant_inverse_dynamics());
+        assert_vector(&tau, &expected, &case.torque_size(), TOLERANCE, || format!("tau, {case}"));
+    }
+}
+
 /// One to ten joints, revolute and prismatic, branches, every convention, also with some of them locked.
 #[test]
 fn of_random_robots_kernels_agree_with_the_plant() {
@@ -252,15 +262,17 @@ fn of_random_robots_kernels_agree_with_the_plant() {
         let all: Vec<usize> = (0..device.joints.len()).collect();
         let every_other: Vec<usize> = all.iter().copied().step_by(2).collect();
         for free in [all, every_other] {
-            let made = kernel(device, &free).unwrap();
-            for case in cases_of(device, made, Noise::new(seed), 3) {
-                let (d, h) = case.plant_inertia_and_bias();
-                assert_matrix(&case.inertia(), &d, &d, TOLERANCE, || format!("D, {case}"));
-                assert_vector(&case.bias(), &h, &case.bias_size(), TOLERANCE, || format!("h, {case}"));
-                let (tau, expected) = (case.inverse_dynamics(&case.ddq), case.plant_inverse_dynamics());
-                assert_vector(&tau, &expected, &case.torque_size(), TOLERANCE, || format!("tau, {case}"));
-            }
+            agrees_with_the_plant(device, &free, seed);
         }
+    }
+}
+
+/// So many locked joints that what they turn cannot be multiplied out: below the free ones, above and between them.
+#[test]
+fn many_joints_may_be_locked() {
+    let device: &'static Device = Box::leak(Box::new(chain(16)));
+    for free in [vec![0], vec![8], vec![15], vec![2, 3, 14]] {
+        agrees_with_the_plant(device, &free, 1);
     }
 }
 

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     linear::{LinearParameters, Motion, Regressor},
-    symbolic::{Factor, Recogniser},
+    symbolic::{Factor, recognised},
 };
 use crate::PlanError;
 use dynid_dynamics::system::System;
@@ -116,38 +116,28 @@ impl Analysis {
     /// The base parameters of all systems together, `C` being recognised.
     pub fn base(&self) -> BaseParameters {
         let mut random = Random::new(23);
-        let used: Vec<String> =
-            self.lengths.iter().filter(|(_, value)| *value != 0.0).map(|(name, _)| name.clone()).collect();
-        let points: Vec<Vec<f64>> =
-            (0..Recogniser::n_points(used.len())).map(|_| random.vector(used.len(), 0.4, 1.6)).collect();
-        let at = |point: &[f64]| -> Vec<(String, f64)> {
-            let value = |name: &str| used.iter().position(|known| known == name).map_or(0.0, |place| point[place]);
-            self.lengths.iter().map(|(name, _)| (name.clone(), value(name))).collect()
-        };
         let own = self.all(&self.lengths, &mut random);
         let leading = independent(&own);
-        let present: Vec<usize> = (0..own.ncols()).filter(|&column| own.column(column).amax() > 0.0).collect();
-        let dependent: Vec<usize> = present.into_iter().filter(|column| !leading.contains(column)).collect();
-        let solved: Vec<DMatrix<f64>> =
-            points.iter().map(|point| factors(&self.all(&at(point), &mut random), &leading, &dependent)).collect();
+        let present = (0..own.ncols()).filter(|&column| own.column(column).amax() > 0.0);
+        let dependent: Vec<usize> = present.filter(|column| !leading.contains(column)).collect();
+        let used: Vec<String> =
+            self.lengths.iter().filter(|(_, value)| *value != 0.0).map(|(name, _)| name.clone()).collect();
+        let recognised = recognised(&used, |point| {
+            let value = |name: &str| used.iter().position(|known| known == name).map_or(0.0, |place| point[place]);
+            let lengths: Vec<(String, f64)> =
+                self.lengths.iter().map(|(name, _)| (name.clone(), value(name))).collect();
+            factors(&self.all(&lengths, &mut random), &leading, &dependent)
+        });
         let at_model = factors(&own, &leading, &dependent);
-        let recogniser = Recogniser::new(&used, &points);
-        let combinations = leading
-            .iter()
-            .enumerate()
-            .map(|(row, &leading)| {
-                let mut others = Vec::new();
-                for (column, &other) in dependent.iter().enumerate() {
-                    let values: Vec<f64> = solved.iter().map(|solved| solved[(row, column)]).collect();
-                    match recogniser.polynomial(&values) {
-                        Some(polynomial) if polynomial.is_zero() => {}
-                        Some(polynomial) => others.push((other, Factor::Exact(polynomial))),
-                        None => others.push((other, Factor::Number(at_model[(row, column)]))),
-                    }
-                }
-                Combination { leading, others }
-            })
-            .collect();
+        let combination = |(row, &leading): (usize, &usize)| {
+            let factor = |(column, &other): (usize, &usize)| match &recognised[(row, column)] {
+                Some(polynomial) if polynomial.is_zero() => None,
+                Some(polynomial) => Some((other, Factor::Exact(polynomial.clone()))),
+                None => Some((other, Factor::Number(at_model[(row, column)]))),
+            };
+            Combination { leading, others: dependent.iter().enumerate().filter_map(factor).collect() }
+        };
+        let combinations = leading.iter().enumerate().map(combination).collect();
         let rank_at_one_pose = (0..self.systems.len())
             .map(|system| independent(&self.stacked(system, &self.lengths, Poses::One, &mut random)).len())
             .collect();

@@ -1,7 +1,8 @@
 //! Numbers that are polynomials in lengths, recognised: from values at random lengths to `1/2*L2^2 + L2*L3`.
 
-use std::fmt;
+use std::{collections::BTreeMap, fmt};
 
+use dynid_random::Random;
 use nalgebra::{DMatrix, DVector};
 
 /// A factor of a combination of parameters: a polynomial in lengths, or a number where no polynomial was found.
@@ -155,9 +156,51 @@ fn powers(symbols: &[String]) -> Vec<String> {
     symbols.chunk_by(|a, b| a == b).map(power).collect()
 }
 
+/// Those entries of a matrix that are polynomials in these lengths; `at` gives it at values of all of them.
+///
+/// Each is sought in the lengths alone that it depends on: they are few, whereas an arm has two a joint, and the points
+/// that a polynomial is found from grow with the cube of their number.
+pub fn recognised(lengths: &[String], mut at: impl FnMut(&[f64]) -> DMatrix<f64>) -> DMatrix<Option<Polynomial>> {
+    let mut random = Random::new(31);
+    let mut point = || random.vector(lengths.len(), 0.4, 1.6);
+    let (start, other) = (point(), point());
+    let at_start = at(&start);
+    let moved = |length: usize| {
+        let mut point = start.clone();
+        point[length] = other[length];
+        at(&point)
+    };
+    let moved: Vec<DMatrix<f64>> = (0..lengths.len()).map(moved).collect();
+    let depends_on = at_start.map_with_location(|row, column, value| -> Vec<usize> {
+        let is_same = |length: usize| (moved[length][(row, column)] - value).abs() < AGREEMENT * value.abs().max(1.0);
+        (0..lengths.len()).filter(|&length| !is_same(length)).collect()
+    });
+    let most = depends_on.iter().map(Vec::len).filter(|n| *n <= READABLE).max().unwrap_or(0);
+    let points: Vec<Vec<f64>> = (0..Recogniser::n_points(most)).map(|_| point()).collect();
+    let values: Vec<DMatrix<f64>> = points.iter().map(|point| at(point)).collect();
+    let mut recognisers: BTreeMap<Vec<usize>, Recogniser> = BTreeMap::new();
+    depends_on.map_with_location(|row, column, own| {
+        if own.len() > READABLE {
+            return None;
+        }
+        let n_points = Recogniser::n_points(own.len());
+        let recogniser = recognisers.entry(own).or_insert_with_key(|own| {
+            let names: Vec<String> = own.iter().map(|&length| lengths[length].clone()).collect();
+            let points: Vec<Vec<f64>> =
+                points[..n_points].iter().map(|point| own.iter().map(|&length| point[length]).collect()).collect();
+            Recogniser::new(&names, &points)
+        });
+        let values: Vec<f64> = values[..n_points].iter().map(|matrix| matrix[(row, column)]).collect();
+        recogniser.polynomial(&values)
+    })
+}
+
+/// A polynomial in more lengths tells a reader no more than its value, and takes hundreds of points to find.
+const READABLE: usize = 8;
+
 /// Finds polynomials from their values at many points: of second degree at most, or homogeneous ones of up to third
 /// degree over one length.
-pub struct Recogniser {
+struct Recogniser {
     lengths: Vec<String>,
     /// One row a point.
     points: Vec<Vec<f64>>,
@@ -177,15 +220,15 @@ const VERIFY: usize = 4;
 
 impl Recogniser {
     /// Number of points needed for so many lengths.
-    pub fn n_points(n_lengths: usize) -> usize {
+    fn n_points(n_lengths: usize) -> usize {
         let plain: usize = (0..=2).map(|degree| monomials(n_lengths, degree).len()).sum();
-        if n_lengths == 0 { 1 } else { plain.max(monomials(n_lengths, 3).len()) + 3 + VERIFY }
+        plain.max(monomials(n_lengths, 3).len()) + 3 + VERIFY
     }
 
     /// `points` holds the values of the `lengths`, one row a point.
-    pub fn new(lengths: &[String], points: &[Vec<f64>]) -> Self {
+    fn new(lengths: &[String], points: &[Vec<f64>]) -> Self {
         let n = lengths.len();
-        let n_found_from = if n == 0 { points.len() } else { points.len().saturating_sub(VERIFY) };
+        let n_found_from = points.len() - VERIFY;
         let plain = Basis::new((0..=2).flat_map(|degree| monomials(n, degree)).collect(), &points[..n_found_from]);
         let degrees = if n == 0 { 1..1 } else { 1..4 };
         let over_a_length = degrees.map(|degree| Basis::new(monomials(n, degree), &points[..n_found_from])).collect();
@@ -193,7 +236,7 @@ impl Recogniser {
     }
 
     /// The polynomial that has these values at the points; `None` where there is none with simple factors.
-    pub fn polynomial(&self, values: &[f64]) -> Option<Polynomial> {
+    fn polynomial(&self, values: &[f64]) -> Option<Polynomial> {
         if values.iter().all(|value| value.abs() < AGREEMENT) {
             return Some(Polynomial::default());
         }
@@ -257,7 +300,6 @@ fn monomials(n_lengths: usize, degree: usize) -> Vec<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dynid_random::Random;
 
     fn recogniser(random: &mut Random) -> (Recogniser, Vec<Vec<f64>>) {
         let lengths = ["L2".to_owned(), "L3".to_owned()];
@@ -282,6 +324,24 @@ mod tests {
         assert_eq!(sum, both("(2*L2^3 + L2^2*L3)/L3", " + ((2*L2^3 + L2^2*L3)/L3)*m"));
         assert_eq!(reported(&|a, b| 1.0 - a / b), both("(-L2 + L3)/L3", " + ((-L2 + L3)/L3)*m"));
         assert_eq!(reported(&|a, _| 2.0_f64.sqrt() * a), both("sqrt(2)*L2", " + sqrt(2)*L2*m"));
+    }
+
+    /// Each in few of ten lengths, so that some dozens of points are enough; but one in too many.
+    #[test]
+    fn a_polynomial_is_sought_in_its_own_lengths() {
+        let names: Vec<String> = (0..10).map(|length| format!("L{length}")).collect();
+        let mut n_points = 0;
+        let found = recognised(&names, |point| {
+            n_points += 1;
+            let sum: f64 = point[..9].iter().sum();
+            let odd = (point[0] + point[4]).sin();
+            DMatrix::from_row_slice(2, 3, &[point[3].powi(2), point[1] / point[9], 0.5, 0.0, sum, odd])
+        });
+        let told: Vec<Option<String>> =
+            found.transpose().iter().map(|entry| entry.as_ref().map(Polynomial::to_string)).collect();
+        let exact = |text: &str| Some(text.to_owned());
+        assert_eq!(told, [exact("L3^2"), exact("L1/L9"), exact("1/2"), exact("0"), None, None]);
+        assert_eq!(n_points, 1 + 10 + Recogniser::n_points(2));
     }
 
     #[test]

@@ -88,23 +88,6 @@ fn robot(seed: u64, mut random: Random, n_joints: usize, general: bool) -> Devic
     }
     let convention = if general { "transform" } else { random.one_of(&["standard", "modified"]) };
     let up = random.one_of(&["[0, 0, 1]", "[0, 1, 0]", "[0.6, 0, 0.8]"]);
-    let mut text = format!(
-        "title = \"random\"\nsource = \"a seed\"\n\
-         [units]\nangle = \"rad\"\nlength = \"m\"\nmass = \"kg\"\ninertia = \"kg*m^2\"\ntime = \"s\"\ncommand = \"N*m\"\n\
-         [base]\ngravity = 9.81\nup = {up}\n[lengths]\nL1 = 0.4\nL2 = 0.3\n\
-         [kinematics]\nconvention = \"{convention}\"\nframes = [\n{frames}]\n"
-    );
-    for _ in 0..n_joints {
-        text += "[[joint]]\ntitle = \"joint\"\nposition = [-inf, inf]\nspeed = inf\ntorque = inf\n";
-    }
-    text += "[bounds]\nmass = 0.5\ncentroid = 0.3\ninertia = 0.5\n";
-    for frame in 0..n_frames {
-        let _ = write!(
-            text,
-            "[[link]]\ntitle = \"link\"\nframe = \"f{frame}\"\nm = 1.0\nx = 0.1\ny = 0.2\nz = 0.3\n\
-             Ixx = 0.02\nIxy = 0.001\nIxz = 0.002\nIyy = 0.02\nIyz = 0.001\nIzz = 0.02\n"
-        );
-    }
     let all: Vec<usize> = (0..n_joints).collect();
     let some: Vec<usize> = all.iter().copied().filter(|_| random.below(2) == 0).collect();
     let mut sets = vec![format!("{all:?}")];
@@ -114,12 +97,49 @@ fn robot(seed: u64, mut random: Random, n_joints: usize, general: bool) -> Devic
     if some.len() > 1 && some.len() < n_joints {
         sets.push(format!("{some:?}"));
     }
+    device(&format!("random{seed}"), convention, up, &frames, n_joints, &sets.join(", "))
+}
+
+/// Joints one on the other, no two axes parallel or at right angles.
+#[allow(dead_code)]
+pub fn chain(n_joints: usize) -> Device {
+    let mut frames = String::new();
+    for joint in 0..n_joints {
+        let parent = if joint == 0 { "base".to_owned() } else { format!("f{}", joint - 1) };
+        let alpha = 0.3 + 0.05 * joint as f64;
+        let _ = writeln!(
+            frames,
+            "  {{ name = \"f{joint}\", parent = \"{parent}\", theta = \"q{joint}\", d = \"L1\", a = \"L2\", alpha = \"{alpha}\" }},"
+        );
+    }
+    device("chain", "modified", "[0, 0, 1]", &frames, n_joints, "[0]")
+}
+
+/// A device with a link in every frame, one a line.
+fn device(name: &str, convention: &str, up: &str, frames: &str, n_joints: usize, configurations: &str) -> Device {
+    let mut text = format!(
+        "title = \"{name}\"\nsource = \"a seed\"\n\
+         [units]\nangle = \"rad\"\nlength = \"m\"\nmass = \"kg\"\ninertia = \"kg*m^2\"\ntime = \"s\"\ncommand = \"N*m\"\n\
+         [base]\ngravity = 9.81\nup = {up}\n[lengths]\nL1 = 0.4\nL2 = 0.3\n\
+         [kinematics]\nconvention = \"{convention}\"\nframes = [\n{frames}]\n"
+    );
+    for _ in 0..n_joints {
+        text += "[[joint]]\ntitle = \"joint\"\nposition = [-inf, inf]\nspeed = inf\ntorque = inf\n";
+    }
+    text += "[bounds]\nmass = 0.5\ncentroid = 0.3\ninertia = 0.5\n";
+    for frame in 0..frames.lines().count() {
+        let _ = write!(
+            text,
+            "[[link]]\ntitle = \"link\"\nframe = \"f{frame}\"\nm = 1.0\nx = 0.1\ny = 0.2\nz = 0.3\n\
+             Ixx = 0.02\nIxy = 0.001\nIxz = 0.002\nIyy = 0.02\nIyz = 0.001\nIzz = 0.02\n"
+        );
+    }
     let _ = write!(
         text,
-        "[identification]\nconfigurations = [{}]\n[[identification.method]]\nname = \"coupling\"\nsequence = [1]\n",
-        sets.join(", ")
+        "[identification]\nconfigurations = [{configurations}]\n\
+         [[identification.method]]\nname = \"coupling\"\nsequence = [1]\n"
     );
-    match Device::parse(&text, Path::new(&format!("random{seed}.toml"))) {
+    match Device::parse(&text, Path::new(&format!("{name}.toml"))) {
         Ok(device) => device,
         Err(error) => panic!("{error}\n{text}"),
     }

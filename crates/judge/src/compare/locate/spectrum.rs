@@ -81,7 +81,7 @@ fn beat(trace: &Trace, power: &[f64], total: f64, resolution: f64, n_seen: usize
 }
 
 /// The share of the power of noise that lies in bins `from..=to`.
-fn by_chance(trace: &Trace, resolution: f64, n_bins: usize, n_seen: usize, from: usize, to: usize) -> f64 {
+pub(super) fn by_chance(trace: &Trace, resolution: f64, n_bins: usize, n_seen: usize, from: usize, to: usize) -> f64 {
     let white = (to + 1 - from) as f64 / n_seen as f64;
     if trace.error == Signal::Position {
         return white.min(1.0);
@@ -97,7 +97,7 @@ fn by_chance(trace: &Trace, resolution: f64, n_bins: usize, n_seen: usize, from:
 }
 
 /// Power of the error, freed of its mean, by frequency: the whole run under one Hann window, so that near lines are told apart.
-fn periodogram(trace: &Trace) -> Vec<f64> {
+pub(super) fn periodogram(trace: &Trace) -> Vec<f64> {
     let centred = trace.centred();
     let n = centred.len();
     let mut buffer: Vec<Complex<f64>> = centred

@@ -4,9 +4,11 @@ use std::f64::consts::TAU;
 
 use super::{
     Finding, FindingKind, OtherSignal, OwnSignal, Region, Signal, Third, Twin, between_runs, of_trace,
+    spectrum::{by_chance, periodogram},
     trace::{Signals, Trace},
 };
 use dynid_random::Random;
+use dynid_signal::{Lowpass, second_derivative};
 
 const STEP: f64 = 0.01;
 const N: usize = 6000;
@@ -426,5 +428,31 @@ fn regions_hold_the_samples_that_their_names_say() {
     for (name, inside) in found {
         let wrong: Vec<usize> = (0..n).filter(|k| inside[*k] != expected(name, *k)).collect();
         assert!(wrong.is_empty(), "{name}: {wrong:?}");
+    }
+}
+
+/// What by chance lies in a band of a torque error, against noise of positions that goes the way of one: through the filter,
+/// differentiated twice, through the filter again.
+#[test]
+fn noise_of_positions_is_expected_where_it_falls() {
+    const CUTOFF_HZ: f64 = 5.0;
+    let filter = Lowpass::new(CUTOFF_HZ, 1.0 / STEP).expect("below half the rate");
+    let mut error = Trace { bandwidth_hz: CUTOFF_HZ, ..trace(|_, _, _| 0.0, 0.0) };
+    let resolution = 1.0 / (STEP * N as f64);
+    let n_seen = (CUTOFF_HZ / resolution) as usize;
+    let mut random = Random::new(5);
+    let mut power = vec![0.0; N / 2 + 1];
+    for _ in 0..300 {
+        let noise: Vec<f64> = (0..N).map(|_| random.normal()).collect();
+        error.residual = filter.apply(&second_derivative(&filter.apply(&noise), STEP));
+        power.iter_mut().zip(periodogram(&error)).for_each(|(sum, power)| *sum += power);
+    }
+    let total: f64 = power.iter().sum();
+    for (from_hz, to_hz) in [(2.5, 3.0), (3.0, 3.5), (3.5, 4.0), (4.0, 4.5), (4.5, 5.0)] {
+        let (from, to) = ((from_hz / resolution) as usize, (to_hz / resolution) as usize - 1);
+        let white = (to + 1 - from) as f64 / n_seen as f64;
+        let found = (power[from..=to].iter().sum::<f64>() / total).max(white);
+        let expected = by_chance(&error, resolution, power.len(), n_seen, from, to);
+        assert!((found - expected).abs() < 0.05 * found, "{from_hz} Hz: {found} {expected}");
     }
 }

@@ -1,4 +1,4 @@
-//! Damaged input for every reader and for the whole program (`tests/fuzz`).
+//! Damaged input for every reader, for the whole program and for the server of its page (`tests/fuzz`).
 
 use crate::shell;
 
@@ -10,16 +10,27 @@ pub struct Arguments {
     /// Runs of the program.
     #[arg(long, default_value_t = 20_000)]
     runs: u64,
+    /// Requests of the server.
+    #[arg(long, default_value_t = 200_000)]
+    requests: u64,
     /// What all are drawn from.
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
 
-/// Builds, tries the readers, then the program.
+/// Builds, tries the readers, then the program, then its server.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     shell::succeed(&mut shell::cargo(&["build", "--release", "--locked", "-p", "dynid"]))?;
-    let (inputs, runs, seed) = (arguments.inputs.to_string(), arguments.runs.to_string(), arguments.seed.to_string());
-    let fuzz = ["run", "--release", "--locked", "-p", "dynid-fuzz", "--", "--seed", &seed];
-    shell::succeed(&mut shell::cargo(&[&fuzz[..], &["--inputs", &inputs]].concat()))?;
-    shell::succeed(&mut shell::cargo(&[&fuzz[..], &["--binary", "target/release/dynid", "--runs", &runs]].concat()))
+    let Arguments { inputs, runs, requests, seed } = arguments;
+    let [inputs, runs, requests, seed] = [inputs, runs, requests, seed].map(u64::to_string);
+    let program = "target/release/dynid";
+    for tried in [
+        &["--inputs", &inputs][..],
+        &["--binary", program, "--runs", &runs],
+        &["--server", program, "--requests", &requests],
+    ] {
+        let fuzz = ["run", "--release", "--locked", "-p", "dynid-fuzz", "--", "--seed", &seed];
+        shell::succeed(&mut shell::cargo(&[&fuzz[..], tried].concat()))?;
+    }
+    Ok(())
 }

@@ -313,6 +313,31 @@ mod tests {
         }
     }
 
+    /// Both joints of the arm move its last link, of which a payload is a part.
+    #[test]
+    fn the_same_effect_may_have_another_name() {
+        let left = |joint: usize| JointResidual {
+            joint,
+            held_out: true,
+            squares: 1.0,
+            samples: 100.0,
+            noise_squares: Some(1.0),
+            white: true,
+        };
+        let model = "device = \"planar2r\"\n".to_owned();
+        let refit = Refit { model, left: vec![left(0), left(1)], ..crate::refit::tests::empty() };
+        let at = |effect: &str, joint: usize, from: Option<usize>| Candidate {
+            effect: effect.to_owned(),
+            joint: Some(joint),
+            from,
+        };
+        let others = |own: Candidate| equivalents(&own, &refit);
+        assert_eq!(others(at("payload", 1, None)), [at("payload", 0, None)]);
+        assert_eq!(others(at("rotor_coupling", 0, Some(1))), [at("rotor_coupling", 1, Some(0))]);
+        assert_eq!(others(at("input_coupling", 0, Some(1))), [], "the torque of one is felt by the other");
+        assert_eq!(others(at("viscous", 0, None)), []);
+    }
+
     /// Squared errors of 400 and 128 before, where noise alone leaves 100 and 64.
     #[test]
     fn shares_are_of_the_error_and_of_what_of_it_is_above_the_noise() {

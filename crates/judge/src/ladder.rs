@@ -448,6 +448,31 @@ mod tests {
     }
 
     #[test]
+    fn what_a_reader_must_know_of_the_rungs_is_noted() {
+        let start = model();
+        let mut added = start.clone();
+        added.add_effect("torque_offset", Some(1), None).expect("it fits");
+        let mut moved = added.clone();
+        moved.set_value("link.1.m", 1.234).expect("a parameter");
+        let stranger = fitted_from(&start, moved.clone());
+        let named = [("start", start), ("added", added), ("moved", moved), ("stranger", stranger)];
+        let models = named.map(|(name, model)| (name.to_owned(), model));
+        let name = str::to_owned;
+        let expected = [
+            LadderNote::NothingHeldOut,
+            LadderNote::NotFittedYet { model: name("added"), before: name("start") },
+            LadderNote::UnknownDescent { model: name("moved"), before: name("added") },
+            LadderNote::NotAChild {
+                model: name("stranger"),
+                before: name("moved"),
+                parent_digest: models[0].1.digest(),
+                before_digest: models[2].1.digest(),
+            },
+        ];
+        assert_eq!(ladder(&models, &[]).expect("no run, no error").notes, expected);
+    }
+
+    #[test]
     fn what_changed_is_named_by_place() {
         let start = model();
         let mut other = start.clone();

@@ -37,9 +37,9 @@ const LONG: [&str; 10] =
 const STOPPED_AFTER: Duration = Duration::from_secs(6);
 
 /// Address space of a run, by `ulimit -v`.
-const MEMORY_KIB: u64 = 4 << 20;
+pub const MEMORY_KIB: u64 = 4 << 20;
 
-/// The verbs. Each word is an argument; of `open`, which serves until it is stopped, there is `tests/open.rs`.
+/// The verbs. Each word is an argument; of `open`, which serves until it is stopped, there is [`crate::server`].
 const COMMANDS: &[&str] = &[
     "new wrist-1.csv wrist-2.csv --device freedom6s --out made --force",
     "new wrist-1.csv --device robot.urdf --out made --column q0=q4 --free 4,5",
@@ -408,7 +408,7 @@ fn ended(program: &Path, arguments: &[OsString], folder: &Path) -> anyhow::Resul
 }
 
 /// Every file in a folder and those below it; what is none, and is not to be read, is left out.
-fn contents(folder: &Path) -> anyhow::Result<BTreeMap<PathBuf, Vec<u8>>> {
+pub fn contents(folder: &Path) -> anyhow::Result<BTreeMap<PathBuf, Vec<u8>>> {
     let mut found = BTreeMap::new();
     let mut waiting = vec![folder.to_owned()];
     while let Some(folder) = waiting.pop() {

@@ -1,7 +1,8 @@
 //! `cargo run --release -p dynid-fuzz -- --inputs 10000000 --seed 1` damages files that are right in many ways and gives them to every
 //! reader of the program, by the calls that the program makes; `--binary target/release/dynid --runs 20000` does the same to the whole
-//! program. An input fails that ends the process or panics, takes more than 20 s, takes more memory than [`worker::MEMORY`], is refused
-//! with an error that says nothing, or is accepted with a number that is none.
+//! program, and `--server target/release/dynid --requests 10000` to the server of its page. An input fails that ends the process or
+//! panics, takes more than 20 s, takes more memory than [`worker::MEMORY`], is refused with an error that says nothing, or is accepted
+//! with a number that is none.
 //!
 //! The input of a number is the same wherever it is made: each is drawn from the seed, the reader's name and its number (`readers`,
 //! `mutate`, `draw`). Workers (`worker`) are processes, so that one that is lost is an input that is found; their parent (`parent`) makes
@@ -13,6 +14,7 @@ mod memory;
 mod mutate;
 mod parent;
 mod readers;
+mod server;
 mod worker;
 
 use std::{path::PathBuf, process::ExitCode};
@@ -26,7 +28,7 @@ use readers::Reader;
 #[global_allocator]
 static COUNTING: memory::Counting = memory::Counting;
 
-/// Gives damaged input to every reader of the program.
+/// Gives damaged input to every reader of the program, to the program or to its server.
 #[derive(Parser)]
 #[command(name = "dynid-fuzz", max_term_width = 100)]
 struct Arguments {
@@ -45,6 +47,12 @@ struct Arguments {
     /// Runs of the program.
     #[arg(long, default_value_t = 1000)]
     runs: u64,
+    /// Gives damaged requests to the server of this program's page, instead.
+    #[arg(long, value_name = "PATH", conflicts_with = "binary")]
+    server: Option<PathBuf>,
+    /// Requests of the server.
+    #[arg(long, default_value_t = 10_000)]
+    requests: u64,
     /// The first run's number.
     #[arg(long, default_value_t = 0)]
     from: u64,
@@ -101,6 +109,19 @@ fn run(arguments: &Arguments) -> anyhow::Result<bool> {
             found.statuses.values().sum::<u64>(),
             ended.join(", "),
             found.stopped,
+            found.slowest_s,
+            found.failures.len()
+        );
+        return Ok(found.failures.is_empty());
+    }
+    if let Some(program) = &arguments.server {
+        let found = server::requests(program, arguments.requests, arguments.seed, &arguments.failures)?;
+        let answered: Vec<String> =
+            found.statuses.iter().map(|(status, count)| format!("{count} with {status}")).collect();
+        println!(
+            "{} requests: {}; the slowest took {:.1} s, {} failed",
+            found.statuses.values().sum::<u64>(),
+            answered.join(", "),
             found.slowest_s,
             found.failures.len()
         );

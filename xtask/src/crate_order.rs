@@ -65,7 +65,10 @@ const LAYERS: &[&[(&str, &str)]] = &[
         ("dynid-browser", "the live page in a real browser"),
         ("xtask", "the project's own commands"),
     ],
-    &[("dynid-fuzz", "every reader and the program under damaged input"), ("dynid-python", "the library for Python")],
+    &[
+        ("dynid-fuzz", "every reader, the program and its server under damaged input"),
+        ("dynid-python", "the library for Python"),
+    ],
 ];
 
 /// Packages that must be nowhere below a crate, whoever asks for them.

@@ -120,8 +120,7 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
 
     /// A first moment at a place, all of whose parts then carry the turning.
     fn take_in_first(&mut self, turning: usize, mut place: Place<A>, first: Vector<Node>) {
-        // The base does not turn.
-        place.remove(&0);
+        place.retain(|&carrier, _| !self.mechanism.tree.stands_still(carrier));
         if let Some(segment) = place.remove(&turning) {
             self.take_in_offset(turning, &segment, first);
         }
@@ -240,7 +239,7 @@ impl<'a, 'b, A: Arithmetic> Composite<'a, 'b, A> {
             }
             let (first, first_rates) = self.rates_above(common, turning, coupling.first);
             let (offset, offset_rates) = self.rates_above(common, carrier, coupling.offset);
-            if common != 0 {
+            if !tree.stands_still(common) {
                 for (at, (row, column)) in ENTRIES.into_iter().enumerate() {
                     let one = self.program.multiply(first[row], offset[column]);
                     let other = self.program.multiply(first[column], offset[row]);

@@ -430,7 +430,7 @@ impl<A: Arithmetic> Recursion<'_, '_, A> {
                 let power = self.program.multiply(factor, moment[2]);
                 self.torques[joint] = self.program.add(self.torques[joint], power);
             }
-            if description.parent != 0 {
+            if !tree.stands_still(description.parent) {
                 let below = self.mechanism.down_from(self.program, turning, moment);
                 self.moments[description.parent] = add(self.program, self.moments[description.parent], below);
             }

@@ -5,8 +5,8 @@
 //! their chains reach it. A *place* is a sum of vectors, each constant in the axes of one turning. So a link that
 //! keeps the orientation of another one is found from the frames, and locked joints are constant rotations.
 //!
-//! The product of many constant rotations is a polynomial of very many terms. Once it has [`LONG`] it becomes a turning
-//! without a joint, which stands still, and is computed like the others.
+//! The product of many constant rotations is a polynomial of very many terms. Once it has more than [`LONG`] it becomes
+//! a turning without a joint, which stands still, and is computed like the others.
 
 use std::collections::BTreeMap;
 
@@ -178,14 +178,18 @@ impl<A: Arithmetic> Tree<A> {
 
     /// Turns a frame about one of its axes.
     fn turn(&mut self, algebra: &Algebra<A>, cursor: &mut Cursor<A>, axis: Axis, angle: &AngleSum, free: &[usize]) {
-        self.keep_apart(algebra, cursor);
         let (moving, still) = angle.factors.iter().partition(|(joint, _)| free.contains(joint));
         let moving: BTreeMap<usize, f64> = moving;
         let turns_afterwards = axis == Axis::Z && !moving.is_empty() && !angle.is_in_quarters();
         let constant = if turns_afterwards { 0.0 } else { angle.constant };
-        let still = AngleSum { factors: still, constant };
-        let fixed = rotation(algebra, axis, &algebra.cos_sin(&still));
-        cursor.rotation = product(algebra, &cursor.rotation, &fixed);
+        let still: BTreeMap<usize, f64> = still;
+        let of_joint = |(joint, factor)| AngleSum { factors: [(joint, factor)].into(), constant: 0.0 };
+        let constant = AngleSum { factors: BTreeMap::new(), constant };
+        for part in still.into_iter().map(of_joint).chain([constant]) {
+            self.keep_apart(algebra, cursor);
+            let fixed = rotation(algebra, axis, &algebra.cos_sin(&part));
+            cursor.rotation = product(algebra, &cursor.rotation, &fixed);
+        }
         let n_known = self.turnings.len();
         for (joint, factor) in moving {
             match axis {
@@ -267,9 +271,8 @@ impl<A: Arithmetic> Tree<A> {
         cursor.rotation = chain[0].fixed.clone();
         for (at, turning) in chain.iter().enumerate() {
             let factor = if at == 0 { total } else { turning.factor };
-            if let Some(joint) = turning.joint {
-                self.spin(algebra, cursor, joint, factor);
-            }
+            // There is one: a run ends at a turning without.
+            turning.joint.into_iter().for_each(|joint| self.spin(algebra, cursor, joint, factor));
             cursor.rotation = product(algebra, &cursor.rotation, &about_z(algebra, turning.offset));
             let next = chain.get(at + 1).map_or(&last, |next| &next.fixed);
             cursor.rotation = product(algebra, &cursor.rotation, next);
@@ -287,7 +290,7 @@ impl<A: Arithmetic> Tree<A> {
     }
 
     /// Adds a vector (times `q[slide]`) to a place. What lies along a turning's own axis does not turn with it, but for axes at general
-    /// angles, where every length would reach all turnings below, and for long polynomials.
+    /// angles, where every length would reach all turnings below, and where that takes a long polynomial.
     pub fn extend(
         &self,
         algebra: &Algebra<A>,
@@ -300,7 +303,8 @@ impl<A: Arithmetic> Tree<A> {
             let Turning { parent, fixed, .. } = &self.turnings[turning];
             let axis = column(fixed, 2);
             let is_general = axis.iter().any(|component| algebra.has_constant_angles(component));
-            if !is_general && !self.is_long(&axis) && !self.is_long(&vector) {
+            let n_products = vector[2].n_terms() * axis.iter().map(Polynomial::n_terms).max().unwrap_or(0);
+            if !is_general && n_products <= self.most_terms {
                 let below = axis.map(|component| algebra.product(&component, &vector[2]));
                 vector[2] = algebra.zero();
                 self.extend(algebra, place, *parent, slide, below);

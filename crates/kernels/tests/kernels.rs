@@ -270,9 +270,11 @@ fn of_random_robots_kernels_agree_with_the_plant() {
 /// So many locked joints that what they turn cannot be multiplied out: below the free ones, above and between them.
 #[test]
 fn many_joints_may_be_locked() {
-    let device: &'static Device = Box::leak(Box::new(chain(16)));
-    for free in [vec![0], vec![8], vec![15], vec![2, 3, 14]] {
-        agrees_with_the_plant(device, &free, 1);
+    for at_right_angles in [false, true] {
+        let device: &'static Device = Box::leak(Box::new(chain(16, at_right_angles)));
+        for free in [vec![0], vec![8], vec![15], vec![2, 3, 14]] {
+            agrees_with_the_plant(device, &free, 1);
+        }
     }
 }
 

@@ -8,6 +8,7 @@ use std::{
     ffi::OsString,
     fs,
     io::Read,
+    ops::Range,
     os::unix::{fs::symlink, process::ExitStatusExt},
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -37,7 +38,7 @@ const LONG: [&str; 10] =
 const STOPPED_AFTER: Duration = Duration::from_secs(6);
 
 /// Address space of a run, by `ulimit -v`.
-pub const MEMORY_KIB: u64 = 4 << 20;
+const MEMORY_KIB: u64 = 4 << 20;
 
 /// The verbs. Each word is an argument; of `open`, which serves until it is stopped, there is [`crate::server`].
 const COMMANDS: &[&str] = &[
@@ -270,37 +271,68 @@ pub struct Runs {
 pub fn runs(program: &Path, from: u64, count: u64, seed: u64, failures: &Path) -> anyhow::Result<Runs> {
     let program = program.canonicalize().with_context(|| format!("there is no program {}", program.display()))?;
     let files = Files::new()?;
-    let next = AtomicU64::new(from);
     let all = Mutex::new(Runs::default());
+    share_out(from..from + count, 1, |own| {
+        for number in own {
+            let (ended, wrong) = run(&program, &files, seed, number, failures)?;
+            let mut all = all.lock().unwrap_or_else(PoisonError::into_inner);
+            *all.statuses.entry(ended.status.unwrap_or(-1)).or_default() += 1;
+            all.stopped += u64::from(ended.was_stopped);
+            all.slowest_s = all.slowest_s.max(ended.seconds);
+            if let Some(wrong) = wrong {
+                eprintln!("run {number}: {wrong}");
+                all.failures.push((number, wrong));
+            }
+        }
+        Ok(())
+    })?;
+    Ok(all.into_inner().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// Shares numbers out among as many workers as there are processors, so many at a time.
+pub fn share_out(
+    numbers: Range<u64>,
+    at_a_time: u64,
+    work: impl Fn(Range<u64>) -> anyhow::Result<()> + Sync,
+) -> anyhow::Result<()> {
+    let next = AtomicU64::new(numbers.start);
+    let worker = || -> anyhow::Result<()> {
+        loop {
+            let from = next.fetch_add(at_a_time, Ordering::Relaxed);
+            if from >= numbers.end {
+                return Ok(());
+            }
+            // What one cannot do, none can.
+            work(from..(from + at_a_time).min(numbers.end))
+                .inspect_err(|_| next.store(numbers.end, Ordering::Relaxed))?;
+        }
+    };
     let n_workers = thread::available_parallelism().map_or(1, usize::from);
     thread::scope(|scope| {
-        let workers: Vec<_> = (0..n_workers)
-            .map(|_| {
-                scope.spawn(|| -> anyhow::Result<()> {
-                    loop {
-                        let number = next.fetch_add(1, Ordering::Relaxed);
-                        if number >= from + count {
-                            return Ok(());
-                        }
-                        let (ended, wrong) = run(&program, &files, seed, number, failures)?;
-                        let mut all = all.lock().unwrap_or_else(PoisonError::into_inner);
-                        *all.statuses.entry(ended.status.unwrap_or(-1)).or_default() += 1;
-                        all.stopped += u64::from(ended.was_stopped);
-                        all.slowest_s = all.slowest_s.max(ended.seconds);
-                        if let Some(wrong) = wrong {
-                            eprintln!("run {number}: {wrong}");
-                            all.failures.push((number, wrong));
-                        }
-                    }
-                })
-            })
-            .collect();
+        let workers: Vec<_> = (0..n_workers).map(|_| scope.spawn(worker)).collect();
         for worker in workers {
             worker.join().map_err(|_| anyhow::anyhow!("a thread of the fuzzer panicked"))??;
         }
-        anyhow::Ok(())
-    })?;
-    Ok(all.into_inner().unwrap_or_else(PoisonError::into_inner))
+        Ok(())
+    })
+}
+
+/// The program in this folder, with one thread and no more memory than is allowed; it ends when its input does.
+pub fn limited(program: &Path, folder: &Path) -> Command {
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", &format!("ulimit -v {MEMORY_KIB}; exec \"$0\" \"$@\"")])
+        .arg(program)
+        .arg("--stop-with-stdin")
+        .current_dir(folder)
+        .env("RAYON_NUM_THREADS", "1")
+        .env_remove("DYNID_EFFECTS");
+    command
+}
+
+/// Whether a text tells of a panic or of what ends a program as surely.
+pub fn says_panic(text: &str) -> bool {
+    ["panicked at", "RUST_BACKTRACE", "overflowed its stack"].iter().any(|word| text.contains(word))
 }
 
 /// How a run ended.
@@ -349,14 +381,8 @@ fn run(
 }
 
 fn ended(program: &Path, arguments: &[OsString], folder: &Path) -> anyhow::Result<Ended> {
-    let mut child = Command::new("sh")
-        .args(["-c", &format!("ulimit -v {MEMORY_KIB}; exec \"$0\" \"$@\"")])
-        .arg(program)
-        .arg("--stop-with-stdin")
+    let mut child = limited(program, folder)
         .args(arguments)
-        .current_dir(folder)
-        .env("RAYON_NUM_THREADS", "1")
-        .env_remove("DYNID_EFFECTS")
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -439,7 +465,7 @@ fn judged(
     if ended.hung {
         return Ok(Some(format!("hangs for {} s", HANGS_AFTER.as_secs())));
     }
-    if err.contains("panicked at") || err.contains("RUST_BACKTRACE") || err.contains("overflowed its stack") {
+    if says_panic(&err) {
         return Ok(Some(format!("panics: {}", err.chars().take(300).collect::<String>())));
     }
     let Some(status @ (0..=2 | 130)) = ended.status else {

@@ -17,7 +17,7 @@ mod readers;
 mod server;
 mod worker;
 
-use std::{path::PathBuf, process::ExitCode};
+use std::{collections::BTreeMap, fmt::Display, path::PathBuf, process::ExitCode};
 
 use anyhow::Context;
 use clap::Parser;
@@ -53,7 +53,7 @@ struct Arguments {
     /// Requests of the server.
     #[arg(long, default_value_t = 10_000)]
     requests: u64,
-    /// The first run's number.
+    /// The first run's or request's number.
     #[arg(long, default_value_t = 0)]
     from: u64,
     /// Where inputs that failed are kept.
@@ -102,12 +102,10 @@ fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     }
     if let Some(program) = &arguments.binary {
         let found = binary::runs(program, arguments.from, arguments.runs, arguments.seed, &arguments.failures)?;
-        let ended: Vec<String> =
-            found.statuses.iter().map(|(status, count)| format!("{count} with {status}")).collect();
         println!(
             "{} runs: {}; {} were stopped, the slowest took {:.1} s, {} failed",
             found.statuses.values().sum::<u64>(),
-            ended.join(", "),
+            counted(&found.statuses),
             found.stopped,
             found.slowest_s,
             found.failures.len()
@@ -115,13 +113,12 @@ fn run(arguments: &Arguments) -> anyhow::Result<bool> {
         return Ok(found.failures.is_empty());
     }
     if let Some(program) = &arguments.server {
-        let found = server::requests(program, arguments.requests, arguments.seed, &arguments.failures)?;
-        let answered: Vec<String> =
-            found.statuses.iter().map(|(status, count)| format!("{count} with {status}")).collect();
+        let numbers = arguments.from..arguments.from + arguments.requests;
+        let found = server::requests(program, numbers, arguments.seed, &arguments.failures)?;
         println!(
             "{} requests: {}; the slowest took {:.1} s, {} failed",
             found.statuses.values().sum::<u64>(),
-            answered.join(", "),
+            counted(&found.statuses),
             found.slowest_s,
             found.failures.len()
         );
@@ -129,6 +126,11 @@ fn run(arguments: &Arguments) -> anyhow::Result<bool> {
     }
     let found = parent::readers(only, arguments.inputs, arguments.seed, &arguments.failures)?;
     Ok(told(&found))
+}
+
+/// `12 with 0, 3 with 1`
+fn counted(statuses: &BTreeMap<impl Display, u64>) -> String {
+    statuses.iter().map(|(status, count)| format!("{count} with {status}")).collect::<Vec<_>>().join(", ")
 }
 
 /// Prints the table; whether nothing failed.

@@ -1,4 +1,4 @@
-//! So many inputs of every reader, and so many runs of the program, as a change can wait for; `cargo xtask fuzz` tries many more.
+//! So many inputs of every reader as a change can wait for; `cargo xtask fuzz` tries many more, and the program and its server.
 
 use std::process::Command;
 

@@ -100,13 +100,13 @@ fn robot(seed: u64, mut random: Random, n_joints: usize, general: bool) -> Devic
     device(&format!("random{seed}"), convention, up, &frames, n_joints, &sets.join(", "))
 }
 
-/// Joints one on the other, no two axes parallel or at right angles.
+/// Joints one on the other: next axes at right angles, or no two axes parallel or at right angles.
 #[allow(dead_code)]
-pub fn chain(n_joints: usize) -> Device {
+pub fn chain(n_joints: usize, at_right_angles: bool) -> Device {
     let mut frames = String::new();
     for joint in 0..n_joints {
         let parent = if joint == 0 { "base".to_owned() } else { format!("f{}", joint - 1) };
-        let alpha = 0.3 + 0.05 * joint as f64;
+        let alpha = if at_right_angles { "pi/2".to_owned() } else { (0.3 + 0.05 * joint as f64).to_string() };
         let _ = writeln!(
             frames,
             "  {{ name = \"f{joint}\", parent = \"{parent}\", theta = \"q{joint}\", d = \"L1\", a = \"L2\", alpha = \"{alpha}\" }},"

@@ -49,7 +49,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ("licences", licences::check),
     ];
     #[cfg(unix)]
-    checks.push(("faults on purpose", crate::torture::short));
+    checks.extend([
+        ("damaged requests to the page", crate::fuzz::short as Check),
+        ("faults on purpose", crate::torture::short),
+    ]);
     if !arguments.quick {
         checks.push(("lints of derive", derive_lints));
         checks.push(("tests of derive", derive_tests));

@@ -1,5 +1,8 @@
 //! Damaged input for every reader, for the whole program and for the server of its page (`tests/fuzz`).
 
+#[cfg(unix)]
+use std::process::Command;
+
 use crate::shell;
 
 #[derive(clap::Args)]
@@ -16,6 +19,15 @@ pub struct Arguments {
     /// What all are drawn from.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+}
+
+/// Some requests of the server, for every change; readers are tried by a test of the fuzzer's.
+#[cfg(unix)]
+pub fn short() -> anyhow::Result<()> {
+    let program = shell::built_for_tests("dynid")?;
+    let mut fuzzer = Command::new(shell::built_for_tests("dynid-fuzz")?);
+    fuzzer.current_dir(shell::root()).arg("--server").arg(program).args(["--requests", "2000"]);
+    shell::succeed(&mut fuzzer)
 }
 
 /// Builds, tries the readers, then the program, then its server.

@@ -454,7 +454,8 @@ mod tests {
         added.add_effect("torque_offset", Some(1), None).expect("it fits");
         let mut moved = added.clone();
         moved.set_value("link.1.m", 1.234).expect("a parameter");
-        let stranger = fitted_from(&start, moved.clone());
+        let mut stranger = fitted_from(&start, moved.clone());
+        stranger.set_value("link.1.m", 2.345).expect("a parameter");
         let named = [("start", start), ("added", added), ("moved", moved), ("stranger", stranger)];
         let models = named.map(|(name, model)| (name.to_owned(), model));
         let name = str::to_owned;

@@ -39,7 +39,7 @@ const PORTION: u64 = 250;
 const ROWS: usize = 150;
 
 /// What lies outside of the folder, and is never told.
-const SECRET: &str = "secret = \"of the house\"\n";
+const SECRET: &str = "of the house";
 
 /// What stands in a request for what each server has of its own, of the same length: so a request is the same wherever it is made.
 const HOST: &str = "127.0.0.1:00000";
@@ -141,6 +141,7 @@ impl Answers {
 
 /// Those of one server, or of the next where one was lost.
 fn asked_in_turn(program: &Path, seed: u64, numbers: Range<u64>, failures: &Path) -> anyhow::Result<Answers> {
+    let others: Vec<Vec<u8>> = REQUESTS.iter().map(|(.., body)| body.as_bytes().to_vec()).collect();
     let mut answers = Answers::default();
     let mut next = numbers.start;
     while next < numbers.end {
@@ -148,7 +149,7 @@ fn asked_in_turn(program: &Path, seed: u64, numbers: Range<u64>, failures: &Path
         let mut sent: Vec<Vec<u8>> = Vec::new();
         let mut wrong = None;
         while next < numbers.end && wrong.is_none() {
-            let request = Request::of(&mut Draw::of(seed, "server", next));
+            let request = Request::of(&others, &mut Draw::of(seed, "server", next));
             let begun = Instant::now();
             let answer = server.answer(&request)?;
             answers.slowest_s = answers.slowest_s.max(begun.elapsed().as_secs_f64());
@@ -180,15 +181,15 @@ struct Request {
 }
 
 impl Request {
-    fn of(draw: &mut Draw) -> Self {
+    /// `others` are bodies that are mixed into it.
+    fn of(others: &[Vec<u8>], draw: &mut Draw) -> Self {
         let (method, path, body) = draw.copy_of(REQUESTS);
-        let others: Vec<Vec<u8>> = REQUESTS.iter().map(|(.., body)| body.as_bytes().to_vec()).collect();
         let with_names = |text: &str| text.replace("KEY", KEY).replace("DIGEST", DIGEST).replace("PAGES", PAGES);
         let (mut method, mut path, mut body) = (method.to_owned(), with_names(path), with_names(body).into_bytes());
         let mut media = if path.starts_with("api/upload") { "application/octet-stream" } else { "application/json" };
         let mut host = HOST;
         let changed =
-            |text: &str, draw: &mut Draw| String::from_utf8_lossy(&mutate::of_text(text, &others, draw)).into_owned();
+            |text: &str, draw: &mut Draw| String::from_utf8_lossy(&mutate::of_text(text, others, draw)).into_owned();
         match draw.below(16) {
             0 => {}
             1 => {
@@ -206,7 +207,7 @@ impl Request {
                 let value = if draw.one_in(3) { changed(value, draw) } else { draw.copy_of(&NAMES).to_owned() };
                 path = format!("{start}={value}");
             }
-            5..=7 => body = mutate::of_text(&String::from_utf8_lossy(&body), &others, draw),
+            5..=7 => body = mutate::of_text(&String::from_utf8_lossy(&body), others, draw),
             _ => body = with_other_values(body, draw),
         }
         // Mostly as a browser writes a path; else as it stands.
@@ -221,7 +222,7 @@ impl Request {
         let is_line = |own: char| own.is_ascii_whitespace() || own.is_control();
         let mut is_broken = path.contains(is_line) || path.len() > LONGEST_PATH || method.is_empty();
         if draw.one_in(20) {
-            bytes = mutate::of_bytes(&bytes, &others, draw);
+            bytes = mutate::of_bytes(&bytes, others, draw);
             is_broken = true;
         }
         Self { bytes, is_broken }
@@ -324,7 +325,7 @@ impl Server {
         let folder = around.path().join("house/folder");
         fs::create_dir_all(&folder)?;
         for outside in ["secret.toml", "house/secret.toml"] {
-            fs::write(around.path().join(outside), SECRET)?;
+            fs::write(around.path().join(outside), format!("secret = \"{SECRET}\"\n"))?;
         }
         let said = File::create(around.path().join("said"))?;
         for (name, path) in [
@@ -448,7 +449,7 @@ impl Server {
             Some("an answer that is broken off".to_owned())
         } else if says_panic(&text) {
             Some(format!("speaks of a panic: {}", beginning()))
-        } else if text.contains("of the house") && !String::from_utf8_lossy(&request.bytes).contains("of the house") {
+        } else if text.contains(SECRET) {
             Some(format!("tells what lies outside: {}", beginning()))
         } else {
             // What has no answer may be the end of the server, which takes a moment.

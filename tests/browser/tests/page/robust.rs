@@ -57,11 +57,11 @@ fn the_server_is_killed_during_a_fit_and_started_again() {
     assert!(browser.value("document.querySelectorAll('#fit-these').length") == 1);
     let during = messages(&browser);
     assert!(during.len() <= 1, "{during:?}");
-    browser.events();
-    browser.complaints();
 
+    let killed = server.address.clone();
     let server = Server::open(folder.path(), &["experiment.toml", "--port", &port]);
     assert_eq!(server.port(), port);
+    assert_ne!(server.address, killed);
     browser.go(&format!("{}#view=ladder", server.address));
     browser.shown("[id='rung-believed-tried.toml']");
     browser.idle();
@@ -92,7 +92,10 @@ fn the_server_is_killed_during_a_fit_and_started_again() {
         // Every model file is whole.
         let _ = json(folder.path(), &["compare", "experiment.toml", "--model", &name]);
     }
-    assert_eq!(browser.complaints(), [""; 0]);
+    // The old page asks for its own address until it is left: of these requests some fail, whenever that is.
+    let is_while_away = |own: &String| own.starts_with(&killed) && own.contains("Failed to load resource");
+    let other: Vec<String> = browser.complaints().into_iter().filter(|own| !is_while_away(own)).collect();
+    assert_eq!(other, [""; 0]);
 }
 
 /// What is typed stays, whatever is written in the folder meanwhile and however often the view is drawn anew for it.

@@ -24,6 +24,7 @@ mod arms;
 mod candidate;
 mod discover;
 mod distinguishing_experiment;
+mod disturbance;
 mod error;
 mod evidence;
 mod excitation;

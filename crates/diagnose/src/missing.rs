@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::arms::{Arm, race};
 use crate::candidate::{Candidate, Probe, Sizes, candidates, make_alike, probes};
+use crate::disturbance;
 use crate::refit::count;
 use crate::score_test::{RATES, ScoreTest, Start, at_rates, promising};
 use crate::settings::Settings;
@@ -103,24 +104,25 @@ impl Fitted {
 
     /// Whether what `other` falls short by may be chance: it is less than `least` or, of laws of which neither contains the other and that
     /// are not told apart the same way by the runs that were fitted to and those held out, not much for how it differs from part to part
-    /// of the logs (Vuong 1989).
+    /// of the logs (Vuong 1989). Of such laws it may be more unknowns alone that `other` falls short by: the logs do not tell these apart.
     pub fn is_like(&self, other: &Self, least: f64, settings: &Settings) -> bool {
-        let short = (self.score() - other.score()).abs();
+        let on_fitted = self.fit.log_likelihood - other.fit.log_likelihood;
+        let price = self.price() - other.price();
+        let all = self.score() - other.score() + price;
         let pair = self.candidate.as_ref().zip(other.candidate.as_ref());
         if pair.is_some_and(|(own, other)| own.contains(other) || other.contains(own)) {
-            return short <= least;
-        }
-        let on_fitted = |fitted: &Self| fitted.fit.log_likelihood - fitted.price();
-        let on_fitted = on_fitted(self) - on_fitted(other);
-        let held_out = self.score() - other.score() - on_fitted;
-        if on_fitted * held_out > 0.0 && short > least {
-            return false;
+            return (all - price).abs() <= least;
         }
         let parts: Vec<f64> = self.by_tenths().iter().zip(other.by_tenths()).map(|(own, other)| own - other).collect();
         let n = parts.len().max(2) as f64;
         let mean = parts.iter().sum::<f64>() / n;
         let variance = parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() * n / (n - 1.0);
-        short <= (settings.apart * variance.sqrt()).max(least)
+        let by_chance = (settings.apart * variance.sqrt()).max(least);
+        let is_chance = |price: f64| {
+            let (short, on_fitted, held_out) = ((all - price).abs(), on_fitted - price, all - on_fitted);
+            short <= if on_fitted * held_out > 0.0 { least } else { by_chance }
+        };
+        is_chance(price) || is_chance(0.0)
     }
 
     /// As the model that more is added to.
@@ -441,6 +443,17 @@ impl Logs<'_> {
         fitted.is_whole(&self.settings) || (is_white() && is_at_noise())
     }
 
+    /// Whether what a fit leaves may be noise of the logs: its innovations are white, and what acts on a joint whose model is not trusted is
+    /// no more than noise of the logged torque.
+    pub fn leaves_noise(&self, fitted: &Fitted) -> bool {
+        let is_noise = |left: &JointInnovations| {
+            left.correction < self.settings.trusted
+                || disturbance::over_noise(&fitted.model, left, &self.fit)
+                    .is_none_or(|ratio| ratio < self.settings.near)
+        };
+        fitted.is_white(&self.settings) && fitted.fit.joints.iter().all(is_noise)
+    }
+
     /// Fits the most promising starts; all that were followed to their end, best first.
     pub fn best(&self, base: &Fitted, starts: &[Start], key: &str) -> Result<Vec<Fitted>, PositionFitError> {
         let mut found: Vec<Fitted> = Vec::new();
@@ -448,7 +461,7 @@ impl Logs<'_> {
         let mut ordered = starts.to_vec();
         let mut asked_at: Vec<Option<Candidate>> = Vec::new();
         // Another effect may be found beside what leaves white errors.
-        let is_enough = |best: &Fitted| best.is_white(&self.settings) || self.leaves_nothing(best);
+        let is_enough = |best: &Fitted| self.leaves_noise(best) || self.leaves_nothing(best);
         for batch in 0..self.settings.batches {
             let key = format!("{key}.{batch}");
             let best_before = found.first().map(|best| best.candidate.clone());

@@ -196,8 +196,8 @@ fn step(
     screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
     (outside.tell)(&Event::Screened(&screening));
     let least = (screening.len().max(1) as f64 / settings.chance).ln();
-    // White errors are noise but for what shows in them to first order, in all runs as in what was looked at.
-    if base.is_white(settings) {
+    // Noise is noise but for what shows in it to first order, in all runs as in what was looked at.
+    if work.leaves_noise(base) {
         starts = work.shown(base, starts, least).map_err(FitError::from)?;
         outside.asked_to_stop()?;
     }
@@ -232,17 +232,16 @@ fn step(
     };
     let is_near_noise = || before.worst_ratio().is_some_and(|ratio| ratio < settings.near);
     let verdict = match paying.first() {
-        None if is_near_noise() || is_at_noise(base, before) || base.is_white(settings) => Verdict::NothingMissing,
+        None if is_near_noise() || is_at_noise(base, before) || work.leaves_noise(base) => Verdict::NothingMissing,
         None => Verdict::Unexplained,
         Some(best) if best.is_white(settings) && best.is_whole(settings) => Verdict::MissingEffect,
         Some(best) if fitted.first().is_some_and(|judged| is_at_noise(best, &judged.refit)) => Verdict::MissingEffect,
         Some(best) => {
-            // White errors of a model that is not trusted may be noise of the torque, or what a law of no library leaves. Of a torque
-            // that is measured at a high rate, noise hides how much is explained where it matters.
+            // Noise of the torque is not explained. Of a torque that is measured at a high rate, noise hides how much is where it matters.
             let of_torque = fitted.first().filter(|_| judge.shown == ErrorSignal::Torque);
             let of_torque =
                 of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);
-            let much = best.is_white(settings) || best.explains(base, &work.fit).max(of_torque) >= settings.much;
+            let much = work.leaves_noise(best) || best.explains(base, &work.fit).max(of_torque) >= settings.much;
             let promise = || discover::promise(work, base, helped(base, best)).unwrap_or(0.0);
             let is_best = || best.score() - base.score() >= settings.much * promise();
             if much && is_best() { Verdict::MissingEffect } else { Verdict::Unexplained }

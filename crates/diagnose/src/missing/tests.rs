@@ -1,6 +1,7 @@
 use std::sync::Mutex;
 
 use dynid_logs::experiment::Role;
+use dynid_random::Random;
 
 use super::*;
 use crate::fixtures::{self, Oscillator, candidate, close, start};
@@ -79,6 +80,41 @@ fn an_effect_that_is_there_explains_what_the_model_leaves() {
     assert_eq!(base.explains(&base, &work.fit), 0.0);
     let wrong = added(&work, &base, "coulomb");
     assert!(wrong.explains(&base, &work.fit) < 0.5 && !right.is_like(&wrong, 5.0, &work.settings));
+}
+
+/// Torque that is logged with noise leaves white errors of a model that is not trusted, and the rate says how much noise it has. A force
+/// that is not logged leaves white errors, too, and the log has no such noise. The spring is soft: the mass hardly moves by itself from
+/// sample to sample, as the relation of rate and noise has it.
+#[test]
+fn noise_of_the_torque_is_told_from_what_acts_besides() {
+    let model = fixtures::model(0.02, "");
+    let plant = Oscillator { stiffness: 0.022, cubic: 0.0 };
+    let left = |change: &dyn Fn(usize, f64) -> f64| {
+        let runs = [(Role::Fit, 5), (Role::Fit, 6), (Role::Validate, 7)];
+        let changed = runs.map(|role| {
+            let mut run = plant.run(&[(0.02, 1.0), (0.01, 3.7)], 12.0, role);
+            for (k, tau) in run.log.tau[0].iter_mut().enumerate() {
+                *tau = change(k, *tau);
+            }
+            run
+        });
+        let work = logs(&model, changed);
+        let base = work.base(&model, "base").expect("a fit");
+        assert!(base.is_white(&work.settings) && !base.is_whole(&work.settings), "{:?}", base.fit.joints);
+        (disturbance::over_noise(&base.model, &base.fit.joints[0], &work.fit), work.leaves_noise(&base))
+    };
+    let white: Vec<f64> = std::iter::repeat_with({
+        let mut random = Random::new(3);
+        move || random.normal()
+    })
+    .take(1200)
+    .collect();
+    let (ratio, is_noise) = left(&|k, tau| tau + 5e-4 * white[k]);
+    assert!(is_noise && (ratio.expect("a torque that moves it") - 1.0).abs() < 0.2, "{ratio:?}");
+    let wind = |k: usize| (k as f64 * fixtures::SAMPLE_S * 2.0).sin();
+    let (ratio, is_noise) = left(&|k, tau| tau + 1e-5 * wind(k));
+    // What its fourth differences show of the sines is taken for noise.
+    assert!(!is_noise && ratio.expect("a torque that moves it") > 5.0, "{ratio:?}");
 }
 
 /// Without what was added, from the values with it, the fit is the one before.
@@ -278,6 +314,17 @@ fn laws_are_alike_where_what_one_falls_short_by_may_be_chance() {
     assert!(candidate("stribeck").contains(&candidate("coulomb")));
     assert!(!larger.is_like(&against, 19.0, settings) && larger.is_like(&against, 21.0, settings));
     assert!(!against.is_like(&larger, 19.0, settings));
+    // What falls short by the price of its unknowns only is as likely by the logs; a law that contains the other always is.
+    let priced = |own: &Fitted| Fitted { unknowns: own.unknowns + 3.0, ..own.clone() };
+    let equal = priced(&rival(turns(0.01, -0.01), turns(-0.01, 0.01)));
+    assert!(
+        best.score() - equal.score() > 5.0
+            && best.is_like(&equal, 5.0, settings)
+            && equal.is_like(&best, 5.0, settings)
+    );
+    let less = priced(&rival([4.0; 10], [4.0; 10]));
+    assert!(!best.is_like(&less, 5.0, settings));
+    assert!(!against.is_like(&priced(&larger), 5.0, settings));
 }
 
 #[test]

@@ -1,44 +1,52 @@
-//! What acts on a joint besides what its model says: as far as the rate tells at which its predictions are corrected, torque that is white
-//! and constant from sample to sample.
+//! What acts on a joint besides what its model says, as the rate tells at which its predictions are corrected.
 
-use dynid_identify::position::FitRun;
+use dynid_dynamics::simulate::Gains;
 use dynid_identify::prediction::JointInnovations;
 use dynid_logs::experiment::Run;
-use dynid_logs::noise::noise_of_log;
+use dynid_logs::noise::noise_floor;
 use dynid_user_model::Model;
 
-/// Standard deviation of that torque over the noise of the logged one, in the run where this is least; `None` where no logged torque
-/// moves the joint at once.
+use crate::missing::Fitted;
+
+/// Standard deviation of the acceleration that disturbs a joint over that which noise of the logged torques gives it, in the run where this
+/// is least; `None` where the joint's own torque goes through a state, and so does not move it at once.
 ///
-/// An acceleration of standard deviation `a` that is constant from sample to sample has the rate of which the pole `r` solves
-/// `a T^2 / n = 2 (1 - r)^2 / r`, `n` being the noise of the positions, which leaves predictions with errors `n / r` (Kalata 1984).
-pub(super) fn over_noise(model: &Model, left: &JointInnovations, runs: &[Run]) -> Option<f64> {
+/// Innovations of standard deviation `d`, of which a gain `k` goes into the speed, are those of a joint that an acceleration of `k d / T`,
+/// constant from sample to sample and white, disturbs (Kalata 1984: `k = 2 (1 - r)^2 / T` with `r = exp(-rate T)`). It is more where damping
+/// or a spring forgets within a sample what acted, and noise is less than is taken for it where a torque jumps from sample to sample.
+pub(super) fn over_torque_noise(fitted: &Fitted, left: &JointInnovations, runs: &[Run]) -> Option<f64> {
+    let rate = *fitted.fit.rates.get(&left.joint)?;
     let of_run = |run: &Run| {
         let slot = run.free.iter().position(|free| *free == left.joint)?;
-        let noise = noise_of_log(&run.log.tau[left.joint]).max(f64::MIN_POSITIVE);
-        let response = response(&FitRun::of_run(model, run).ok()?, slot)?;
-        let pole = (1.0 - left.correction).sqrt();
-        let acceleration = 2.0 * (1.0 - pole).powi(2) * left.deviation / run.log.sample_time().powi(2);
-        Some(acceleration / response / noise)
+        let sample_s = run.log.sample_time();
+        let disturbance = Gains::of(rate, sample_s).speed * left.deviation / sample_s;
+        Some(disturbance / of_torque_noise(&fitted.model, run, slot)?.max(f64::MIN_POSITIVE))
     };
     runs.iter().filter_map(of_run).min_by(f64::total_cmp)
 }
 
-/// By how much the acceleration of a free joint at rest rises with its command, from none to the largest.
-fn response(run: &FitRun, slot: usize) -> Option<f64> {
-    let (system, n) = (&run.system, run.system.n_free());
-    let joint = system.kernel().free[slot];
-    let larger = |a: &&[f64], b: &&[f64]| a[joint].abs().total_cmp(&b[joint].abs());
-    let command = run.command.chunks_exact(system.n_joints()).max_by(larger)?;
-    let x = system.rest(&run.position[..n]);
+/// Standard deviation of the acceleration that noise of all logged torques gives a free joint at rest [rad/s^2 or m/s^2].
+fn of_torque_noise(model: &Model, run: &Run, slot: usize) -> Option<f64> {
+    let system = model.system_of(run).ok()?;
+    let (n, torques) = (system.n_free(), &run.log.tau);
+    let position: Vec<f64> = system.kernel().free.iter().map(|joint| run.log.q[*joint][0]).collect();
+    let x = system.rest(&position);
     let mut scratch = system.scratch();
-    let mut acceleration = |command: &[f64]| {
-        let mut dx = vec![0.0; x.len()];
-        system.derivative(&mut scratch, 0.0, &x, command, &mut dx);
-        dx[n + slot]
+    // From less than nothing to more, each by what is usual: neither a dead zone nor a limit hides it.
+    let mut by_torque = |joint: usize| {
+        let square = |tau: &f64| tau * tau / torques[joint].len() as f64;
+        let usual = torques[joint].iter().map(square).sum::<f64>().sqrt().max(f64::MIN_POSITIVE.sqrt());
+        let mut at = |torque: f64| {
+            let (mut command, mut dx) = (vec![0.0; torques.len()], vec![0.0; x.len()]);
+            command[joint] = torque;
+            system.derivative(&mut scratch, 0.0, &x, &command, &mut dx);
+            dx[n + slot]
+        };
+        (at(usual) - at(-usual)) / (2.0 * usual)
     };
-    let mut without = command.to_vec();
-    without[joint] = 0.0;
-    let response = (acceleration(command) - acceleration(&without)) / command[joint];
-    Some(response.abs()).filter(|response| response.is_normal())
+    if !by_torque(system.kernel().free[slot]).is_normal() {
+        return None;
+    }
+    let of_torque = |joint: usize| (by_torque(joint) * noise_floor(&torques[joint])).powi(2);
+    Some((0..torques.len()).map(of_torque).sum::<f64>().sqrt())
 }

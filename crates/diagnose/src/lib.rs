@@ -8,12 +8,14 @@
 //! 4. `score_test`: every effect at every place, along the model's own linearised predictions, at three rates; what holds the motion that
 //!    moves it is simulated; from the fitted and from the believed values.
 //! 5. `arms`: one queue of starts, halved again and again, the best so far among them; then starts from its values; as long as that
-//!    changes the best. Where its errors are white, only what has fewer unknowns is a rival.
+//!    changes the best. Where it leaves noise, only what has fewer unknowns is a rival.
 //! 6. What is compared is the log likelihood of the fitted and the held-out runs, less the price of the unknowns.
-//! 7. Effects that this does not tell apart, for how it differs along the logs, are named together; the plainest comes first.
-//! 8. The best is the missing effect if its innovations are white, or if it makes up for nearly all of what the logs' own
+//! 7. Effects that this does not tell apart, for how it differs along the logs or but for that price, are named together; the plainest
+//!    comes first.
+//! 8. The best is the missing effect if it leaves noise (white innovations, and no more acts on a joint whose model is not trusted than
+//!    noise of the logged torque: `disturbance`), or if it makes up for nearly all of what the logs' own
 //!    noise leaves to explain and of what a formula promises; else it is the nearest.
-//! 9. Where it pays and is not all it is added, and all goes on from 3, to white errors only what promises more than chance in all runs; what
+//! 9. Where it pays and is not all it is added, and all goes on from 3, to noise only what promises more than chance in all runs; what
 //!    is found so counts where it explains all in the end.
 //! 10. A formula (`discover`) is looked for where no effect explains what is left.
 //!

@@ -59,7 +59,7 @@ impl Fitted {
         self.fit.joints.iter().map(|joint| joint.correction).fold(0.0, f64::max)
     }
 
-    /// Whether what is left has no structure, in the runs held out too: it may be noise of the logged torque.
+    /// Whether what is left has no structure, in the runs held out too.
     pub fn is_white(&self, settings: &Settings) -> bool {
         let held_out = self.held_out.iter().flat_map(|held_out| &held_out.joints);
         whiteness(self.fit.joints.iter().chain(held_out)) < settings.white
@@ -108,19 +108,20 @@ impl Fitted {
     pub fn is_like(&self, other: &Self, least: f64, settings: &Settings) -> bool {
         let on_fitted = self.fit.log_likelihood - other.fit.log_likelihood;
         let price = self.price() - other.price();
-        let all = self.score() - other.score() + price;
+        let on_all = self.score() - other.score() + price;
+        let on_held_out = on_all - on_fitted;
         let pair = self.candidate.as_ref().zip(other.candidate.as_ref());
         if pair.is_some_and(|(own, other)| own.contains(other) || other.contains(own)) {
-            return (all - price).abs() <= least;
+            return (on_all - price).abs() <= least;
         }
         let parts: Vec<f64> = self.by_tenths().iter().zip(other.by_tenths()).map(|(own, other)| own - other).collect();
         let n = parts.len().max(2) as f64;
         let mean = parts.iter().sum::<f64>() / n;
         let variance = parts.iter().map(|part| (part - mean).powi(2)).sum::<f64>() * n / (n - 1.0);
         let by_chance = (settings.apart * variance.sqrt()).max(least);
-        let is_chance = |price: f64| {
-            let (short, on_fitted, held_out) = ((all - price).abs(), on_fitted - price, all - on_fitted);
-            short <= if on_fitted * held_out > 0.0 { least } else { by_chance }
+        let is_chance = |priced: f64| {
+            let agree = (on_fitted - priced) * on_held_out > 0.0;
+            (on_all - priced).abs() <= if agree { least } else { by_chance }
         };
         is_chance(price) || is_chance(0.0)
     }
@@ -448,7 +449,7 @@ impl Logs<'_> {
     pub fn leaves_noise(&self, fitted: &Fitted) -> bool {
         let is_noise = |left: &JointInnovations| {
             left.correction < self.settings.trusted
-                || disturbance::over_noise(&fitted.model, left, &self.fit)
+                || disturbance::over_torque_noise(fitted, left, &self.fit)
                     .is_none_or(|ratio| ratio < self.settings.near)
         };
         fitted.is_white(&self.settings) && fitted.fit.joints.iter().all(is_noise)
@@ -460,7 +461,7 @@ impl Logs<'_> {
         let asked = promising(starts, self.settings.further);
         let mut ordered = starts.to_vec();
         let mut asked_at: Vec<Option<Candidate>> = Vec::new();
-        // Another effect may be found beside what leaves white errors.
+        // Another effect may be found beside what leaves noise.
         let is_enough = |best: &Fitted| self.leaves_noise(best) || self.leaves_nothing(best);
         for batch in 0..self.settings.batches {
             let key = format!("{key}.{batch}");
@@ -473,7 +474,7 @@ impl Logs<'_> {
             while let Some(best) = found.first().filter(|best| !asked_at.contains(&best.candidate)).cloned() {
                 let key = format!("{key} there {}", asked_at.len());
                 asked_at.push(best.candidate.clone());
-                // What leaves white errors has no rivals but with fewer unknowns, or laws that contain it where the errors are large.
+                // What leaves noise has no rivals but with fewer unknowns, or laws that contain it where the errors are large.
                 let (is_enough, is_all) = (is_enough(&best), self.leaves_nothing(&best));
                 let is_smaller = |model: &Model| self.added_unknowns(model) < best.unknowns;
                 let is_rival = |candidate: &Candidate| {

@@ -196,7 +196,7 @@ fn step(
     screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
     (outside.tell)(&Event::Screened(&screening));
     let least = (screening.len().max(1) as f64 / settings.chance).ln();
-    // Noise is noise but for what shows in it to first order, in all runs as in what was looked at.
+    // In what may be noise only that is looked for which shows to first order, in all runs as in what was looked at.
     if work.leaves_noise(base) {
         starts = work.shown(base, starts, least).map_err(FitError::from)?;
         outside.asked_to_stop()?;
@@ -237,7 +237,8 @@ fn step(
         Some(best) if best.is_white(settings) && best.is_whole(settings) => Verdict::MissingEffect,
         Some(best) if fitted.first().is_some_and(|judged| is_at_noise(best, &judged.refit)) => Verdict::MissingEffect,
         Some(best) => {
-            // Noise of the torque is not explained. Of a torque that is measured at a high rate, noise hides how much is where it matters.
+            // Noise of the torque is nobody's to explain; of a torque that is measured at a high rate it hides how much is explained where
+            // it matters.
             let of_torque = fitted.first().filter(|_| judge.shown == ErrorSignal::Torque);
             let of_torque =
                 of_torque.and_then(|best| verdict::share(before, &best.refit)).map_or(0.0, |(.., share)| share);

@@ -20,7 +20,8 @@ pub(super) struct Settings {
     pub(super) straight: f64,
     /// An effect that does not explain all is the missing one if it explains this share, of what a formula explains, too.
     pub(super) much: f64,
-    /// Errors below this multiple of the noise are near it: what no effect of the library explains there is no news.
+    /// Errors below this multiple of the noise are near it: what no effect of the library explains there is no news. So is what acts besides
+    /// a model, of the noise of the torque.
     pub(super) near: f64,
     /// So many effects are looked for one after the other, unless it is said how many.
     pub(super) depth: usize,

@@ -1,11 +1,15 @@
 //! Steps as short as a tolerance asks for, interval by interval.
 
+use std::ops::Range;
+
 use super::{Input, Scheme, Stepper};
 use crate::system::System;
 
 /// A nudge to a state, as a share of what an interval may err by, and how much larger it may be at the interval's end.
 const NUDGE: f64 = 1e-4;
 const MOST_GROWTH: f64 = 10.0;
+/// Share of what it is larger by that halved steps may change.
+const ALIKE: f64 = 0.1;
 /// The state of an effect that is smaller than this is nudged as if it were so large.
 const SMALL_STATE: f64 = 1e-6;
 
@@ -75,7 +79,8 @@ pub(super) struct Adaptation<'a> {
     tolerance: Tolerance,
     /// Never fewer steps than these; none where it is empty.
     least: &'a [Scheme],
-    /// Whether derivatives are taken of what comes out: then no step may be so long that a nudge to the state grows.
+    /// Whether derivatives are taken of what comes out: then no step may be so long that a nudge to the state grows
+    /// which with halved steps does not.
     is_differentiated: bool,
     /// Explicit steps that the last interval suggests.
     suggested: f64,
@@ -217,7 +222,8 @@ impl<'a> Adaptation<'a> {
         own.fold(0.0, |most: f64, own| if own.is_nan() { f64::INFINITY } else { most.max(own) })
     }
 
-    /// Whether nudges to the speeds, and to the effects' states, are no larger at the end; leaves the stepper at the unnudged end.
+    /// Whether nudges to the speeds, and to the effects' states, are no larger at the end, or are as large with halved steps, where one
+    /// state moves another as the equations have it; leaves the stepper at the unnudged end.
     ///
     /// What chatters between the two sides of a steep law may err by little, and the state of an effect that does nothing as yet errs by
     /// nothing; but no derivative survives it.
@@ -230,16 +236,28 @@ impl<'a> Adaptation<'a> {
         span: f64,
     ) -> bool {
         let (n, n_states) = (system.n_free(), self.begin.len());
-        let mut grows = |nudged: std::ops::Range<usize>| {
-            let nudge = |state: usize| {
-                let of_speed = self.tolerance.by_state(span).nth(state).filter(|_| state < 2 * n);
-                NUDGE * of_speed.unwrap_or(self.begin[state].abs() + SMALL_STATE)
-            };
+        let nudge = |state: usize| {
+            let of_speed = self.tolerance.by_state(span).nth(state).filter(|_| state < 2 * n);
+            NUDGE * of_speed.unwrap_or(self.begin[state].abs() + SMALL_STATE)
+        };
+        let mut crossed = |scheme: Scheme, nudged: Range<usize>| {
             stepper.x.copy_from_slice(&self.begin);
-            nudged.clone().for_each(|state| stepper.x[state] += nudge(state));
+            nudged.for_each(|state| stepper.x[state] += nudge(state));
             stepper.across(system, input, sample, scheme);
+            stepper.x.clone()
+        };
+        let mut grows = |nudged: Range<usize>| {
+            let end = crossed(scheme, nudged.clone());
+            let moved = |state: usize| end[state] - self.end[state];
             // What is no number is not within it either.
-            !nudged.into_iter().all(|state| (stepper.x[state] - self.end[state]).abs() <= MOST_GROWTH * nudge(state))
+            !nudged.clone().all(|state| moved(state).abs() <= MOST_GROWTH * nudge(state)) && {
+                let (from, to) = (crossed(scheme.finer(), 0..0), crossed(scheme.finer(), nudged.clone()));
+                let is_alike = |state: usize| {
+                    let finer = to[state] - from[state];
+                    (moved(state) - finer).abs() <= MOST_GROWTH * nudge(state) + ALIKE * finer.abs()
+                };
+                !nudged.clone().all(is_alike)
+            }
         };
         let is_steady = !self.is_differentiated || !(grows(n..2 * n) || (n_states > 2 * n && grows(2 * n..n_states)));
         // From here on as it will be, so that what is not stable shows.

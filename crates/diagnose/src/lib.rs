@@ -15,7 +15,7 @@
 //! 8. The best is the missing effect if it leaves noise (white innovations, and no more acts on a joint whose model is not trusted than
 //!    noise of the logged torque: `disturbance`), or if it makes up for nearly all of what the logs' own
 //!    noise leaves to explain and of what a formula promises; else it is the nearest.
-//! 9. Where it pays and is not all it is added, and all goes on from 3, to noise only what promises more than chance in all runs; what
+//! 9. Where it pays and is not all it is added, and all goes on from 3, to white errors only what promises more than chance in all runs; what
 //!    is found so counts where it explains all in the end.
 //! 10. A formula (`discover`) is looked for where no effect explains what is left.
 //!

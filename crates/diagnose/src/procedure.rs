@@ -196,8 +196,8 @@ fn step(
     screening.sort_by(|a, b| a.position.unwrap_or(0.0).total_cmp(&b.position.unwrap_or(0.0)));
     (outside.tell)(&Event::Screened(&screening));
     let least = (screening.len().max(1) as f64 / settings.chance).ln();
-    // In what may be noise only that is looked for which shows to first order, in all runs as in what was looked at.
-    if work.leaves_noise(base) {
+    // In white errors only that is looked for which shows to first order, in all runs as in what was looked at.
+    if base.is_white(settings) {
         starts = work.shown(base, starts, least).map_err(FitError::from)?;
         outside.asked_to_stop()?;
     }

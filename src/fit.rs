@@ -170,7 +170,10 @@ pub fn fit(
         stopped |= progress(FitProgress::FirstEstimate(label)).is_break();
     }
     let seen = match task.error {
-        ErrorSignal::Prediction => looked_at(runs.iter().copied(), prediction::Settings::default().samples),
+        ErrorSignal::Prediction => {
+            let accelerations = |run: &Run| first.model.accelerations_by_command(run);
+            looked_at(runs.iter().copied(), prediction::Settings::default().samples, &accelerations)
+        }
         _ => Vec::new(),
     };
     let runs = if seen.is_empty() { runs } else { seen.iter().collect() };

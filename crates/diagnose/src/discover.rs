@@ -101,7 +101,9 @@ const GLANCE: usize = 8_000;
 /// # Errors
 /// No run to fit to; a model that makes no equations for a run or cannot be simulated at any rate.
 pub fn discover(model: &Model, runs: &[&Run]) -> Result<Option<Discovered>, FitError> {
-    let (fit, held_out) = runs::by_role(&looked_at(&runs::split(runs), Settings::default().search.samples));
+    let accelerations = |run: &Run| model.accelerations_by_command(run);
+    let seen = looked_at(&runs::split(runs), Settings::default().search.samples, &accelerations);
+    let (fit, held_out) = runs::by_role(&seen);
     let work = Logs::new(model, fit, held_out);
     let base = work.first_base("base")?;
     Ok(best(&work, &base))

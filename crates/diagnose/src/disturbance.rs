@@ -9,7 +9,8 @@ use dynid_user_model::Model;
 use crate::missing::Fitted;
 
 /// Standard deviation of the acceleration that disturbs a joint over that which noise of the logged torques gives it, in the run where this
-/// is least; `None` where the joint's own torque goes through a state, and so does not move it at once.
+/// is least; `None` where the joint's own torque goes through a state, and so does not move it at once, and where no rate or no equations
+/// are known.
 ///
 /// Innovations of standard deviation `d`, of which a gain `k` goes into the speed, are those of a joint that an acceleration of `k d / T`,
 /// constant from sample to sample and white, disturbs (Kalata 1984: `k = 2 (1 - r)^2 / T` with `r = exp(-rate T)`). It is more where damping
@@ -27,26 +28,8 @@ pub(super) fn over_torque_noise(fitted: &Fitted, left: &JointInnovations, runs: 
 
 /// Standard deviation of the acceleration that noise of all logged torques gives a free joint at rest [rad/s^2 or m/s^2].
 fn of_torque_noise(model: &Model, run: &Run, slot: usize) -> Option<f64> {
-    let system = model.system_of(run).ok()?;
-    let (n, torques) = (system.n_free(), &run.log.tau);
-    let position: Vec<f64> = system.kernel().free.iter().map(|joint| run.log.q[*joint][0]).collect();
-    let x = system.rest(&position);
-    let mut scratch = system.scratch();
-    // From less than nothing to more, each by what is usual: neither a dead zone nor a limit hides it.
-    let mut by_torque = |joint: usize| {
-        let square = |tau: &f64| tau * tau / torques[joint].len() as f64;
-        let usual = torques[joint].iter().map(square).sum::<f64>().sqrt().max(f64::MIN_POSITIVE.sqrt());
-        let mut at = |torque: f64| {
-            let (mut command, mut dx) = (vec![0.0; torques.len()], vec![0.0; x.len()]);
-            command[joint] = torque;
-            system.derivative(&mut scratch, 0.0, &x, &command, &mut dx);
-            dx[n + slot]
-        };
-        (at(usual) - at(-usual)) / (2.0 * usual)
-    };
-    if !by_torque(system.kernel().free[slot]).is_normal() {
-        return None;
-    }
-    let of_torque = |joint: usize| (by_torque(joint) * noise_floor(&torques[joint])).powi(2);
-    Some((0..torques.len()).map(of_torque).sum::<f64>().sqrt())
+    let by_torque = model.accelerations_by_command(run)?.swap_remove(slot);
+    let of_torque = |(by, torque): (&f64, &Vec<f64>)| (by * noise_floor(torque)).powi(2);
+    let noise = by_torque.iter().zip(&run.log.tau).map(of_torque).sum::<f64>().sqrt();
+    by_torque[run.free[slot]].is_normal().then_some(noise)
 }

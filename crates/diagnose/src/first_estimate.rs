@@ -31,7 +31,8 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run]) -> FirstEstimates {
         model.effects.iter().filter(|own| own.payload.is_none() && vanishes(own)).cloned().collect();
     let is_single = new.len() == 1;
     let to_fit = runs.iter().filter(|run| run.role == Role::Fit);
-    let fit = looked_at(to_fit.copied(), Settings::default().search.samples);
+    let accelerations = |run: &Run| model.accelerations_by_command(run);
+    let fit = looked_at(to_fit.copied(), Settings::default().search.samples, &accelerations);
     for instance in new {
         let candidate = Candidate { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
         let mut without = found.model.clone();

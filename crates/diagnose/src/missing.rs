@@ -37,7 +37,7 @@ pub struct Fitted {
     pub unknowns: f64,
     /// Where its search is.
     pub state: State,
-    /// Whether it was followed to its end with fine integration steps.
+    /// Whether it was followed with fine integration steps to its end, or until it would not come to the best.
     pub is_final: bool,
 }
 
@@ -68,6 +68,17 @@ impl Fitted {
     /// Whether nothing is left to explain of the runs that were fitted to.
     pub fn is_whole(&self, settings: &Settings) -> bool {
         self.correction() < settings.trusted && whiteness(self.fit.joints.iter()) < settings.white
+    }
+
+    /// Whether it explains the runs held out as it does those that were fitted to.
+    pub fn holds_elsewhere(&self, settings: &Settings) -> bool {
+        let fitted = |joint: usize| self.fit.joints.iter().find(|own| own.joint == joint);
+        self.held_out.as_ref().is_some_and(|held_out| {
+            held_out.joints.iter().all(|own| {
+                let is_near = |fitted: &JointInnovations| own.deviation < settings.near * fitted.deviation;
+                own.correction < settings.trusted && fitted(own.joint).is_none_or(is_near)
+            })
+        })
     }
 
     /// By how much the log likelihood falls short of what it were if nothing but the noise of these logs were left.
@@ -215,7 +226,7 @@ impl Logs<'_> {
     /// The model itself, fitted.
     pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        self.fitted(None, model, &self.followed(&problem, key, None)?, true)
+        self.fitted(None, model, &self.followed(&problem, key, None, None)?, true)
     }
 
     /// The model as it was given, fitted: of long runs to their beginnings first, for the way to where it ends needs not all samples.
@@ -225,10 +236,10 @@ impl Logs<'_> {
         }
         let beginnings = self.problem_of(self.given, &self.beginnings())?;
         // What cannot be simulated there begins in all of the runs.
-        let begun = self.followed(&beginnings, &format!("{key} beginnings"), None).ok();
+        let begun = self.followed(&beginnings, &format!("{key} beginnings"), None, None).ok();
         let problem = self.problem(self.given)?;
-        let search = self.followed(&problem, key, begun.as_ref().map(Search::state));
-        self.fitted(None, self.given, &search.or_else(|_| self.followed(&problem, key, None))?, true)
+        let search = self.followed(&problem, key, begun.as_ref().map(Search::state), None);
+        self.fitted(None, self.given, &search.or_else(|_| self.followed(&problem, key, None, None))?, true)
     }
 
     /// Whether a search in these logs, from the values of a fit to others of the same samples, may gain so much log likelihood of the runs
@@ -242,29 +253,36 @@ impl Logs<'_> {
         let (fitted, held_out) = (samples(&self.fit) as f64, samples(&self.held_out) as f64);
         let enough = best - least * fitted / (fitted + held_out).max(1.0);
         let mut search = Search::new(&problem, None)?;
-        let mut before = f64::INFINITY;
+        self.follow(&mut search, Some(enough), &|cost| cost <= enough);
+        Ok((self.stop)() || search.state().cost.is_some_and(|cost| cost <= enough))
+    }
+
+    /// Takes a search on in rounds, as an arm is, to its end; unless it `is_over`, or so many rounds like the last would not bring it to
+    /// `enough`.
+    fn follow(&self, search: &mut Search<'_>, enough: Option<f64>, is_over: &dyn Fn(f64) -> bool) {
+        let cost = |search: &Search<'_>| search.state().cost.unwrap_or(f64::INFINITY);
+        let end = search.iterations() + self.settings.search.iterations;
+        let mut before = cost(search);
         loop {
-            let iterations = self.settings.of_round(self.settings.linearisations.0, &search);
+            let round = self.settings.of_round(self.settings.linearisations.0, search);
             let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
-            search.advance(&self.settings.search, iterations, &mut |_| go_on());
-            let cost = search.state().cost.unwrap_or(f64::INFINITY);
-            if cost <= enough || (self.stop)() {
-                return Ok(true);
+            search.advance(&self.settings.search, round.min(end - search.iterations()), &mut |_| go_on());
+            let now = cost(search);
+            let may_come = enough.is_none_or(|enough| now - enough <= self.settings.rounds * (before - now));
+            let is_at_end = search.state().is_done || search.iterations() >= end;
+            if is_at_end || is_over(now) || !may_come || (self.stop)() {
+                return;
             }
-            let may_come = cost - enough <= self.settings.rounds * (before - cost);
-            if search.state().is_done || !may_come {
-                return Ok(false);
-            }
-            before = cost;
+            before = now;
         }
     }
 
-    /// Follows a fit to its end with fine integration steps.
+    /// Follows a fit to its end with fine integration steps, unless it would not come to `enough`.
     fn finish(
         &self,
         candidate: Option<&Candidate>,
         model: &Model,
-        state: Option<&State>,
+        (state, enough): (Option<&State>, Option<f64>),
         key: &str,
     ) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
@@ -272,17 +290,18 @@ impl Logs<'_> {
             Some(candidate) => format!("{key} > {candidate}, final"),
             None => format!("{key} final"),
         };
-        let search = self.followed(&problem, &key, state)?;
+        let search = self.followed(&problem, &key, state, enough)?;
         self.fitted(candidate, model, &search, true)
     }
 
-    /// A search that has come to its end: the one that is kept under this key, or one from `state` or from the beginning. One that was
-    /// stopped on its way is not kept: it would go on to other bits than if it had not been.
+    /// A search that has come to its end, or would not come to `enough`: the one that is kept under this key, or one from `state` or from
+    /// the beginning. One that was stopped on its way is not kept: it would go on to other bits than if it had not been.
     fn followed<'p>(
         &self,
         problem: &'p PredictionProblem,
         key: &str,
         state: Option<&State>,
+        enough: Option<f64>,
     ) -> Result<Search<'p>, PositionFitError> {
         let recalled = (self.recall)(key);
         let is_new = recalled.is_none();
@@ -291,8 +310,7 @@ impl Logs<'_> {
             None => Search::new(problem, recalled)?,
         };
         if is_new {
-            let go_on = || if (self.stop)() { SearchControl::Stop } else { SearchControl::Continue };
-            search.advance(&self.settings.search, self.settings.search.iterations, &mut |_| go_on());
+            self.follow(&mut search, enough, &|_| false);
         }
         if !(self.stop)() {
             (self.keep)(key, search.state());
@@ -445,7 +463,7 @@ impl Logs<'_> {
     }
 
     /// Whether what a fit leaves may be noise of the logs: its innovations are white, and what acts on a joint whose model is not trusted is
-    /// no more than noise of the logged torque.
+    /// no more than noise of the logged torque, or not known.
     pub fn leaves_noise(&self, fitted: &Fitted) -> bool {
         let is_noise = |left: &JointInnovations| {
             left.correction < self.settings.trusted
@@ -455,8 +473,15 @@ impl Logs<'_> {
         fitted.is_white(&self.settings) && fitted.fit.joints.iter().all(is_noise)
     }
 
-    /// Fits the most promising starts; all that were followed to their end, best first.
-    pub fn best(&self, base: &Fitted, starts: &[Start], key: &str) -> Result<Vec<Fitted>, PositionFitError> {
+    /// Fits the most promising starts; all that were followed to their end, best first. It gives up where the best of the first batch
+    /// `explains` less than this share.
+    pub fn best(
+        &self,
+        base: &Fitted,
+        starts: &[Start],
+        key: &str,
+        share: f64,
+    ) -> Result<Vec<Fitted>, PositionFitError> {
         let mut found: Vec<Fitted> = Vec::new();
         let asked = promising(starts, self.settings.further);
         let mut ordered = starts.to_vec();
@@ -470,6 +495,9 @@ impl Logs<'_> {
             self.race(base, &ordered, &key, &mut found)?;
             self.settle(base, &mut found, &key)?;
             ordered = later;
+            if found.first().map_or(0.0, |best| best.explains(base, &self.fit)) < share {
+                break;
+            }
             // A smaller law may do as well from the best one's values, and a larger one better.
             while let Some(best) = found.first().filter(|best| !asked_at.contains(&best.candidate)).cloned() {
                 let key = format!("{key} there {}", asked_at.len());
@@ -500,9 +528,11 @@ impl Logs<'_> {
         Ok(found)
     }
 
-    /// Follows those to their end that are or may be the best.
+    /// Follows those to their end that are or may be the best, as long as they may come to it.
     fn settle(&self, base: &Fitted, found: &mut [Fitted], key: &str) -> Result<(), PositionFitError> {
-        let rough = self.settings.rough * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
+        let rough = self.rough(base.fit.joints.iter().map(|joint| joint.samples).sum());
+        // A sample that is held out gains as one that is fitted to.
+        let share = samples(&self.fit) as f64 / (samples(&self.fit) + samples(&self.held_out)).max(1) as f64;
         loop {
             let Some(best) = found.first().map(Fitted::score) else { return Ok(()) };
             let near: Vec<usize> =
@@ -514,7 +544,8 @@ impl Logs<'_> {
                 .par_iter()
                 .map(|k| {
                     let Fitted { candidate, model, state, .. } = &found[*k];
-                    let finished = self.finish(candidate.as_ref(), model, Some(state), key);
+                    let enough = state.cost.filter(|_| *k > 0).map(|cost| cost - share * (best - found[*k].score()));
+                    let finished = self.finish(candidate.as_ref(), model, (Some(state), enough), key);
                     finished.unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() })
                 })
                 .collect();
@@ -554,6 +585,11 @@ impl Logs<'_> {
             models.into_iter().enumerate().map(start).collect()
         };
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).flat_map(starts).collect()
+    }
+
+    /// What the values of a fit to the beginnings may lack of the log likelihood of so many samples, and rough steps.
+    fn rough(&self, samples: f64) -> f64 {
+        self.settings.rough * samples * (1.0 - self.of_all().recip()) + 2.0 * prediction::ROUGHLY
     }
 
     /// How many times the samples of the beginnings that promises rest on the runs to fit to have.
@@ -609,7 +645,7 @@ impl Logs<'_> {
         let mut problem = self.problem(&model).ok()?;
         problem.initial.clone_from(&whole.fit.initial);
         problem.rates.clone_from(&whole.fit.rates);
-        let search = self.followed(&problem, key, None).ok()?;
+        let search = self.followed(&problem, key, None, None).ok()?;
         self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 
@@ -652,11 +688,12 @@ impl Logs<'_> {
         let mut arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
         let known = arms.iter().position(|arm| arm.key == known).map(|place| arms.remove(place).cost());
         let best = known.unwrap_or(f64::INFINITY);
-        arms.retain(|arm| arm.cost().is_finite() && arm.cost() <= best + self.settings.rough * samples as f64);
+        arms.retain(|arm| arm.cost().is_finite() && arm.cost() <= best + self.rough(samples as f64));
         let fitted = arms.par_iter().enumerate().map(|(place, arm)| {
             // The best is followed to its end in any case.
             let is_best = place == 0 && arm.cost() < best;
-            let finish = || self.finish(arm.candidate.as_ref(), &arm.model, arm.state.as_ref(), &arm.key).ok();
+            let state = (arm.state.as_ref(), None);
+            let finish = || self.finish(arm.candidate.as_ref(), &arm.model, state, &arm.key).ok();
             if let Some(finished) = is_best.then(finish).flatten() {
                 return Ok(Some(finished));
             }

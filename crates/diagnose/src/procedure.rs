@@ -61,7 +61,8 @@ pub fn diagnose(
     }
     notes.extend(excitation::check(model, runs)?);
     let mut judged = runs::split(runs);
-    let seen = looked_at(&judged, settings.search.samples);
+    let accelerations = |run: &Run| model.accelerations_by_command(run);
+    let seen = looked_at(&judged, settings.search.samples, &accelerations);
     let recall = |key: &str| finished.get(key).cloned();
     let keep = |key: &str, state: &State| tell(&Event::Searched(key, state));
     let rates = held.map(|error| held_rates(model, runs, error)).transpose()?;
@@ -72,7 +73,7 @@ pub fn diagnose(
     outside.asked_to_stop()?;
     if !base.is_whole(&settings) && judged.iter().all(runs::stands) {
         let lines: Vec<Run> = judged.iter().map(runs::with_line).collect();
-        let (fit, held_out) = runs::by_role(&looked_at(&lines, settings.search.samples));
+        let (fit, held_out) = runs::by_role(&looked_at(&lines, settings.search.samples, &accelerations));
         let straight = Logs { fit, held_out, ..work.clone() };
         let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
         let least = -0.5 * samples * (1.0 - settings.straight).ln();
@@ -106,7 +107,9 @@ pub fn diagnose(
     let mut before = (base.clone(), first.clone());
     let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
-        let (found, step) = step(&work, &judge, (&before.0, &before.1), depth, &outside)?;
+        // A further effect is told only if nothing is left then, unless it was asked for.
+        let share = if depth > 1 && options.depth.is_none() { settings.hopeful } else { f64::NEG_INFINITY };
+        let (found, step) = step(&work, &judge, (&before.0, &before.1), (depth, share), &outside)?;
         let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
         let next = found.into_iter().next().zip(step.best().cloned());
         steps.push(step);
@@ -173,15 +176,18 @@ fn step(
     work: &Logs<'_>,
     judge: &Judge<'_>,
     (base, before): (&Fitted, &Refit),
-    depth: usize,
+    (depth, share): (usize, f64),
     outside: &Outside<'_>,
 ) -> Result<(Vec<Fitted>, Step), DiagnoseError> {
     let settings = &work.settings;
     let nothing =
         |verdict| Step { verdict, base: before.clone(), screening: Vec::new(), fitted: Vec::new(), failed: Vec::new() };
-    // Where free simulations leave no more than the noise of the logs, a pattern in it is not worth a name.
+    let is_near_noise = || before.worst_ratio().is_some_and(|ratio| ratio < settings.near);
+    // Where free simulations leave no more than the noise of the logs, a pattern in it is not worth a name. What only the runs held out
+    // show cannot be fitted.
     if base.is_whole(settings) || verdict::reaches_the_floor(before) {
-        return Ok((Vec::new(), nothing(Verdict::NothingMissing)));
+        let is_all = base.holds_elsewhere(settings) || is_near_noise();
+        return Ok((Vec::new(), nothing(if is_all { Verdict::NothingMissing } else { Verdict::Unexplained })));
     }
     (outside.tell)(&Event::Asking(work.places(&base.model)));
     let mut starts = work.starts(base, &[], &|_| true).map_err(FitError::from)?;
@@ -203,7 +209,7 @@ fn step(
     }
     let raced: BTreeSet<&Candidate> = starts.iter().take(settings.arms).map(|start| &start.candidate).collect();
     (outside.tell)(&Event::Comparing(raced.len()));
-    let found = work.best(base, &starts, &format!("step {depth}")).map_err(FitError::from)?;
+    let found = work.best(base, &starts, &format!("step {depth}"), share).map_err(FitError::from)?;
     outside.asked_to_stop()?;
     let (mut paying, others): (Vec<Fitted>, Vec<Fitted>) =
         found.into_iter().partition(|fitted| fitted.score() - base.score() > least);
@@ -230,7 +236,6 @@ fn step(
     let is_at_noise = |fitted: &Fitted, refit: &Refit| {
         fitted.correction() < settings.trusted && refit.one_step.is_some_and(|ratio| ratio < verdict::AT_THE_FLOOR)
     };
-    let is_near_noise = || before.worst_ratio().is_some_and(|ratio| ratio < settings.near);
     let verdict = match paying.first() {
         None if is_near_noise() || is_at_noise(base, before) || work.leaves_noise(base) => Verdict::NothingMissing,
         None => Verdict::Unexplained,
@@ -409,6 +414,28 @@ mod tests {
         assert_eq!(rates, BTreeMap::from([(0, std::f64::consts::TAU * 8.0)]));
         let rates = held_rates(&model, &[&fast, &slow], ErrorSignal::Position).expect("rates");
         assert_eq!(rates, BTreeMap::from([(0, 0.0)]));
+    }
+
+    /// What differs only in the run that is held out is not told as nothing.
+    #[test]
+    fn a_spring_that_was_changed_before_the_run_held_out_is_noticed() {
+        let sines = [(0.02, 1.0), (0.01, 5.3)];
+        let run = |stiffness: f64, (file, role, seed): (&str, Role, u64)| {
+            let run = Oscillator { stiffness, cubic: 0.0 }.run(&sines, 6.0, (role, seed));
+            Run { file: file.to_owned(), ..run }
+        };
+        let model = fixtures::model(1.0, "");
+        let moved = |stiffness: f64| {
+            let held_out = run(stiffness, ("three.csv", Role::Validate, 7));
+            let runs = [run(1.1, ("one.csv", Role::Fit, 5)), run(1.1, ("two.csv", Role::Fit, 6)), held_out];
+            let runs: Vec<&Run> = runs.iter().collect();
+            let said = diagnose(&model, &runs, &Options::default(), &Finished::new(), &|_| (), &|| false);
+            let said = said.expect("an answer");
+            assert_eq!(said.verdict, Verdict::NothingMissing);
+            said.moved.into_iter().map(|moved| (moved.parameter, moved.run)).next()
+        };
+        assert_eq!(moved(1.3), Some(("joint.0.spring.Ks".to_owned(), "three.csv".to_owned())));
+        assert_eq!(moved(1.1), None);
     }
 
     /// A command that runs straight from sample to sample, which the experiment does not say, is found before any effect is looked for; of

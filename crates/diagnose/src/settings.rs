@@ -20,6 +20,8 @@ pub(super) struct Settings {
     pub(super) straight: f64,
     /// An effect that does not explain all is the missing one if it explains this share, of what a formula explains, too.
     pub(super) much: f64,
+    /// Where an effect counts only if it explains all, more are looked for if the most promising ones explain this share.
+    pub(super) hopeful: f64,
     /// Errors below this multiple of the noise are near it: what no effect of the library explains there is no news. So is what acts besides
     /// a model, of the noise of the torque.
     pub(super) near: f64,
@@ -63,6 +65,7 @@ impl Default for Settings {
             trusted: 0.05,
             straight: 0.3,
             much: 0.9,
+            hopeful: 0.5,
             near: 1.5,
             depth: 2,
             beginning: (30.0, 5.0),

@@ -349,6 +349,25 @@ impl System {
         self.motion(scratch, t, x, dx);
     }
 
+    /// By how much each joint's commanded torque accelerates the free joints at once, at rest at these positions, per unit of it: a row for
+    /// each free joint, a column for each joint of the device; 0 for what goes through a state of the drive. `usual` are commands of usual
+    /// size, which neither a dead zone nor a limit hides.
+    pub fn accelerations_by_command(&self, position: &[f64], usual: &[f64]) -> Vec<Vec<f64>> {
+        let (n, x) = (self.n_free(), self.rest(position));
+        let (mut scratch, mut dx) = (self.scratch(), vec![0.0; x.len()]);
+        let mut by = vec![vec![0.0; self.n_joints()]; n];
+        for (joint, usual) in usual.iter().enumerate() {
+            let usual = usual.abs().max(f64::MIN_POSITIVE.sqrt());
+            for sign in [1.0, -1.0] {
+                let mut command = vec![0.0; self.n_joints()];
+                command[joint] = sign * usual;
+                self.derivative(&mut scratch, 0.0, &x, &command, &mut dx);
+                by.iter_mut().zip(&dx[n..]).for_each(|(by, ddq)| by[joint] += sign * ddq / (2.0 * usual));
+            }
+        }
+        by
+    }
+
     /// As [`System::derivative`], with torques [N*m or N] that act on the free joints from outside, e.g. a hand's.
     pub fn derivative_under(
         &self,

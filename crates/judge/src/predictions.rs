@@ -81,7 +81,7 @@ impl Predicted {
 /// A model that makes no equations for a run.
 pub fn predictions(model: &Model, runs: &[&Run]) -> Result<Predictions, CompareError> {
     let settings = Settings::default();
-    let seen = looked_at(runs.iter().copied(), settings.samples);
+    let seen = looked_at(runs.iter().copied(), settings.samples, &|run| model.accelerations_by_command(run));
     let (fit, validate): (Vec<Run>, Vec<Run>) = seen.into_iter().partition(|run| run.role == Role::Fit);
     // Where nothing is to be fitted to, what is held out says how far the model is trusted.
     let (known, others) = if fit.is_empty() { (&validate, &fit) } else { (&fit, &validate) };

@@ -16,6 +16,8 @@
 
 pub mod controller;
 pub mod experiment;
+#[cfg(test)]
+mod fixtures;
 mod given;
 pub mod log;
 pub mod motion;

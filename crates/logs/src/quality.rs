@@ -218,21 +218,7 @@ fn saturated(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{experiment::Role, experiment::Settings, log::Log};
-
-    fn run(t: Vec<f64>, q: Vec<f64>, tau: Vec<f64>) -> Run {
-        let log = Log { tau: vec![tau], q: vec![q], t, reference: None, mask: None, left_out: Vec::new() };
-        let settings = Settings { min_speed: vec![0.0], ..Settings::default() };
-        Run {
-            file: "made.csv".to_owned(),
-            role: Role::Fit,
-            free: vec![0],
-            payload: None,
-            configuration: 1,
-            log,
-            settings,
-        }
-    }
+    use crate::fixtures::run;
 
     #[test]
     fn a_cut_command_a_gap_and_a_still_joint_are_said() {

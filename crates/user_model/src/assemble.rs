@@ -11,6 +11,7 @@ use dynid_dynamics::kinematics::{Kinematics, KinematicsError};
 use dynid_dynamics::system::{Output, PlacedEffect, SignalSet, System, SystemError};
 
 use crate::{EffectInstance, Model};
+use dynid_signal::statistics::rms;
 
 impl Model {
     /// The equations of this model with the joints `free`, the others locked at `position_of(joint)` [rad or m], and no payload.
@@ -27,6 +28,16 @@ impl Model {
     /// As [`Model::system`].
     pub fn system_of(&self, run: &Run) -> Result<System, SystemError> {
         self.system_carrying(run.payload.as_deref(), &run.free, |joint| run.log.mean_position(joint))
+    }
+
+    /// By how much each commanded torque accelerates the free joints where a run begins ([`System::accelerations_by_command`]); `None` where
+    /// the model makes no equations for the run.
+    #[must_use]
+    pub fn accelerations_by_command(&self, run: &Run) -> Option<Vec<Vec<f64>>> {
+        let system = self.system_of(run).ok()?;
+        let position: Vec<f64> = run.free.iter().map(|joint| run.log.q[*joint][0]).collect();
+        let usual: Vec<f64> = run.log.tau.iter().map(|tau| rms(tau)).collect();
+        Some(system.accelerations_by_command(&position, &usual))
     }
 
     /// As [`Model::system`], with what the machine carries.

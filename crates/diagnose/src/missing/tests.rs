@@ -57,7 +57,7 @@ fn a_fit_to_logs_of_what_is_modelled_leaves_their_noise() {
 fn added(work: &Logs<'_>, base: &Fitted, effect: &str) -> Fitted {
     let mut with = base.model.clone();
     with.add_effect(effect, Some(0), None).expect("it may be there");
-    work.finish(Some(&candidate(effect)), &with, None, effect).expect("a fit")
+    work.finish(Some(&candidate(effect)), &with, (None, None), effect).expect("a fit")
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn the_best_of_all_fits_comes_first() {
     let work = logs(&model, runs(K3));
     let base = work.base(&model, "base").expect("a fit");
     let right = added(&work, &base, "spring_cubic");
-    let found = work.best(&base, &work.starts(&base, &[], &|_| true).expect("starts"), "all").expect("fits");
+    let found = work.best(&base, &work.starts(&base, &[], &|_| true).expect("starts"), "all", 0.0).expect("fits");
     assert!(found[0].score() >= right.score() - 0.1, "{} {}", found[0].score(), right.score());
     assert!(found.windows(2).all(|pair| pair[0].score() >= pair[1].score()));
 }

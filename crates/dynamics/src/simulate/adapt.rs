@@ -240,26 +240,31 @@ impl<'a> Adaptation<'a> {
             let of_speed = self.tolerance.by_state(span).nth(state).filter(|_| state < 2 * n);
             NUDGE * of_speed.unwrap_or(self.begin[state].abs() + SMALL_STATE)
         };
-        let mut crossed = |scheme: Scheme, nudged: Range<usize>| {
+        let cross = |stepper: &mut Stepper, scheme: Scheme, nudged: Range<usize>| {
             stepper.x.copy_from_slice(&self.begin);
             nudged.for_each(|state| stepper.x[state] += nudge(state));
             stepper.across(system, input, sample, scheme);
-            stepper.x.clone()
         };
-        let mut grows = |nudged: Range<usize>| {
-            let end = crossed(scheme, nudged.clone());
-            let moved = |state: usize| end[state] - self.end[state];
+        let grows = |stepper: &mut Stepper, nudged: Range<usize>| {
+            cross(stepper, scheme, nudged.clone());
+            let moved = |state: usize| stepper.x[state] - self.end[state];
             // What is no number is not within it either.
-            !nudged.clone().all(|state| moved(state).abs() <= MOST_GROWTH * nudge(state)) && {
-                let (from, to) = (crossed(scheme.finer(), 0..0), crossed(scheme.finer(), nudged.clone()));
-                let is_alike = |state: usize| {
-                    let finer = to[state] - from[state];
-                    (moved(state) - finer).abs() <= MOST_GROWTH * nudge(state) + ALIKE * finer.abs()
-                };
-                !nudged.clone().all(is_alike)
+            if nudged.clone().all(|state| moved(state).abs() <= MOST_GROWTH * nudge(state)) {
+                return false;
             }
+            let moved: Vec<f64> = nudged.clone().map(moved).collect();
+            let [from, to] = [0..0, nudged.clone()].map(|nudged| {
+                cross(stepper, scheme.finer(), nudged);
+                stepper.x.clone()
+            });
+            let is_alike = |(state, moved): (usize, f64)| {
+                let finer = to[state] - from[state];
+                (moved - finer).abs() <= MOST_GROWTH * nudge(state) + ALIKE * finer.abs()
+            };
+            !nudged.zip(moved).all(is_alike)
         };
-        let is_steady = !self.is_differentiated || !(grows(n..2 * n) || (n_states > 2 * n && grows(2 * n..n_states)));
+        let is_steady = !self.is_differentiated
+            || !(grows(stepper, n..2 * n) || (n_states > 2 * n && grows(stepper, 2 * n..n_states)));
         // From here on as it will be, so that what is not stable shows.
         stepper.x.copy_from_slice(&self.end);
         is_steady

@@ -46,17 +46,23 @@ pub struct Oscillator {
 impl Oscillator {
     /// So many seconds under sines of these amplitudes (N) and frequencies (Hz), held between samples; with noise of this seed.
     pub fn run(&self, sines: &[(f64, f64)], seconds: f64, role: (Role, u64)) -> Run {
-        self.driven(sines, seconds, role, |now, _, _| now)
+        self.run_carrying(0.0, sines, seconds, role)
+    }
+
+    /// The same with so much more mass (kg).
+    pub fn run_carrying(&self, load: f64, sines: &[(f64, f64)], seconds: f64, role: (Role, u64)) -> Run {
+        self.driven(load, sines, seconds, role, |now, _, _| now)
     }
 
     /// The same with a command that runs straight from sample to sample.
     pub fn run_with_straight_command(&self, sines: &[(f64, f64)], seconds: f64, role: (Role, u64)) -> Run {
-        self.driven(sines, seconds, role, |now, next, share| now + share * (next - now))
+        self.driven(0.0, sines, seconds, role, |now, next, share| now + share * (next - now))
     }
 
     /// `force` is told this and the next sample's, and which share of the time between them is over.
     fn driven(
         &self,
+        load: f64,
         sines: &[(f64, f64)],
         seconds: f64,
         (role, seed): (Role, u64),
@@ -78,7 +84,7 @@ impl Oscillator {
             for step in 0..SUBSTEPS {
                 let acceleration = |part: f64, x: f64, v: f64| {
                     let force = force(now, next, share(step as f64 + part));
-                    (force - DAMPING * v - self.stiffness * x - self.cubic * x.powi(3)) / MASS
+                    (force - DAMPING * v - self.stiffness * x - self.cubic * x.powi(3)) / (MASS + load)
                 };
                 let (v1, a1) = (v, acceleration(0.0, x, v));
                 let (v2, a2) = (v + 0.5 * h * a1, acceleration(0.5, x + 0.5 * h * v1, v + 0.5 * h * a1));

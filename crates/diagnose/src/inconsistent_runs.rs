@@ -1,32 +1,52 @@
 //! A change between runs, told from a missing effect: does every run by itself agree with the model, with other values?
 
-use crate::missing::Logs;
-use crate::{DiagnoseError, Moved};
+use crate::candidate::{candidates, joined_link};
+use crate::missing::{Fitted, Logs};
+use crate::score_test::Start;
+use crate::{Candidate, DiagnoseError, Moved};
 use dynid_identify::FitError;
+use dynid_identify::prediction::PredictionFit;
 use dynid_logs::{experiment::Role, experiment::Run};
+use dynid_model::Parameter;
 use dynid_user_model::Model;
 
-/// Parameters that differ between runs which the model explains one by one, largest change first; none where a run is not
-/// explained even by itself, or where there is but one.
+/// Changes of less standard errors are chance.
+const LEAST: f64 = 5.0;
+/// As many are reported.
+const AT_MOST: usize = 12;
+
+/// Parameters that differ between runs which the model explains one by one, largest change first: its own or, of one run that it does not
+/// explain by itself, those of a body that is carried there. None where there is but one run, or more than one that is not explained.
 pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, DiagnoseError> {
-    /// Smaller changes are chance.
-    const LEAST: f64 = 5.0;
-    /// As many are reported.
-    const AT_MOST: usize = 12;
     let runs: Vec<Run> =
         work.fit.iter().chain(&work.held_out).map(|run| Run { role: Role::Fit, ..run.clone() }).collect();
     if runs.len() < 2 {
         return Ok(Vec::new());
     }
-    let mut fits = Vec::with_capacity(runs.len());
+    let (mut fits, mut unexplained) = (Vec::with_capacity(runs.len()), None);
     for (index, run) in runs.iter().enumerate() {
         let alone = Logs { fit: vec![run.clone()], held_out: Vec::new(), ..work.clone() };
         let fitted = alone.base(base, &format!("run {} by itself", index + 1)).map_err(FitError::from)?;
-        if !fitted.is_whole(&work.settings) {
+        if fitted.is_whole(&work.settings) {
+            fits.push(fitted.fit);
+        } else if unexplained.replace(index).is_some() {
             return Ok(Vec::new());
         }
-        fits.push(fitted.fit);
     }
+    let mut moved = match unexplained {
+        Some(index) => carried(work, base, &runs, index)?,
+        None => moved_between(base, &runs, &fits),
+    };
+    moved.sort_by(|a, b| {
+        let sizes = [b, a].map(|moved| moved.change_in_std_errors.abs());
+        sizes[0].total_cmp(&sizes[1]).then_with(|| a.parameter.cmp(&b.parameter))
+    });
+    moved.truncate(AT_MOST);
+    Ok(moved)
+}
+
+/// Parameters of `base` by which fits to one run each differ.
+fn moved_between(base: &Model, runs: &[Run], fits: &[PredictionFit]) -> Vec<Moved> {
     let mut moved: Vec<Moved> = Vec::new();
     for parameter in base.names() {
         let known: Vec<(usize, f64, f64)> = fits
@@ -56,14 +76,44 @@ pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
             moved.push(Moved { parameter, run: runs[index].file.clone(), change_in_std_errors });
         }
     }
-    moved.sort_by(|a, b| {
-        b.change_in_std_errors
-            .abs()
-            .total_cmp(&a.change_in_std_errors.abs())
-            .then_with(|| a.parameter.cmp(&b.parameter))
+    moved
+}
+
+/// Parameters of a body that one run, which `base` does not explain by itself, is explained with; the others `base` explains together.
+fn carried(work: &Logs<'_>, base: &Model, runs: &[Run], index: usize) -> Result<Vec<Moved>, DiagnoseError> {
+    let own = &runs[index];
+    let others = runs.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, run)| run.clone()).collect();
+    let others = Logs { fit: others, held_out: Vec::new(), ..work.clone() };
+    let known = others.base(base, &format!("all but run {}", index + 1)).map_err(FitError::from)?;
+    if !known.is_whole(&work.settings) {
+        return Ok(Vec::new());
+    }
+    let mut known = known.model;
+    for (name, parameter) in known.parameters() {
+        // The names are the model's own.
+        let _known = known.set(&name, Parameter { fixed: true, ..parameter });
+    }
+    let alone = Logs { given: &known, fit: vec![own.clone()], held_out: Vec::new(), ..work.clone() };
+    let is_body = |body: &Candidate| {
+        let place = body.law().zip(body.joint);
+        place.is_some_and(|(law, joint)| joined_link(&known, law, joint).is_some())
+    };
+    let mut best: Option<Fitted> = None;
+    for body in candidates(&known, &[own]).into_iter().filter(is_body) {
+        let starts = alone.promising(&body).unwrap_or_default();
+        let Some(start) = starts.first().map(Start::stepped) else { continue };
+        let Ok(fitted) = alone.base(&start, &format!("run {} with {body}", index + 1)) else { continue };
+        if fitted.is_whole(&work.settings) && best.as_ref().is_none_or(|best| best.score() < fitted.score()) {
+            best = Some(fitted);
+        }
+    }
+    let parameters = best.into_iter().flat_map(|best| best.fit.parameters).filter(|own| own.identifiable);
+    let moved = parameters.filter_map(|parameter| {
+        let change_in_std_errors = parameter.value / parameter.std_error.filter(|error| *error > 0.0)?;
+        let run = own.file.clone();
+        Some(Moved { parameter: parameter.name, run, change_in_std_errors })
     });
-    moved.truncate(AT_MOST);
-    Ok(moved)
+    Ok(moved.filter(|moved| moved.change_in_std_errors.abs() >= LEAST).collect())
 }
 
 #[cfg(test)]
@@ -107,5 +157,32 @@ mod tests {
         assert_eq!(of(&[&one, &three], &[]), [], "they agree");
         assert_eq!(of(&[&two], &[]), [], "there is no other");
         assert_eq!(of(&[&one, &run(1.1, 400.0, (6.0, 4))], &[]), [], "one is not explained by itself");
+    }
+
+    /// Three runs of one mass, which is known, and in one of them more of it: the body that is carried there is named.
+    #[test]
+    fn a_body_that_is_carried_in_one_run_is_found() {
+        let plant = Oscillator { stiffness: 1.1, cubic: 0.0 };
+        let sines = [(0.02, 1.0), (0.01, 3.7)];
+        let run = |load: f64, number: u64| {
+            let run = plant.run_carrying(load, &sines, 6.0, (Role::Fit, number));
+            Run { file: number.to_string(), ..run }
+        };
+        let mut model = fixtures::model(1.0, "");
+        for (name, parameter) in model.parameters() {
+            let fixed = name.starts_with("link.");
+            model.set(&name, Parameter { fixed, ..parameter }).expect("its own");
+        }
+        let of = |loads: [f64; 3]| {
+            let [one, two, three] = [1, 2, 3].map(|number| run(loads[number as usize - 1], number));
+            moved(&Logs::new(&model, vec![one, two], vec![three]), &model).expect("fits")
+        };
+        for (loads, carrying) in [([0.0, 2e-4, 0.0], "2"), ([0.0, 0.0, 2e-4], "3")] {
+            let found = of(loads);
+            assert_eq!(found[0].parameter, "joint.0.payload.m");
+            assert!(found.iter().all(|moved| moved.run == carrying), "{found:?}");
+        }
+        assert_eq!(of([0.0; 3]), []);
+        assert_eq!(of([2e-4, 3e-4, 0.0]), [], "two are not explained");
     }
 }

@@ -15,8 +15,9 @@ const LEAST: f64 = 5.0;
 /// As many are reported.
 const AT_MOST: usize = 12;
 
-/// Parameters that differ between runs which the model explains one by one, largest change first: its own or, of one run that it does not
-/// explain by itself, those of a body that is carried there. None where there is but one run, or more than one that is not explained.
+/// Parameters that differ between runs which the model explains one by one, largest change first: its own or, where these do not tell and
+/// the others do not explain one run, those of a body that is carried there. None where there is but one run, or more than one that is not
+/// explained by itself.
 pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, DiagnoseError> {
     let runs: Vec<Run> =
         work.fit.iter().chain(&work.held_out).map(|run| Run { role: Role::Fit, ..run.clone() }).collect();
@@ -33,10 +34,13 @@ pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
             return Ok(Vec::new());
         }
     }
-    let mut moved = match unexplained {
-        Some(index) => carried(work, base, &runs, index)?,
-        None => moved_between(base, &runs, &fits),
-    };
+    let mut moved = if unexplained.is_none() { moved_between(base, &runs, &fits) } else { Vec::new() };
+    // Values that one run does not determine by itself may differ all the same.
+    for index in 0..runs.len() {
+        if moved.is_empty() && unexplained.is_none_or(|unexplained| unexplained == index) {
+            moved = carried(work, base, &runs, index)?;
+        }
+    }
     moved.sort_by(|a, b| {
         let sizes = [b, a].map(|moved| moved.change_in_std_errors.abs());
         sizes[0].total_cmp(&sizes[1]).then_with(|| a.parameter.cmp(&b.parameter))
@@ -79,13 +83,13 @@ fn moved_between(base: &Model, runs: &[Run], fits: &[PredictionFit]) -> Vec<Move
     moved
 }
 
-/// Parameters of a body that one run, which `base` does not explain by itself, is explained with; the others `base` explains together.
+/// Parameters of a body with which one run is explained as `base` explains the others together; none if it explains this one with them.
 fn carried(work: &Logs<'_>, base: &Model, runs: &[Run], index: usize) -> Result<Vec<Moved>, DiagnoseError> {
     let own = &runs[index];
     let others = runs.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, run)| run.clone()).collect();
-    let others = Logs { fit: others, held_out: Vec::new(), ..work.clone() };
+    let others = Logs { fit: others, held_out: vec![own.clone()], ..work.clone() };
     let known = others.base(base, &format!("all but run {}", index + 1)).map_err(FitError::from)?;
-    if !known.is_whole(&work.settings) {
+    if !known.is_whole(&work.settings) || known.holds_elsewhere(&work.settings) {
         return Ok(Vec::new());
     }
     let mut known = known.model;

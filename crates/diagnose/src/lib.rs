@@ -4,7 +4,7 @@
 //!    tell anything are left out.
 //! 2. The model is fitted by the prediction-error method: its values, one rate and one standard deviation per joint, and where each run
 //!    starts; with a command that stands still between samples and, where something is left, with one that runs straight.
-//! 3. Its innovations are white and its rates 0: nothing is missing.
+//! 3. Its innovations are white and its rates 0, on the runs held out too: nothing is missing.
 //! 4. `score_test`: every effect at every place, along the model's own linearised predictions, at three rates; what holds the motion that
 //!    moves it is simulated; from the fitted and from the believed values.
 //! 5. `arms`: one queue of starts, halved again and again, the best so far among them; then starts from its values; as long as that
@@ -17,7 +17,8 @@
 //!    noise leaves to explain and of what a formula promises; else it is the nearest.
 //! 9. Where it pays and is not all it is added, and all goes on from 3, to white errors only what promises more than chance in all runs; what
 //!    is found so counts where it explains all in the end.
-//! 10. A formula (`discover`) is looked for where no effect explains what is left.
+//! 10. Where no effect explains what is left: values that moved between runs, a body that is carried in one (`inconsistent_runs`), or a
+//!     formula (`discover`).
 //!
 //! `finished` holds searches by key: an interrupted diagnosis goes on from them to the same answer. [`with_first_estimates`] uses the
 //! score test to give an effect that vanishes a start for a fit.

@@ -530,7 +530,7 @@ impl Logs<'_> {
 
     /// Follows those to their end that are or may be the best, as long as they may come to it.
     fn settle(&self, base: &Fitted, found: &mut [Fitted], key: &str) -> Result<(), PositionFitError> {
-        let rough = self.rough(base.fit.joints.iter().map(|joint| joint.samples).sum());
+        let rough = self.settings.rough * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
         // A sample that is held out gains as one that is fitted to.
         let share = samples(&self.fit) as f64 / (samples(&self.fit) + samples(&self.held_out)).max(1) as f64;
         loop {
@@ -585,11 +585,6 @@ impl Logs<'_> {
             models.into_iter().enumerate().map(start).collect()
         };
         all.into_iter().filter(|other| own.contains(other) || other.contains(own)).flat_map(starts).collect()
-    }
-
-    /// What the values of a fit to the beginnings may lack of the log likelihood of so many samples, and rough steps.
-    fn rough(&self, samples: f64) -> f64 {
-        self.settings.rough * samples * (1.0 - self.of_all().recip()) + 2.0 * prediction::ROUGHLY
     }
 
     /// How many times the samples of the beginnings that promises rest on the runs to fit to have.
@@ -688,7 +683,7 @@ impl Logs<'_> {
         let mut arms = race(arms, &self.settings, self.recall, self.keep, self.stop);
         let known = arms.iter().position(|arm| arm.key == known).map(|place| arms.remove(place).cost());
         let best = known.unwrap_or(f64::INFINITY);
-        arms.retain(|arm| arm.cost().is_finite() && arm.cost() <= best + self.rough(samples as f64));
+        arms.retain(|arm| arm.cost().is_finite() && arm.cost() <= best + self.settings.rough * samples as f64);
         let fitted = arms.par_iter().enumerate().map(|(place, arm)| {
             // The best is followed to its end in any case.
             let is_best = place == 0 && arm.cost() < best;

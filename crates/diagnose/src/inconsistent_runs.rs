@@ -19,14 +19,20 @@ const AT_MOST: usize = 12;
 /// the others do not explain one run, those of a body that is carried there. None where there is but one run, or more than one that is not
 /// explained by itself.
 pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, DiagnoseError> {
-    let runs: Vec<Run> =
-        work.fit.iter().chain(&work.held_out).map(|run| Run { role: Role::Fit, ..run.clone() }).collect();
+    // A run may have been parted.
+    let mut runs: Vec<Vec<Run>> = Vec::new();
+    for part in work.fit.iter().chain(&work.held_out).map(|run| Run { role: Role::Fit, ..run.clone() }) {
+        match runs.iter_mut().find(|parts| parts[0].file == part.file) {
+            Some(parts) => parts.push(part),
+            None => runs.push(vec![part]),
+        }
+    }
     if runs.len() < 2 {
         return Ok(Vec::new());
     }
     let (mut fits, mut unexplained) = (Vec::with_capacity(runs.len()), None);
-    for (index, run) in runs.iter().enumerate() {
-        let alone = Logs { fit: vec![run.clone()], held_out: Vec::new(), ..work.clone() };
+    for (index, parts) in runs.iter().enumerate() {
+        let alone = Logs { fit: parts.clone(), held_out: Vec::new(), ..work.clone() };
         let fitted = alone.base(base, &format!("run {} by itself", index + 1)).map_err(FitError::from)?;
         if fitted.is_whole(&work.settings) {
             fits.push(fitted.fit);
@@ -37,8 +43,8 @@ pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
     let mut moved = if unexplained.is_none() { moved_between(base, &runs, &fits) } else { Vec::new() };
     // Values that one run does not determine by itself may differ all the same.
     for index in 0..runs.len() {
-        if moved.is_empty() && unexplained.is_none_or(|unexplained| unexplained == index) {
-            moved = carried(work, base, &runs, index)?;
+        if moved.is_empty() && unexplained.is_none_or(|unexplained| unexplained == index) && !(work.stop)() {
+            moved = carried(work, base, &runs, index);
         }
     }
     moved.sort_by(|a, b| {
@@ -50,7 +56,7 @@ pub(super) fn moved(work: &Logs<'_>, base: &Model) -> Result<Vec<Moved>, Diagnos
 }
 
 /// Parameters of `base` by which fits to one run each differ.
-fn moved_between(base: &Model, runs: &[Run], fits: &[PredictionFit]) -> Vec<Moved> {
+fn moved_between(base: &Model, runs: &[Vec<Run>], fits: &[PredictionFit]) -> Vec<Moved> {
     let mut moved: Vec<Moved> = Vec::new();
     for parameter in base.names() {
         let known: Vec<(usize, f64, f64)> = fits
@@ -77,47 +83,49 @@ fn moved_between(base: &Model, runs: &[Run], fits: &[PredictionFit]) -> Vec<Move
             .map(|(index, value, error)| (*index, change(index, *value, *error)))
             .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
         if let Some((index, change_in_std_errors)) = farthest.filter(|(_, change)| change.abs() >= LEAST) {
-            moved.push(Moved { parameter, run: runs[index].file.clone(), change_in_std_errors });
+            moved.push(Moved { parameter, run: runs[index][0].file.clone(), change_in_std_errors });
         }
     }
     moved
 }
 
 /// Parameters of a body with which one run is explained as `base` explains the others together; none if it explains this one with them.
-fn carried(work: &Logs<'_>, base: &Model, runs: &[Run], index: usize) -> Result<Vec<Moved>, DiagnoseError> {
+fn carried(work: &Logs<'_>, base: &Model, runs: &[Vec<Run>], index: usize) -> Vec<Moved> {
     let own = &runs[index];
-    let others = runs.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, run)| run.clone()).collect();
-    let others = Logs { fit: others, held_out: vec![own.clone()], ..work.clone() };
-    let known = others.base(base, &format!("all but run {}", index + 1)).map_err(FitError::from)?;
-    if !known.is_whole(&work.settings) || known.holds_elsewhere(&work.settings) {
-        return Ok(Vec::new());
-    }
+    let others =
+        runs.iter().enumerate().filter(|(other, _)| *other != index).flat_map(|(_, parts)| parts.clone()).collect();
+    let others = Logs { fit: others, held_out: own.clone(), ..work.clone() };
+    let known = others.base(base, &format!("all but run {}", index + 1)).ok();
+    let differs = |known: &Fitted| known.is_whole(&work.settings) && !others.holds_elsewhere(known);
+    let Some(known) = known.filter(differs) else { return Vec::new() };
     let mut known = known.model;
     for (name, parameter) in known.parameters() {
         // The names are the model's own.
         let _known = known.set(&name, Parameter { fixed: true, ..parameter });
     }
-    let alone = Logs { given: &known, fit: vec![own.clone()], held_out: Vec::new(), ..work.clone() };
+    let alone = Logs { given: &known, fit: own.clone(), held_out: Vec::new(), ..work.clone() };
     let is_body = |body: &Candidate| {
         let place = body.law().zip(body.joint);
         place.is_some_and(|(law, joint)| joined_link(&known, law, joint).is_some())
     };
     let mut best: Option<Fitted> = None;
-    for body in candidates(&known, &[own]).into_iter().filter(is_body) {
+    for body in candidates(&known, &own.iter().collect::<Vec<_>>()).into_iter().filter(is_body) {
         let starts = alone.promising(&body).unwrap_or_default();
         let Some(start) = starts.first().map(Start::stepped) else { continue };
         let Ok(fitted) = alone.base(&start, &format!("run {} with {body}", index + 1)) else { continue };
-        if fitted.is_whole(&work.settings) && best.as_ref().is_none_or(|best| best.score() < fitted.score()) {
+        // No run is held out.
+        let score = |fitted: &Fitted| fitted.fit.log_likelihood - fitted.price();
+        if fitted.is_whole(&work.settings) && best.as_ref().is_none_or(|best| score(best) < score(&fitted)) {
             best = Some(fitted);
         }
     }
     let parameters = best.into_iter().flat_map(|best| best.fit.parameters).filter(|own| own.identifiable);
     let moved = parameters.filter_map(|parameter| {
         let change_in_std_errors = parameter.value / parameter.std_error.filter(|error| *error > 0.0)?;
-        let run = own.file.clone();
+        let run = own[0].file.clone();
         Some(Moved { parameter: parameter.name, run, change_in_std_errors })
     });
-    Ok(moved.filter(|moved| moved.change_in_std_errors.abs() >= LEAST).collect())
+    moved.filter(|moved| moved.change_in_std_errors.abs() >= LEAST).collect()
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ pub struct Fitted {
     pub unknowns: f64,
     /// Where its search is.
     pub state: State,
-    /// Whether it was followed with fine integration steps to its end, or until it would not come to the best.
+    /// Whether it was followed with fine integration steps to its end, or until it would not come near the best.
     pub is_final: bool,
 }
 
@@ -68,17 +68,6 @@ impl Fitted {
     /// Whether nothing is left to explain of the runs that were fitted to.
     pub fn is_whole(&self, settings: &Settings) -> bool {
         self.correction() < settings.trusted && whiteness(self.fit.joints.iter()) < settings.white
-    }
-
-    /// Whether it explains the runs held out as it does those that were fitted to.
-    pub fn holds_elsewhere(&self, settings: &Settings) -> bool {
-        let fitted = |joint: usize| self.fit.joints.iter().find(|own| own.joint == joint);
-        self.held_out.as_ref().is_some_and(|held_out| {
-            held_out.joints.iter().all(|own| {
-                let is_near = |fitted: &JointInnovations| own.deviation < settings.near * fitted.deviation;
-                own.correction < settings.trusted && fitted(own.joint).is_none_or(is_near)
-            })
-        })
     }
 
     /// By how much the log likelihood falls short of what it were if nothing but the noise of these logs were left.
@@ -473,8 +462,21 @@ impl Logs<'_> {
         fitted.is_white(&self.settings) && fitted.fit.joints.iter().all(is_noise)
     }
 
-    /// Fits the most promising starts; all that were followed to their end, best first. It gives up where the best of the first batch
-    /// `explains` less than this share.
+    /// Whether a fit explains the runs held out as it does those that were fitted to, or to their noise.
+    pub fn holds_elsewhere(&self, fitted: &Fitted) -> bool {
+        let deviation = |joint: usize| {
+            let known = fitted.fit.joints.iter().find(|own| own.joint == joint).map_or(0.0, |own| own.deviation);
+            known.max(noise_at(self.held_out.iter(), joint))
+        };
+        let is_explained = |own: &JointInnovations| {
+            own.correction < self.settings.trusted && own.deviation < self.settings.near * deviation(own.joint)
+        };
+        let held_out = || fitted.held_out.as_ref().is_some_and(|held_out| held_out.joints.iter().all(is_explained));
+        self.held_out.is_empty() || held_out()
+    }
+
+    /// Fits the most promising starts; all that were followed to their end, best first. It gives up where the best of a batch leaves
+    /// more than noise and `explains` less than this share.
     pub fn best(
         &self,
         base: &Fitted,
@@ -495,7 +497,8 @@ impl Logs<'_> {
             self.race(base, &ordered, &key, &mut found)?;
             self.settle(base, &mut found, &key)?;
             ordered = later;
-            if found.first().map_or(0.0, |best| best.explains(base, &self.fit)) < share {
+            let is_enough_or_explains = |best: &Fitted| is_enough(best) || best.explains(base, &self.fit) >= share;
+            if share.is_finite() && !found.first().is_some_and(is_enough_or_explains) {
                 break;
             }
             // A smaller law may do as well from the best one's values, and a larger one better.
@@ -544,7 +547,9 @@ impl Logs<'_> {
                 .par_iter()
                 .map(|k| {
                     let Fitted { candidate, model, state, .. } = &found[*k];
-                    let enough = state.cost.filter(|_| *k > 0).map(|cost| cost - share * (best - found[*k].score()));
+                    // What may fall short of it by chance, or by rough steps, is worth its end too.
+                    let short = best - found[*k].score() - prediction::ROUGHLY;
+                    let enough = state.cost.filter(|_| *k > 0).map(|cost| cost - share * short);
                     let finished = self.finish(candidate.as_ref(), model, (Some(state), enough), key);
                     finished.unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() })
                 })

@@ -152,7 +152,9 @@ pub fn diagnose(
     let is_open = steps.first().is_some_and(|step| step.verdict == Verdict::Unexplained);
     let moved = if is_open { inconsistent_runs::moved(&work, &first.parsed()?)? } else { Vec::new() };
     outside.asked_to_stop()?;
-    let discovered = if is_open && moved.is_empty() { discover::best(&work, &base) } else { None };
+    // Where nothing is left of the runs fitted to, there is none to be found.
+    let may_be_found = is_open && moved.is_empty() && !base.is_whole(&settings);
+    let discovered = if may_be_found { discover::best(&work, &base) } else { None };
     outside.asked_to_stop()?;
     verdict::conclude(&judge, runs, (&first, discovered), steps, moved, notes)
 }
@@ -186,7 +188,7 @@ fn step(
     // Where free simulations leave no more than the noise of the logs, a pattern in it is not worth a name. What only the runs held out
     // show cannot be fitted.
     if base.is_whole(settings) || verdict::reaches_the_floor(before) {
-        let is_all = base.holds_elsewhere(settings) || is_near_noise();
+        let is_all = work.holds_elsewhere(base) || is_near_noise();
         return Ok((Vec::new(), nothing(if is_all { Verdict::NothingMissing } else { Verdict::Unexplained })));
     }
     (outside.tell)(&Event::Asking(work.places(&base.model)));

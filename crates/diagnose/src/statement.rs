@@ -44,6 +44,11 @@ pub enum Statement {
         /// The parameter that moved most.
         most: Moved,
     },
+    /// One run is explained only with a body that the others do not carry.
+    BodyCarried {
+        /// Its parameter that is surest, and the run.
+        most: Moved,
+    },
     /// A formula explains what no effect of the library does.
     FormulaExplains {
         /// The device's joint index.

@@ -141,7 +141,8 @@ pub(super) fn conclude(
     let mut statements = statements(verdict, first, &found, &ranking, &steps);
     if let Some(most) = moved.first() {
         statements.truncate(1);
-        statements.push(Statement::ValuesMoved { most: most.clone() });
+        let (is_own, most) = (base.parameter(&most.parameter).is_some(), most.clone());
+        statements.push(if is_own { Statement::ValuesMoved { most } } else { Statement::BodyCarried { most } });
     }
     if verdict == Verdict::Unexplained {
         statements.push(discovered.as_ref().map_or(Statement::NoFormulaExplains, super::discover::statement));

@@ -351,13 +351,13 @@ impl System {
 
     /// By how much each joint's commanded torque accelerates the free joints at once, at rest at these positions, per unit of it: a row for
     /// each free joint, a column for each joint of the device; 0 for what goes through a state of the drive. `usual` are commands of usual
-    /// size, which neither a dead zone nor a limit hides.
+    /// size, which neither a dead zone nor a limit hides; 1 stands for one that is always 0.
     pub fn accelerations_by_command(&self, position: &[f64], usual: &[f64]) -> Vec<Vec<f64>> {
         let (n, x) = (self.n_free(), self.rest(position));
         let (mut scratch, mut dx) = (self.scratch(), vec![0.0; x.len()]);
         let mut by = vec![vec![0.0; self.n_joints()]; n];
         for (joint, usual) in usual.iter().enumerate() {
-            let usual = usual.abs().max(f64::MIN_POSITIVE.sqrt());
+            let usual = if *usual == 0.0 { 1.0 } else { usual.abs() };
             for sign in [1.0, -1.0] {
                 let mut command = vec![0.0; self.n_joints()];
                 command[joint] = sign * usual;

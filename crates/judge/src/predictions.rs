@@ -81,7 +81,9 @@ impl Predicted {
 /// A model that makes no equations for a run.
 pub fn predictions(model: &Model, runs: &[&Run]) -> Result<Predictions, CompareError> {
     let settings = Settings::default();
-    let seen = looked_at(runs.iter().copied(), settings.samples, &|run| model.accelerations_by_command(run));
+    // Whatever the values of a model, so that all of a device are told of the same samples.
+    let usual = Model::of_device(model.device);
+    let seen = looked_at(runs.iter().copied(), settings.samples, &|run| usual.accelerations_by_command(run));
     let (fit, validate): (Vec<Run>, Vec<Run>) = seen.into_iter().partition(|run| run.role == Role::Fit);
     // Where nothing is to be fitted to, what is held out says how far the model is trusted.
     let (known, others) = if fit.is_empty() { (&validate, &fit) } else { (&fit, &validate) };

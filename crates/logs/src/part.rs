@@ -89,17 +89,25 @@ fn may_keep_one_of(run: &Run, most: usize, accelerations: Accelerations<'_>) -> 
         let Some(accelerations) = &accelerations else { return false };
         let kept = one_of(run.log.len(), keep);
         let t = &run.log.t;
-        let pushes: Vec<Vec<f64>> = run.log.tau.iter().map(|tau| left_out(t, tau, is_straight(run), &kept)).collect();
+        // Whether the command stands or runs straight, so that logs are thinned alike by both.
         let shaken = |by: &[f64]| {
-            let speed = |row: usize| by.iter().zip(&pushes).map(|(by, push)| by * push[row]).sum::<f64>();
-            rms(&(0..t.len()).map(speed).collect::<Vec<_>>())
+            let of_command = |is_straight: bool| {
+                let mut speed = vec![0.0; t.len()];
+                for (by, tau) in by.iter().zip(&run.log.tau).filter(|(by, _)| **by != 0.0) {
+                    let push = left_out(t, tau, is_straight, &kept);
+                    speed.iter_mut().zip(push).for_each(|(speed, push)| *speed += by * push);
+                }
+                rms(&speed)
+            };
+            of_command(false).max(of_command(true))
         };
         let span = (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64 * keep as f64;
         let moved = |q: &[f64]| rms(&kept.windows(2).map(|pair| q[pair[1]] - q[pair[0]]).collect::<Vec<_>>());
         let moves_itself = run.free.iter().zip(accelerations).all(|(joint, by)| by[*joint].is_normal());
         moves_itself && free().zip(accelerations).all(|(q, by)| shaken(by) * span <= SHAKEN * moved(q))
     };
-    (2..=most).take_while(|keep| is_noise(*keep) && is_steady(*keep)).last().unwrap_or(1)
+    let has_enough = |keep: usize| run.log.len() >= keep * LEAST_SAMPLES;
+    (2..=most).take_while(|keep| has_enough(*keep) && is_noise(*keep) && is_steady(*keep)).last().unwrap_or(1)
 }
 
 /// Rows that are kept, one of every few.

@@ -62,6 +62,13 @@ pub fn statement(statement: &Statement) -> String {
              moved most ({} by {:+.0} standard errors).",
             most.parameter, most.run, most.change_in_std_errors
         ),
+        Statement::BodyCarried { most } => format!(
+            "No effect is missing, but {} is explained only with a body that the other runs do not carry: {} is {:.0} \
+             standard errors from nothing.",
+            most.run,
+            most.parameter,
+            most.change_in_std_errors.abs()
+        ),
         Statement::FormulaExplains { joint, acts_on, formula, percent } => {
             discovered::found(*joint, *acts_on, formula, *percent)
         }

@@ -57,6 +57,11 @@ fn every_statement_is_said() {
             "The nearest is `dahl` at joint 4, which explains only part of it.",
         ),
         (
+            Statement::BodyCarried { most: most.clone() },
+            "No effect is missing, but a.csv is explained only with a body that the other runs do not carry: \
+             joint.5.spring.Ks is 27 standard errors from nothing.",
+        ),
+        (
             Statement::ValuesMoved { most },
             "No effect is missing: every run by itself is explained to its noise, but not all by the same values; \
              joint.5.spring.Ks moved most (a.csv by -27 standard errors).",

@@ -15,7 +15,6 @@ use dynid_identify::starts::Starts;
 use dynid_identify::{SearchControl, prediction};
 use dynid_judge::compare::compare;
 use dynid_logs::experiment::{Experiment, Role, Run};
-use dynid_logs::part::looked_at;
 use dynid_user_model::Model;
 
 use crate::{Error, check_device};
@@ -170,10 +169,7 @@ pub fn fit(
         stopped |= progress(FitProgress::FirstEstimate(label)).is_break();
     }
     let seen = match task.error {
-        ErrorSignal::Prediction => {
-            let accelerations = |run: &Run| first.model.accelerations_by_command(run);
-            looked_at(runs.iter().copied(), prediction::Settings::default().samples, &accelerations)
-        }
+        ErrorSignal::Prediction => first.model.looked_at(runs.iter().copied(), prediction::Settings::default().samples),
         _ => Vec::new(),
     };
     let runs = if seen.is_empty() { runs } else { seen.iter().collect() };

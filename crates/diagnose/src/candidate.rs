@@ -378,6 +378,38 @@ mod tests {
         assert_eq!(none.value(Measure::Range, 1.0), 0.0);
     }
 
+    /// A unit of what is looked for leads from the value that was taken over to the law's usual one, as far as its bounds reach.
+    #[test]
+    fn steps_are_told_in_units_of_a_law() {
+        let text = "device = \"planar2r\"\n[[effect]]\nid = \"coulomb\"\njoint = 1\nFc = 0.5\n";
+        let model = Model::parse(text, Path::new("made.toml")).expect("a model");
+        let stribeck = Candidate { effect: "stribeck".to_owned(), joint: Some(1), from: None };
+        let sizes = Sizes {
+            speed: 1.0,
+            middle: 0.0,
+            half_range: 1.0,
+            command: 1.0,
+            acceleration: 1.0,
+            torque: 1.0,
+            duration: 10.0,
+        };
+        let probes = probes(&model, &stribeck, &sizes);
+        let usual = |symbol: &str| {
+            let own = dynid_model::effect("stribeck").expect("it is of the library").parameters.iter();
+            own.clone().find(|own| own.symbol == symbol).expect("its own")
+        };
+        for probe in &probes {
+            let step =
+                |symbol: &str| probe.steps.iter().find(|step| step.name.ends_with(symbol)).expect("it has no shape");
+            let (own, law) = (step(".Fc"), usual("Fc"));
+            assert_eq!((own.from, own.unit), (0.5, law.initial - 0.5));
+            let ends = [law.lower, law.upper].map(|end| (end - 0.5) / (law.initial - 0.5));
+            assert_eq!(own.range, (ends[1], ends[0]));
+            assert_eq!(step(".Fs").from, 0.5, "stiction is no less");
+        }
+        assert!(!probes.is_empty());
+    }
+
     /// A pair's effect is, where one law acts on both joints alike; what one joint does to another is not.
     #[test]
     fn which_effects_are_the_same_with_their_joints_exchanged() {

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use dynid_logs::experiment::{Role, Run};
-use dynid_logs::part::looked_at;
 use dynid_user_model::{EffectInstance, Model};
 
 use crate::Candidate;
@@ -31,8 +30,7 @@ pub fn with_first_estimates(model: &Model, runs: &[&Run]) -> FirstEstimates {
         model.effects.iter().filter(|own| own.payload.is_none() && vanishes(own)).cloned().collect();
     let is_single = new.len() == 1;
     let to_fit = runs.iter().filter(|run| run.role == Role::Fit);
-    let accelerations = |run: &Run| model.accelerations_by_command(run);
-    let fit = looked_at(to_fit.copied(), Settings::default().search.samples, &accelerations);
+    let fit = model.looked_at(to_fit.copied(), Settings::default().search.samples);
     for instance in new {
         let candidate = Candidate { effect: instance.effect.id.clone(), joint: instance.joint, from: instance.from };
         let mut without = found.model.clone();

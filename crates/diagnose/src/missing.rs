@@ -215,7 +215,7 @@ impl Logs<'_> {
     /// The model itself, fitted.
     pub fn base(&self, model: &Model, key: &str) -> Result<Fitted, PositionFitError> {
         let problem = self.problem(model)?;
-        self.fitted(None, model, &self.followed(&problem, key, None, None)?, true)
+        self.fitted(None, model, &self.to_its_end(&problem, key)?, true)
     }
 
     /// The model as it was given, fitted: of long runs to their beginnings first, for the way to where it ends needs not all samples.
@@ -225,10 +225,10 @@ impl Logs<'_> {
         }
         let beginnings = self.problem_of(self.given, &self.beginnings())?;
         // What cannot be simulated there begins in all of the runs.
-        let begun = self.followed(&beginnings, &format!("{key} beginnings"), None, None).ok();
+        let begun = self.to_its_end(&beginnings, &format!("{key} beginnings")).ok();
         let problem = self.problem(self.given)?;
         let search = self.followed(&problem, key, begun.as_ref().map(Search::state), None);
-        self.fitted(None, self.given, &search.or_else(|_| self.followed(&problem, key, None, None))?, true)
+        self.fitted(None, self.given, &search.or_else(|_| self.to_its_end(&problem, key))?, true)
     }
 
     /// Whether a search in these logs, from the values of a fit to others of the same samples, may gain so much log likelihood of the runs
@@ -238,12 +238,16 @@ impl Logs<'_> {
         problem.rates.clone_from(&over.fit.rates);
         problem.initial.clone_from(&over.fit.initial);
         let Some(best) = over.state.cost else { return Ok(true) };
-        // A sample that is held out gains as one that is fitted to.
-        let (fitted, held_out) = (samples(&self.fit) as f64, samples(&self.held_out) as f64);
-        let enough = best - least * fitted / (fitted + held_out).max(1.0);
+        let enough = best - self.fitted_share() * least;
         let mut search = Search::new(&problem, None)?;
         self.follow(&mut search, Some(enough), &|cost| cost <= enough);
         Ok((self.stop)() || search.state().cost.is_some_and(|cost| cost <= enough))
+    }
+
+    /// Share of a gain in all runs that those fitted to have: a sample that is held out gains as one that is fitted to.
+    fn fitted_share(&self) -> f64 {
+        let (fitted, held_out) = (samples(&self.fit), samples(&self.held_out));
+        fitted as f64 / (fitted + held_out).max(1) as f64
     }
 
     /// Takes a search on in rounds, as an arm is, to its end; unless it `is_over`, or so many rounds like the last would not bring it to
@@ -281,6 +285,11 @@ impl Logs<'_> {
         };
         let search = self.followed(&problem, &key, state, enough)?;
         self.fitted(candidate, model, &search, true)
+    }
+
+    /// A search from the beginning that has come to its end, or the one that is kept under this key.
+    fn to_its_end<'p>(&self, problem: &'p PredictionProblem, key: &str) -> Result<Search<'p>, PositionFitError> {
+        self.followed(problem, key, None, None)
     }
 
     /// A search that has come to its end, or would not come to `enough`: the one that is kept under this key, or one from `state` or from
@@ -476,13 +485,13 @@ impl Logs<'_> {
     }
 
     /// Fits the most promising starts; all that were followed to their end, best first. It gives up where the best of a batch leaves
-    /// more than noise and `explains` less than this share.
+    /// more than noise and `explains` less than this share, where one is asked for.
     pub fn best(
         &self,
         base: &Fitted,
         starts: &[Start],
         key: &str,
-        share: f64,
+        share: Option<f64>,
     ) -> Result<Vec<Fitted>, PositionFitError> {
         let mut found: Vec<Fitted> = Vec::new();
         let asked = promising(starts, self.settings.further);
@@ -497,8 +506,8 @@ impl Logs<'_> {
             self.race(base, &ordered, &key, &mut found)?;
             self.settle(base, &mut found, &key)?;
             ordered = later;
-            let is_enough_or_explains = |best: &Fitted| is_enough(best) || best.explains(base, &self.fit) >= share;
-            if share.is_finite() && !found.first().is_some_and(is_enough_or_explains) {
+            let explains = |best: &Fitted, share: f64| is_enough(best) || best.explains(base, &self.fit) >= share;
+            if share.is_some_and(|share| !found.first().is_some_and(|best| explains(best, share))) {
                 break;
             }
             // A smaller law may do as well from the best one's values, and a larger one better.
@@ -534,8 +543,6 @@ impl Logs<'_> {
     /// Follows those to their end that are or may be the best, as long as they may come to it.
     fn settle(&self, base: &Fitted, found: &mut [Fitted], key: &str) -> Result<(), PositionFitError> {
         let rough = self.settings.rough * base.fit.joints.iter().map(|joint| joint.samples).sum::<f64>();
-        // A sample that is held out gains as one that is fitted to.
-        let share = samples(&self.fit) as f64 / (samples(&self.fit) + samples(&self.held_out)).max(1) as f64;
         loop {
             let Some(best) = found.first().map(Fitted::score) else { return Ok(()) };
             let near: Vec<usize> =
@@ -549,7 +556,7 @@ impl Logs<'_> {
                     let Fitted { candidate, model, state, .. } = &found[*k];
                     // What may fall short of it by chance, or by rough steps, is worth its end too.
                     let short = best - found[*k].score() - prediction::ROUGHLY;
-                    let enough = state.cost.filter(|_| *k > 0).map(|cost| cost - share * short);
+                    let enough = state.cost.filter(|_| *k > 0).map(|cost| cost - self.fitted_share() * short);
                     let finished = self.finish(candidate.as_ref(), model, (Some(state), enough), key);
                     finished.unwrap_or_else(|_| Fitted { is_final: true, ..found[*k].clone() })
                 })
@@ -645,7 +652,7 @@ impl Logs<'_> {
         let mut problem = self.problem(&model).ok()?;
         problem.initial.clone_from(&whole.fit.initial);
         problem.rates.clone_from(&whole.fit.rates);
-        let search = self.followed(&problem, key, None, None).ok()?;
+        let search = self.to_its_end(&problem, key).ok()?;
         self.fitted(whole.candidate.as_ref(), &model, &search, true).ok()
     }
 

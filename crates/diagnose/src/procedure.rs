@@ -8,13 +8,12 @@ use dynid_identify::position::{Estimate, PositionFitError};
 use dynid_identify::prediction::{JointInnovations, State};
 use dynid_logs::experiment::Run;
 use dynid_logs::motion::Motion;
-use dynid_logs::part::looked_at;
 use dynid_user_model::{FitRecord, Model};
 
 use crate::missing::{Fitted, Logs, noise_at};
 use crate::refit::{EffectParameter, Judge, Refit, is_null, is_own};
 use crate::settings::Settings;
-use crate::verdict::{self, Judged, Step};
+use crate::verdict::{self, Judged, Otherwise, Step};
 use crate::{
     Candidate, DiagnoseError, Diagnosis, Event, Finished, Note, Options, RejectedCandidate, Rejection, Screened,
     Verdict, discover, excitation, inconsistent_runs, runs,
@@ -61,8 +60,7 @@ pub fn diagnose(
     }
     notes.extend(excitation::check(model, runs)?);
     let mut judged = runs::split(runs);
-    let accelerations = |run: &Run| model.accelerations_by_command(run);
-    let seen = looked_at(&judged, settings.search.samples, &accelerations);
+    let seen = model.looked_at(&judged, settings.search.samples);
     let recall = |key: &str| finished.get(key).cloned();
     let keep = |key: &str, state: &State| tell(&Event::Searched(key, state));
     let rates = held.map(|error| held_rates(model, runs, error)).transpose()?;
@@ -73,7 +71,7 @@ pub fn diagnose(
     outside.asked_to_stop()?;
     if !base.is_whole(&settings) && judged.iter().all(runs::stands) {
         let lines: Vec<Run> = judged.iter().map(runs::with_line).collect();
-        let (fit, held_out) = runs::by_role(&looked_at(&lines, settings.search.samples, &accelerations));
+        let (fit, held_out) = runs::by_role(&model.looked_at(&lines, settings.search.samples));
         let straight = Logs { fit, held_out, ..work.clone() };
         let samples: f64 = base.fit.joints.iter().map(|joint| joint.samples).sum();
         let least = -0.5 * samples * (1.0 - settings.straight).ln();
@@ -108,7 +106,7 @@ pub fn diagnose(
     let mut is_whole = false;
     for depth in 1..=options.depth.unwrap_or(settings.depth).max(1) {
         // A further effect is told only if nothing is left then, unless it was asked for.
-        let share = if depth > 1 && options.depth.is_none() { settings.hopeful } else { f64::NEG_INFINITY };
+        let share = (depth > 1 && options.depth.is_none()).then_some(settings.hopeful);
         let (found, step) = step(&work, &judge, (&before.0, &before.1), (depth, share), &outside)?;
         let is_all = found.first().is_some_and(|best| best.is_whole(&settings));
         let next = found.into_iter().next().zip(step.best().cloned());
@@ -150,13 +148,23 @@ pub fn diagnose(
         steps.truncate(if options.depth.is_none() { 1 } else { open });
     }
     let is_open = steps.first().is_some_and(|step| step.verdict == Verdict::Unexplained);
-    let moved = if is_open { inconsistent_runs::moved(&work, &first.parsed()?)? } else { Vec::new() };
+    let otherwise = if is_open { otherwise(&work, &base, &first, &outside)? } else { Otherwise::NotAsked };
     outside.asked_to_stop()?;
-    // Where nothing is left of the runs fitted to, there is none to be found.
-    let may_be_found = is_open && moved.is_empty() && !base.is_whole(&settings);
-    let discovered = if may_be_found { discover::best(&work, &base) } else { None };
+    verdict::conclude(&judge, runs, (&first, otherwise), steps, notes)
+}
+
+/// What explains the runs where no effect does.
+fn otherwise(work: &Logs<'_>, base: &Fitted, first: &Refit, outside: &Outside<'_>) -> Result<Otherwise, DiagnoseError> {
+    let moved = inconsistent_runs::moved(work, &first.parsed()?)?;
     outside.asked_to_stop()?;
-    verdict::conclude(&judge, runs, (&first, discovered), steps, moved, notes)
+    Ok(if !moved.is_empty() {
+        Otherwise::Moved(moved)
+    } else if base.is_whole(&work.settings) {
+        // A formula would be of the runs fitted to, of which nothing is left.
+        Otherwise::HeldOut
+    } else {
+        Otherwise::Formula(discover::best(work, base))
+    })
 }
 
 /// The rates at which a model is held to the logs where an error is asked for [1/s]: a free simulation, or the bandwidth of the torque
@@ -178,7 +186,7 @@ fn step(
     work: &Logs<'_>,
     judge: &Judge<'_>,
     (base, before): (&Fitted, &Refit),
-    (depth, share): (usize, f64),
+    (depth, share): (usize, Option<f64>),
     outside: &Outside<'_>,
 ) -> Result<(Vec<Fitted>, Step), DiagnoseError> {
     let settings = &work.settings;

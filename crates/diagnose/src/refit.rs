@@ -334,5 +334,10 @@ pub(super) mod tests {
         // How many unknown parameters of effects there are: the gain is fixed.
         assert_eq!((count(&model, all.iter().copied()), count(&saturated, all.iter().copied())), (3.0, 4.0));
         assert_eq!(count(&model, &[]), 0.0, "nothing depends on them");
+        // A payload's count where it is carried.
+        let box_of = "[[effect]]\nid = \"payload\"\njoint = 0\npayload = \"box\"\nm = { value = 0.1, fixed = false }\n";
+        let carrying = Run { payload: Some("box".to_owned()), ..runs[0].clone() };
+        let carried = fixtures::model(1.0, box_of);
+        assert_eq!((count(&carried, all.iter().copied()), count(&carried, [&carrying])), (3.0, 7.0));
     }
 }

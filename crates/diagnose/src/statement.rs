@@ -39,6 +39,8 @@ pub enum Statement {
         /// Which, and where.
         candidate: Candidate,
     },
+    /// The runs fitted to are explained to their noise, those held out are not, and neither other values nor a body that is carried tell why.
+    HeldOutRunsDiffer,
     /// Every run by itself is explained to its noise, but by other values.
     ValuesMoved {
         /// The parameter that moved most.

@@ -38,6 +38,18 @@ impl Step {
     }
 }
 
+/// What explains the runs where no effect does.
+pub(super) enum Otherwise {
+    /// Nobody asked: one does, or nothing is left.
+    NotAsked,
+    /// Parameters that differ between runs which the model explains one by one, or those of a body that is carried in one.
+    Moved(Vec<Moved>),
+    /// Nothing: only the runs held out leave anything.
+    HeldOut,
+    /// A formula, if any is worth writing.
+    Formula(Option<Discovered>),
+}
+
 /// A refit with what it is worth.
 #[derive(Debug, Clone)]
 pub(super) struct Judged {
@@ -102,17 +114,15 @@ fn equivalents(own: &Candidate, refit: &Refit) -> Vec<Candidate> {
     }
 }
 
-/// Puts the steps together. `discovered` is a formula for what the model leaves, `moved` are the parameters that differ between runs
-/// which the model explains one by one.
+/// Puts the steps together.
 ///
 /// # Errors
 /// A run that cannot be compared with the model.
 pub(super) fn conclude(
     judge: &Judge<'_>,
     runs: &[&Run],
-    (first, discovered): (&Refit, Option<Discovered>),
+    (first, otherwise): (&Refit, Otherwise),
     steps: Vec<Step>,
-    moved: Vec<Moved>,
     notes: Vec<Note>,
 ) -> Result<Diagnosis, DiagnoseError> {
     let mut ranking: Vec<Ranked> = Vec::new();
@@ -135,17 +145,27 @@ pub(super) fn conclude(
     ranking.retain(|ranked| !later(ranked));
     let base = first.parsed()?;
     let mut verdict = steps.first().map_or(Verdict::Unexplained, |step| step.verdict);
-    if !moved.is_empty() {
-        verdict = Verdict::NothingMissing;
-    }
     let mut statements = statements(verdict, first, &found, &ranking, &steps);
-    if let Some(most) = moved.first() {
-        statements.truncate(1);
-        let (is_own, most) = (base.parameter(&most.parameter).is_some(), most.clone());
-        statements.push(if is_own { Statement::ValuesMoved { most } } else { Statement::BodyCarried { most } });
-    }
-    if verdict == Verdict::Unexplained {
-        statements.push(discovered.as_ref().map_or(Statement::NoFormulaExplains, super::discover::statement));
+    let (mut moved, mut discovered) = (Vec::new(), None);
+    match otherwise {
+        Otherwise::NotAsked => {}
+        Otherwise::Moved(all) => {
+            verdict = Verdict::NothingMissing;
+            statements.truncate(1);
+            statements.extend(all.first().cloned().map(|most| {
+                let is_own = base.parameter(&most.parameter).is_some();
+                if is_own { Statement::ValuesMoved { most } } else { Statement::BodyCarried { most } }
+            }));
+            moved = all;
+        }
+        Otherwise::HeldOut => {
+            statements.truncate(1);
+            statements.push(Statement::HeldOutRunsDiffer);
+        }
+        Otherwise::Formula(found) => {
+            statements.push(found.as_ref().map_or(Statement::NoFormulaExplains, super::discover::statement));
+            discovered = found;
+        }
     }
     let mut models: BTreeMap<(usize, Candidate), Model> = BTreeMap::new();
     for (index, step) in steps.iter().enumerate() {

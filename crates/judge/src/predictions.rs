@@ -7,7 +7,6 @@ use dynid_identify::position::FitRun;
 use dynid_identify::prediction::{self, JointInnovations, PredictionProblem, Search, Settings};
 use dynid_logs::experiment::{Role, Run};
 use dynid_logs::noise::noise_of_joint;
-use dynid_logs::part::looked_at;
 use dynid_optimise::sqp::SearchControl;
 use dynid_user_model::Model;
 use serde::Serialize;
@@ -83,7 +82,7 @@ pub fn predictions(model: &Model, runs: &[&Run]) -> Result<Predictions, CompareE
     let settings = Settings::default();
     // Whatever the values of a model, so that all of a device are told of the same samples.
     let usual = Model::of_device(model.device);
-    let seen = looked_at(runs.iter().copied(), settings.samples, &|run| usual.accelerations_by_command(run));
+    let seen = usual.looked_at(runs.iter().copied(), settings.samples);
     let (fit, validate): (Vec<Run>, Vec<Run>) = seen.into_iter().partition(|run| run.role == Role::Fit);
     // Where nothing is to be fitted to, what is held out says how far the model is trusted.
     let (known, others) = if fit.is_empty() { (&validate, &fit) } else { (&fit, &validate) };

@@ -70,7 +70,6 @@ pub fn looked_at<'a>(
 /// A command that shakes the joint between the samples that are kept, as a loop that feeds the noise of its sensor back does, moves it no
 /// less for that: friction that is steep in the speed sees another one. So what is left out of it must not move a joint much, beside what
 /// is seen of its motion, or of the noise, from one sample that is kept to the next.
-#[must_use]
 fn may_keep_one_of(run: &Run, most: usize, accelerations: Accelerations<'_>) -> usize {
     /// Third differences of what is kept may be so many times those of all samples.
     const TIMES_NOISE: f64 = 2.0;
@@ -90,16 +89,13 @@ fn may_keep_one_of(run: &Run, most: usize, accelerations: Accelerations<'_>) -> 
         let kept = one_of(run.log.len(), keep);
         let t = &run.log.t;
         // Whether the command stands or runs straight, so that logs are thinned alike by both.
+        let pushes = [false, true]
+            .map(|is_straight| run.log.tau.iter().map(|tau| left_out(t, tau, is_straight, &kept)).collect::<Vec<_>>());
         let shaken = |by: &[f64]| {
-            let of_command = |is_straight: bool| {
-                let mut speed = vec![0.0; t.len()];
-                for (by, tau) in by.iter().zip(&run.log.tau).filter(|(by, _)| **by != 0.0) {
-                    let push = left_out(t, tau, is_straight, &kept);
-                    speed.iter_mut().zip(push).for_each(|(speed, push)| *speed += by * push);
-                }
-                rms(&speed)
-            };
-            of_command(false).max(of_command(true))
+            let speed =
+                |pushes: &Vec<Vec<f64>>, row: usize| by.iter().zip(pushes).map(|(by, push)| by * push[row]).sum();
+            let shaken_by = |pushes| rms(&(0..t.len()).map(|row| speed(pushes, row)).collect::<Vec<f64>>());
+            pushes.iter().map(shaken_by).fold(0.0, f64::max)
         };
         let span = (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64 * keep as f64;
         let moved = |q: &[f64]| rms(&kept.windows(2).map(|pair| q[pair[1]] - q[pair[0]]).collect::<Vec<_>>());

@@ -57,6 +57,11 @@ pub fn statement(statement: &Statement) -> String {
         Statement::Nearest { candidate } => {
             format!("The nearest is {candidate}, which explains only part of it.")
         }
+        Statement::HeldOutRunsDiffer => {
+            "The runs fitted to are explained to their noise; those held out are not, and neither other values nor a body \
+             that one of them carries explains them."
+                .to_owned()
+        }
         Statement::ValuesMoved { most } => format!(
             "No effect is missing: every run by itself is explained to its noise, but not all by the same values; {} \
              moved most ({} by {:+.0} standard errors).",

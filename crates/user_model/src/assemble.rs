@@ -5,13 +5,14 @@ use std::collections::BTreeSet;
 use dynid_generated::Signal;
 use dynid_kernels::KernelError;
 use dynid_logs::experiment::Run;
+use dynid_logs::part;
 use dynid_model::Effect;
+use dynid_signal::statistics::rms;
 
 use dynid_dynamics::kinematics::{Kinematics, KinematicsError};
 use dynid_dynamics::system::{Output, PlacedEffect, SignalSet, System, SystemError};
 
 use crate::{EffectInstance, Model};
-use dynid_signal::statistics::rms;
 
 impl Model {
     /// The equations of this model with the joints `free`, the others locked at `position_of(joint)` [rad or m], and no payload.
@@ -38,6 +39,13 @@ impl Model {
         let position: Vec<f64> = run.free.iter().map(|joint| run.log.q[*joint][0]).collect();
         let usual: Vec<f64> = run.log.tau.iter().map(|tau| rms(tau)).collect();
         Some(system.accelerations_by_command(&position, &usual))
+    }
+
+    /// What is looked at of `runs`: the stretches that their masks let count, thinned where there are more samples than `enough` and fewer
+    /// tell the same ([`part::looked_at`]).
+    #[must_use]
+    pub fn looked_at<'a>(&self, runs: impl IntoIterator<Item = &'a Run>, enough: usize) -> Vec<Run> {
+        part::looked_at(runs, enough, &|run| self.accelerations_by_command(run))
     }
 
     /// As [`Model::system`], with what the machine carries.

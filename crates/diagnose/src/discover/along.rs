@@ -307,9 +307,9 @@ impl Along {
                 errors.norm_squared() - gram.map_or(0.0, |gram| signal.dot(&gram.solve(&signal)))
             };
             Left {
+                said: left(&without - &with),
                 before: left(without),
                 after: left(with),
-                said: said.norm_squared(),
                 noise: run.free().iter().map(|joint| rows as f64 * self.noises[*joint]).sum(),
             }
         };
@@ -445,8 +445,9 @@ mod tests {
             [|run: &Left| run.before, |run: &Left| run.after].map(|of| runs.iter().map(of).sum::<f64>());
         assert!((before / reduced.squares - 1.0).abs() < 0.02, "{before} {}", reduced.squares);
         assert!((after / least - 1.0).abs() < 0.02, "{after} {least}");
-        let said: f64 = answers[0].iter().map(|answer| (answer * coefficients[0]).norm_squared()).sum();
-        assert!((runs.iter().map(|run| run.said).sum::<f64>() / said - 1.0).abs() < 1e-9);
+        // It stands at right angles to what it leaves.
+        let said: f64 = runs.iter().map(|run| run.said).sum();
+        assert!((said / (before - after) - 1.0).abs() < 0.02, "{said} {before} {after}");
         assert!((runs[0].noise - 600.0 * along.noises[0]).abs() < 1e-9 * runs[0].noise);
     }
 }

@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 
 use dynid_logs::experiment::Role;
@@ -170,6 +171,12 @@ fn what_is_there_promises_most() {
     let shown = work.shown(&base, starts.clone(), 0.5 * promise).expect("starts");
     assert!(shown.iter().any(|start| Some(&start.candidate) == right.candidate.as_ref()));
     assert!(shown.iter().all(|start| start.promise > 0.5 * promise));
+    // Whatever was promised before, what promises less in all runs is left.
+    let mut praised = starts.clone();
+    praised.iter_mut().for_each(|start| start.promise = 10.0 * gain);
+    let of = |starts: &[Start]| starts.iter().map(|start| start.candidate.clone()).collect::<BTreeSet<_>>();
+    let still = work.shown(&base, praised, 0.5 * promise).expect("starts");
+    assert!(of(&still) == of(&shown) && of(&shown).len() < of(&starts).len());
     assert!(work.shown(&base, starts, 10.0 * gain).expect("starts").is_empty(), "nothing promises as much");
 }
 
@@ -179,7 +186,7 @@ fn the_best_of_all_fits_comes_first() {
     let work = logs(&model, runs(K3));
     let base = work.base(&model, "base").expect("a fit");
     let right = added(&work, &base, "spring_cubic");
-    let found = work.best(&base, &work.starts(&base, &[], &|_| true).expect("starts"), "all", 0.0).expect("fits");
+    let found = work.best(&base, &work.starts(&base, &[], &|_| true).expect("starts"), "all", Some(0.0)).expect("fits");
     assert!(found[0].score() >= right.score() - 0.1, "{} {}", found[0].score(), right.score());
     assert!(found.windows(2).all(|pair| pair[0].score() >= pair[1].score()));
 }

@@ -218,6 +218,17 @@ fn standard_errors_do_not_believe_in_weights() {
     let (one, three, uneven) = (fitted(1.0, 1.0), fitted(3.0, 1.0), fitted(1.0, 0.2));
     assert!((three.variance_ratio / one.variance_ratio - 1.0).abs() < 1e-3, "{}", three.variance_ratio);
     assert!((uneven.variance_ratio - 1.0).abs() < 0.2, "{}", uneven.variance_ratio);
+    // Half of a log that hardly counts tells hardly anything.
+    let half = fitted(1.0, 0.02);
+    let without = {
+        let mut problem = even.clone();
+        problem.runs.iter_mut().for_each(|run| run.from_s = 4.0);
+        fit(&problem, &Options::default(), &mut |_| SearchControl::Continue).unwrap()
+    };
+    for (half, without) in half.parameters.iter().zip(&without.parameters) {
+        let ratio = half.std_error.expect("is determined") / without.std_error.expect("is determined");
+        assert!((0.7..1.3).contains(&ratio), "{}: {ratio}", half.name);
+    }
     let mut worse = 0;
     for ((one, three), uneven) in one.parameters.iter().zip(&three.parameters).zip(&uneven.parameters) {
         let [one_error, three_error, uneven_error] =

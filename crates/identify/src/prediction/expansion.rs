@@ -406,3 +406,35 @@ impl Reduced {
         Promise { cost: self.after(self.gain - linear - 0.5 * square), step }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Within their bounds two unknowns have the step that is best for both; one that tells nothing which the others do not has none.
+    #[test]
+    fn a_promise_is_of_the_best_step_within_its_bounds() {
+        let own = |hessian: &[f64], gradient: &[f64], scale: Vec<f64>| Reduced {
+            cost: 7.0,
+            samples: 1e6,
+            gain: 2.0,
+            gradient: DVector::from_column_slice(gradient),
+            hessian: DMatrix::from_row_slice(scale.len(), scale.len(), hessian),
+            scale,
+        };
+        let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-3, "{found}, not {expected}");
+        let free = (f64::NEG_INFINITY, f64::INFINITY);
+        // 2 x^2 + x y + y^2 - 2 x + y has its minimum at (5/7, -6/7), of -8/7; the gain is that and what the others have.
+        let pair = own(&[4.0, 1.0, 1.0, 2.0], &[-2.0, 1.0], vec![1.0, 10.0]);
+        let Promise { cost, step } = pair.promise(&[free, free]);
+        close(step[0], 5.0 / 7.0);
+        close(step[1], -60.0 / 7.0);
+        close(cost, 7.0 - 2.0 - 8.0 / 7.0);
+        // Held at y >= -0.2: x = 2.2/4.
+        let Promise { step, .. } = pair.promise(&[free, (-2.0, 1.0)]);
+        close(step[0], 0.55);
+        close(step[1], -2.0);
+        let known = own(&[4.0, 0.0, 0.0, 1e-12], &[-2.0, 1.0], vec![1.0, 1.0]);
+        assert_eq!(known.promise(&[free, (-5.0, 5.0)]).step, [0.5, 0.0]);
+    }
+}

@@ -1,5 +1,7 @@
 //! Against differences, and against the costs of fits.
 
+use std::collections::BTreeSet;
+
 use dynid_logs::experiment::Experiment;
 
 use super::*;
@@ -22,6 +24,7 @@ fn check_jacobian(residuals: &Residuals, within: f64) {
     let (lower, upper) = residuals.bounds();
     let Evaluated { residuals: here, jacobian } = residuals.with_jacobian(&x).expect("it can be simulated");
     assert_eq!(here, residuals.at(&x).expect("it can be simulated"), "the same residuals with and without derivatives");
+    assert_eq!(residuals.names().len(), x.len());
     for (index, name) in residuals.names().iter().enumerate() {
         let step = 1e-5 * x[index].abs().max(1e-3);
         let moved = |by: f64| {
@@ -44,6 +47,21 @@ fn derivatives_are_those_of_the_residuals() {
     let runs: Vec<&Run> = experiment.runs.iter().collect();
     check_jacobian(&Residuals::of_position(&model, &runs, Some(4)).expect("a problem"), 1e-4);
     check_jacobian(&Residuals::of_torque(&model, &runs).expect("a problem"), 1e-5);
+}
+
+/// Parameters of the model, each once; for the position error then where each run starts.
+#[test]
+fn unknowns_have_the_names_of_the_model() {
+    let (model, experiment) = tour();
+    let runs: Vec<&Run> = experiment.runs.iter().collect();
+    let known = model.names();
+    let parameters =
+        |names: &[String]| names.iter().filter(|name| known.contains(name)).cloned().collect::<BTreeSet<_>>();
+    let of_torque = Residuals::of_torque(&model, &runs).expect("a problem").names();
+    assert!(!of_torque.is_empty() && parameters(&of_torque).len() == of_torque.len(), "{of_torque:?}");
+    let of_position = Residuals::of_position(&model, &runs, Some(4)).expect("a problem").names();
+    let starts = of_position.iter().filter(|name| name.ends_with(" at the start")).count();
+    assert!(starts > 0 && parameters(&of_position).len() == of_position.len() - starts, "{of_position:?}");
 }
 
 #[test]

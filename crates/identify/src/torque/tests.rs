@@ -283,6 +283,50 @@ fn a_flat_body_is_at_its_physical_limit() {
     assert!(!at_limit(&body(5e-6)) && !at_limit(&body(0.5)));
 }
 
+/// The slopes of what a step minimises, its prior and its hold included, are those of its value.
+#[test]
+fn a_step_goes_down_the_slope_of_what_it_minimises() {
+    let run = play(&arm(), 0.01, 4);
+    let layout = Layout::new(&[&run], &arm_start()).expect("a layout");
+    let rigid = [rigid_columns(&run.system, &run.motion)];
+    let data = Data::new(&layout, &[&run], &rigid, &layout.start, false);
+    let layout = layout.touched(&data);
+    let from: Vec<f64> = layout.start.iter().map(|x| 1.1 * x + 0.01).collect();
+    let weighted = Weighted::new(&layout, &data, &data.deviations(), &from, 0.1);
+    let x: Vec<f64> = layout.start.iter().enumerate().map(|(k, x)| x + 0.003 * (k as f64 + 1.0)).collect();
+    let Quadratic { cost, gradient, hessian } = weighted.expand(&x);
+    assert_eq!(cost, weighted.value(&x));
+    for k in 0..x.len() {
+        let at = |step: f64| {
+            let mut x = x.clone();
+            x[k] += step;
+            weighted.expand(&x)
+        };
+        let step = 1e-5 * layout.scale[k];
+        let (high, low) = (at(step), at(-step));
+        let off = ((high.cost - low.cost) / (2.0 * step) - gradient[k]).abs();
+        assert!(off < 1e-5 * gradient[k].abs().max(1e-3 * hessian[(k, k)] * layout.scale[k]), "{k}: off by {off}");
+    }
+}
+
+/// Those pairs are told whose estimates are hardly told apart.
+#[test]
+fn strong_correlations_are_named() {
+    let names = ["a", "b", "c"].map(str::to_owned);
+    let correlation = DMatrix::from_row_slice(3, 3, &[1.0, 0.94, -0.97, 0.94, 1.0, 0.96, -0.97, 0.96, 1.0]);
+    let standing = Standing {
+        rank: 3,
+        condition: 1.0,
+        identifiable: vec![true; 3],
+        std_error: vec![Some(1.0); 3],
+        correlation,
+        flat: vec![vec![0.0, 1.0, -0.5]],
+    };
+    let pair = |one: &str, other: &str, correlation: f64| (one.to_owned(), other.to_owned(), correlation);
+    assert_eq!(correlated(&standing, &names), [pair("a", "c", -0.97), pair("b", "c", 0.96)]);
+    assert_eq!(named(&standing, &names), [[("b".to_owned(), 1.0), ("c".to_owned(), -0.5)]]);
+}
+
 #[test]
 fn what_cannot_be_fitted_is_said() {
     let mut progress = |_: usize, _: f64| {};

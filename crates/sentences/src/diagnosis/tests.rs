@@ -57,6 +57,11 @@ fn every_statement_is_said() {
             "The nearest is `dahl` at joint 4, which explains only part of it.",
         ),
         (
+            Statement::HeldOutRunsDiffer,
+            "The runs fitted to are explained to their noise; those held out are not, and neither other values nor a body \
+             that one of them carries explains them.",
+        ),
+        (
             Statement::BodyCarried { most: most.clone() },
             "No effect is missing, but a.csv is explained only with a body that the other runs do not carry: \
              joint.5.spring.Ks is 27 standard errors from nothing.",

@@ -395,8 +395,8 @@ mod tests {
         };
         let probes = probes(&model, &stribeck, &sizes);
         let usual = |symbol: &str| {
-            let own = dynid_model::effect("stribeck").expect("it is of the library").parameters.iter();
-            own.clone().find(|own| own.symbol == symbol).expect("its own")
+            let law = dynid_model::effect("stribeck").expect("it is of the library");
+            law.parameters.iter().find(|own| own.symbol == symbol).expect("its own")
         };
         for probe in &probes {
             let step =

@@ -39,7 +39,7 @@ pub enum Statement {
         /// Which, and where.
         candidate: Candidate,
     },
-    /// The runs fitted to are explained to their noise, those held out are not, and neither other values nor a body that is carried tell why.
+    /// The runs fitted to are explained to their noise, those held out are not, and it was not found why.
     HeldOutRunsDiffer,
     /// Every run by itself is explained to its noise, but by other values.
     ValuesMoved {

@@ -91,16 +91,18 @@ fn may_keep_one_of(run: &Run, most: usize, accelerations: Accelerations<'_>) -> 
         // Whether the command stands or runs straight, so that logs are thinned alike by both.
         let pushes = [false, true]
             .map(|is_straight| run.log.tau.iter().map(|tau| left_out(t, tau, is_straight, &kept)).collect::<Vec<_>>());
-        let shaken = |by: &[f64]| {
-            let speed =
-                |pushes: &Vec<Vec<f64>>, row: usize| by.iter().zip(pushes).map(|(by, push)| by * push[row]).sum();
-            let shaken_by = |pushes| rms(&(0..t.len()).map(|row| speed(pushes, row)).collect::<Vec<f64>>());
-            pushes.iter().map(shaken_by).fold(0.0, f64::max)
+        let shaken = |by: &[f64], pushes: &[Vec<f64>]| {
+            let speed = |row: usize| by.iter().zip(pushes).map(|(by, push)| by * push[row]).sum();
+            rms(&(0..t.len()).map(speed).collect::<Vec<f64>>())
         };
         let span = (t[t.len() - 1] - t[0]) / (t.len() - 1) as f64 * keep as f64;
         let moved = |q: &[f64]| rms(&kept.windows(2).map(|pair| q[pair[1]] - q[pair[0]]).collect::<Vec<_>>());
         let moves_itself = run.free.iter().zip(accelerations).all(|(joint, by)| by[*joint].is_normal());
-        moves_itself && free().zip(accelerations).all(|(q, by)| shaken(by) * span <= SHAKEN * moved(q))
+        let hardly_moves = |q: &[f64], by: &[f64]| {
+            let most = SHAKEN * moved(q);
+            pushes.iter().all(|pushes| shaken(by, pushes) * span <= most)
+        };
+        moves_itself && free().zip(accelerations).all(|(q, by)| hardly_moves(q, by))
     };
     let has_enough = |keep: usize| run.log.len() >= keep * LEAST_SAMPLES;
     (2..=most).take_while(|keep| has_enough(*keep) && is_noise(*keep) && is_steady(*keep)).last().unwrap_or(1)

@@ -58,8 +58,7 @@ pub fn statement(statement: &Statement) -> String {
             format!("The nearest is {candidate}, which explains only part of it.")
         }
         Statement::HeldOutRunsDiffer => {
-            "The runs fitted to are explained to their noise; those held out are not, and neither other values nor a body \
-             that one of them carries explains them."
+            "The runs fitted to are explained to their noise; those held out are not, and it was not found why."
                 .to_owned()
         }
         Statement::ValuesMoved { most } => format!(

@@ -104,6 +104,8 @@ pub(super) struct Rules<'a> {
     pub(super) most: usize,
 }
 
+/// Terms whose squared correlation is above this are one.
+const ALIKE: f64 = 0.8;
 /// What a factor must gain beyond its coefficient.
 const PER_FACTOR: f64 = 4.0;
 /// Less gain is chance.
@@ -123,6 +125,35 @@ impl Reduced {
     pub(super) fn likeness(&self, one: usize, two: usize) -> f64 {
         let product = self.gram[(one, one)] * self.gram[(two, two)];
         if product > 0.0 { self.gram[(one, two)].powi(2) / product } else { 0.0 }
+    }
+
+    /// Whether a choice has a term of a formula, or one that is one with it; or says the formula, and most of what that term adds to it,
+    /// with others: as a sine says a line with an offset, where little of its period is seen.
+    pub(super) fn stands_for(&self, choice: &[usize], term: usize, formula: &[usize]) -> bool {
+        /// Share of what a formula loses without a term that may be lost of it.
+        const LOST: f64 = 0.5;
+        if choice.iter().any(|own| self.likeness(*own, term) >= ALIKE) {
+            return true;
+        }
+        let rest: Vec<usize> = formula.iter().copied().filter(|own| *own != term).collect();
+        let lost = |others: &[usize]| self.said_by(others, formula).map(|share| 1.0 - share);
+        let both = lost(choice).zip(lost(&rest));
+        both.is_some_and(|(lost, without)| lost <= (1.0 - ALIKE).min(LOST * without))
+    }
+
+    /// Which share of the squares of what a formula says other candidates can say, with coefficients of their own.
+    fn said_by(&self, others: &[usize], formula: &[usize]) -> Option<f64> {
+        if others.is_empty() {
+            return Some(0.0);
+        }
+        let (coefficients, ..) = self.solve(formula)?;
+        let said = |index: usize| -> f64 {
+            formula.iter().zip(&coefficients).map(|(own, by)| self.gram[(index, *own)] * by).sum()
+        };
+        let squares: f64 = formula.iter().zip(&coefficients).map(|(own, by)| said(*own) * by).sum();
+        let signal = DVector::from_iterator(self.signal.len(), (0..self.signal.len()).map(said));
+        let (.., left) = Self { signal, squares, ..self.clone() }.solve(others)?;
+        Some(1.0 - left / squares)
     }
 
     /// Coefficients of these candidates, the inverse of their information, and the squares that they leave.
@@ -293,6 +324,41 @@ mod tests {
         assert!((steps[0] - 5.0).abs() < 0.05 && steps[1].abs() < 0.05, "{steps}");
         let alone = Rules { may_join: &|chosen| !chosen.contains(&20), ..rules };
         assert!(!reduced.select(&alone).chosen.contains(&20), "a rule is a rule");
+    }
+
+    /// The near copy of one of two true terms says of both what is along it: `0.8 a - 0.5 b` by `a + 0.3 c`, all of one size.
+    #[test]
+    fn other_terms_say_a_part_of_what_a_formula_says() {
+        let reduced = normal(0.0).reduced(&[0.0; 2]).expect("own columns are independent");
+        let said_by = |others: &[usize]| reduced.said_by(others, &[7, 20]).expect("independent");
+        assert!((said_by(&[7, 20]) - 1.0).abs() < 1e-9 && (said_by(&[20, 7, 11]) - 1.0).abs() < 1e-9);
+        assert!((said_by(&[7, 8, 20]) - 1.0).abs() < 1e-9);
+        let expected = 0.64 / 0.89;
+        assert!((said_by(&[7]) - expected).abs() < 0.1, "{}", said_by(&[7]));
+        assert!((said_by(&[9]) - expected / 1.09).abs() < 0.1, "{}", said_by(&[9]));
+        assert!(said_by(&[12]) < 0.05, "{}", said_by(&[12]));
+        assert_eq!(said_by(&[]), 0.0);
+    }
+
+    /// `a - b` beside a column that is nearly that, and one that is nothing.
+    #[test]
+    fn a_choice_stands_for_terms_whose_part_it_says() {
+        let mut random = Random::new(5);
+        let mut columns = DMatrix::from_fn(400, 5, |_, _| random.normal());
+        let difference = columns.column(0) - columns.column(1) + 0.3 * columns.column(4);
+        columns.set_column(2, &difference);
+        let signal = columns.column(0) - columns.column(1);
+        let two = reduced(&columns, &signal);
+        for term in [0, 1] {
+            assert!(two.stands_for(&[2], term, &[0, 1]) && two.stands_for(&[2, 3], term, &[0, 1]));
+            assert!(!two.stands_for(&[], term, &[0, 1]) && !two.stands_for(&[3], term, &[0, 1]));
+        }
+        assert!(two.stands_for(&[0], 0, &[0, 1]) && !two.stands_for(&[0, 3], 1, &[0, 1]));
+        // A small third term is not stood for by what the others say, nor by another third.
+        let signal = columns.column(0) - columns.column(1) + 0.5 * columns.column(3);
+        let three = reduced(&columns, &signal);
+        assert!(!three.stands_for(&[0, 1], 3, &[0, 1, 3]) && !three.stands_for(&[0, 1, 4], 3, &[0, 1, 3]));
+        assert!(!three.stands_for(&[2], 3, &[0, 1, 3]));
     }
 
     #[test]

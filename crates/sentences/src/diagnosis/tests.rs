@@ -58,8 +58,7 @@ fn every_statement_is_said() {
         ),
         (
             Statement::HeldOutRunsDiffer,
-            "The runs fitted to are explained to their noise; those held out are not, and neither other values nor a body \
-             that one of them carries explains them.",
+            "The runs fitted to are explained to their noise; those held out are not, and it was not found why.",
         ),
         (
             Statement::BodyCarried { most: most.clone() },

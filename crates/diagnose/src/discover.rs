@@ -254,12 +254,14 @@ impl<'a> Search<'a> {
         let unit = left / samples;
         let kept: f64 = judged.iter().map(|run| run.before - run.after).sum();
         let said: f64 = judged.iter().map(|run| run.said).sum();
+        // What the formula itself takes away, and not other values of the parameters beside it.
+        let own: f64 = judged.iter().map(|run| run.parameters - run.after).sum();
         let after: f64 = judged.iter().map(|run| run.after).sum();
         let explained = explained(&judged);
         // Of so many terms the best gains less by chance.
         let unit_there = unit.max(after / self.held_out.samples());
         let is_no_chance = 0.5 * kept / unit_there >= (self.asked as f64 / self.chance).ln();
-        let is_kept = is_no_chance && kept >= WORTH * said;
+        let is_kept = is_no_chance && own >= WORTH * said;
         if !(is_kept && judged.iter().all(Left::is_good)) {
             return None;
         }
@@ -344,7 +346,8 @@ fn sum<'n>(pieces: impl IntoIterator<Item = &'n Normal>) -> Option<Normal> {
 struct Left {
     before: f64,
     after: f64,
-    /// Of what the formula, with the steps that the parameters take beside it in the runs fitted to, changes in the predictions.
+    /// With the parameters that stand beside the formula in the runs fitted to, but without it; and of what it says.
+    parameters: f64,
     said: f64,
     /// Of the noise of the logs.
     noise: f64,
@@ -444,9 +447,10 @@ mod tests {
     fn a_formula_must_hold_elsewhere_as_far_as_it_says_something_there() {
         let sines = [(0.02, 1.0), (0.01, 3.7)];
         let of = |cubic: f64| Oscillator { stiffness: 1.1, cubic };
+        // Not there, or the other way round: the stiffness that stands beside it is nearer all the same.
         for elsewhere in [0.0, -60.0] {
-            let (fit, held_out) = (of(60.0).run(&sines, 12.0, (Role::Fit, 5)), of(elsewhere));
-            let held_out = held_out.run(&[(0.025, 1.3)], 8.0, (Role::Validate, 6));
+            let fit = of(60.0).run(&sines, 12.0, (Role::Fit, 5));
+            let held_out = of(elsewhere).run(&[(0.025, 1.3)], 8.0, (Role::Validate, 6));
             let found = discover(&fixtures::model(1.0, ""), &[&fit, &held_out]).expect("a search");
             assert!(found.is_none(), "{found:?}");
         }
@@ -496,7 +500,7 @@ mod tests {
 
     #[test]
     fn what_is_explained_is_a_share_of_what_is_above_the_noise() {
-        let left = |before: f64, after: f64, said: f64| Left { before, after, said, noise: 10.0 };
+        let left = |before: f64, after: f64, said: f64| Left { before, after, said, parameters: before, noise: 10.0 };
         assert_eq!(explained(&[left(110.0, 60.0, 0.0), left(30.0, 20.0, 0.0)]), 0.5);
         assert_eq!(explained(&[left(8.0, 4.0, 0.0)]), 1.0, "there was nothing above it");
         assert_eq!(explained(&[]), 0.0);

@@ -307,7 +307,8 @@ impl Along {
                 errors.norm_squared() - gram.map_or(0.0, |gram| signal.dot(&gram.solve(&signal)))
             };
             Left {
-                said: left(&without - &with),
+                parameters: left(&with + &said),
+                said: left(said),
                 before: left(without),
                 after: left(with),
                 noise: run.free().iter().map(|joint| rows as f64 * self.noises[*joint]).sum(),
@@ -445,9 +446,10 @@ mod tests {
             [|run: &Left| run.before, |run: &Left| run.after].map(|of| runs.iter().map(of).sum::<f64>());
         assert!((before / reduced.squares - 1.0).abs() < 0.02, "{before} {}", reduced.squares);
         assert!((after / least - 1.0).abs() < 0.02, "{after} {least}");
-        // It stands at right angles to what it leaves.
-        let said: f64 = runs.iter().map(|run| run.said).sum();
-        assert!((said / (before - after) - 1.0).abs() < 0.02, "{said} {before} {after}");
+        // It stands at right angles to what it leaves, and its parameters' steps are no part of it.
+        let [said, parameters] =
+            [|run: &Left| run.said, |run: &Left| run.parameters].map(|of| runs.iter().map(of).sum::<f64>());
+        assert!((said / (parameters - after) - 1.0).abs() < 0.02 && parameters > before, "{said} {parameters} {after}");
         assert!((runs[0].noise - 600.0 * along.noises[0]).abs() < 1e-9 * runs[0].noise);
     }
 }
